@@ -2,7 +2,7 @@
 
 A velocity v' is inside the obstacle of B for A when 2 v' - v_A is inside B's velocity obstacle:
 when moving on with 2 v' - v_A - v_B relative to B comes within the combined radius. Velocities are
-over the ground. Kernels; ``peers`` (n, COLUMNS) as of ``Peers.rows``.
+over the ground. Kernels; ``peers`` (n, COLUMNS) as of ``PeerTable.rows``.
 """
 
 import math

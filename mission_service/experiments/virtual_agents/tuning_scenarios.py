@@ -116,7 +116,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
     """The final coverage, and for which share of the time virtual agents were too near to fire.
 
-    ``constants`` (8) as in ``forces.as_array``.
+    ``constants`` (8) as in ``constants_array``.
     """
     settings, grid = Settings(), scenario.grid
     agents_m = scenario.agents_m.copy()

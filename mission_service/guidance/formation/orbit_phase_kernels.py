@@ -70,8 +70,8 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
 ):
     """Eq. 18 against the circular mean of all others that are on an orbit of the same radius.
 
-    ``peers`` (n, COLUMNS) as of ``Peers.rows``; what is old is carried on along its circle. The
-    angle is positive for who is ahead, whichever way they turn. 0 where there are no others, or
+    ``peers`` (n, COLUMNS) as of ``PeerTable.rows``; old states are advanced on their circles. The
+    angle is positive for a vehicle ahead, in either sense of turn. 0 where there are no others, or
     the vehicle itself is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):
