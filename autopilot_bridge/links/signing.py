@@ -46,7 +46,7 @@ EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
 # ArduPilot gains a minute at every boot without GPS, so some lead is no fault.
-MOST_AHEAD_S = 300
+MAX_AHEAD_S = 300
 # Telemetry radios tell of themselves and know no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
@@ -284,7 +284,7 @@ class Signing:
         stream = (*source_of(frame), frame[-SIGNATURE_BYTES])
         at = int.from_bytes(frame[1 - SIGNATURE_BYTES : -_HASH_BYTES], "little")
         present, last = self._timestamps.present(), self._streams.get(stream)
-        if at > present + MOST_AHEAD_S * TICKS_PER_S:
+        if at > present + MAX_AHEAD_S * TICKS_PER_S:
             return "ahead"
         if last is None and at < present - OLDEST_BEGIN_S * TICKS_PER_S:
             return "old"

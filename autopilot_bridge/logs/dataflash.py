@@ -97,11 +97,11 @@ class DataFlashLog:
         """From the beginning."""
         flight = _Flight()
 
-        def tell(name: str, values: Values) -> list[LogEvent]:
-            return _TELLS[name](flight, values, values["TimeUS"])
+        def convert(name: str, values: Values) -> list[LogEvent]:
+            return _CONVERTERS[name](flight, values, values["TimeUS"])
 
-        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
-        for event in events_of(self, messages, tell):
+        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        for event in events_of(self, messages, convert):
             yield Entry(self.system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
@@ -347,7 +347,7 @@ def _bat(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return flight.news(Battery(at_us, 0, percent, round(told["Volt"], 2), round(told["Curr"], 1)))
 
 
-_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+_CONVERTERS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
     "POS": _pos,
     "XKF1": _xkf1,
     "XKF2": _xkf2,

@@ -42,9 +42,9 @@ LONGEST_BYTES = STAMP_BYTES + 280
 LINK_BITS = 3
 NO_RECORD = "no record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
-MOST_FILE_BYTES = 4_000_000
+MAX_FILE_BYTES = 4_000_000
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-MOST_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
+MAX_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -116,7 +116,7 @@ class TlogLog:
     def _samples(self) -> Iterator[Sample]:
         """Times since boot of the autopilots in the first records, with their stamps."""
         codec = Codec(255, 0)
-        for frame, stamp_us in islice(self._frames(), MOST_SURVEYED):
+        for frame, stamp_us in islice(self._frames(), MAX_SURVEYED):
             system_id, component_id = source_of(frame)
             if message_id_of(frame) != POSITION or component_id != AUTOPILOT:
                 continue
@@ -242,7 +242,7 @@ class _Missions:
             self._files[ways] = bytearray()
         elif packet.opcode == WRITE and ways in self._files:
             file = self._files[ways]
-            if packet.offset <= MOST_FILE_BYTES:
+            if packet.offset <= MAX_FILE_BYTES:
                 file.extend(bytes(max(packet.offset + len(packet.data) - len(file), 0)))
                 file[packet.offset : packet.offset + len(packet.data)] = packet.data
         elif packet.opcode == ACK and packet.asked == TERMINATE:

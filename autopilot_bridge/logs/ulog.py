@@ -44,8 +44,8 @@ FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "no ULog message"
 # Bodies of messages are not longer, and those of kinds that there are not are none at all.
-MOST_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
-MOST_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
+MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
+MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # at the end of a topic, left out in files
 DATA = ord("D")
 SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
@@ -112,11 +112,11 @@ class UlogLog:
         """From the beginning."""
         flight = _Flight()
 
-        def tell(name: str, values: Values) -> list[LogEvent]:
-            return _TELLS[name](flight, values, values["timestamp"])
+        def convert(name: str, values: Values) -> list[LogEvent]:
+            return _CONVERTERS[name](flight, values, values["timestamp"])
 
-        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
-        for event in events_of(self, messages, tell):
+        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        for event in events_of(self, messages, convert):
             yield Entry(self._system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
@@ -215,7 +215,7 @@ def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
 def _may_be(data: bytes, place: int, sizes: dict[int, int]) -> bool:
     length, kind = data[place] | data[place + 1] << 8, data[place + 2]
     if kind != DATA:
-        return length <= MOST_BYTES.get(kind, -1)
+        return length <= MAX_BYTES.get(kind, -1)
     number = data[place + HEAD_BYTES : place + HEAD_BYTES + 2]
     size = sizes.get(number[0] | number[1] << 8) if len(number) == 2 else None
     return size is None or size - PADDING_BYTES < length - 2 <= size
@@ -404,7 +404,7 @@ def _text(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return [Text(at_us, max(told["level"] - ord("0"), 0), told["text"].strip())]
 
 
-_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+_CONVERTERS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
     "vehicle_global_position": _position,
     "vehicle_local_position": _local,
     "home_position": _home,

@@ -9,7 +9,7 @@ from autopilot_bridge.links.codec import Message
 
 _HEAD = struct.Struct("<H5BxI")
 _PAYLOAD_BYTES = 251
-MOST_DATA_BYTES = _PAYLOAD_BYTES - _HEAD.size  # 239
+MAX_DATA_BYTES = _PAYLOAD_BYTES - _HEAD.size  # 239
 
 TERMINATE, RESET, OPEN_TO_READ, READ, CREATE, WRITE = 1, 2, 4, 5, 6, 7
 BURST_READ = 15

@@ -10,13 +10,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message, item_message
-from autopilot_bridge.missions.download import Asking
+from autopilot_bridge.missions.download import RequestRepeater
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
 
 UNKNOWN_COMMAND = MissionItem(65535, mavlink.MAV_FRAME_GLOBAL, 0, 0, 0.0)
 
 
-class Truncate(Asking):
+class Truncate(RequestRepeater):
     """Leaves the first ``count`` items, home included."""
 
     def __init__(self, address: Address, count: int, timing: TransferTiming) -> None:
@@ -25,7 +25,7 @@ class Truncate(Asking):
 
     def start(self, now_us: int) -> list[Message]:
         """Announce a mission of that length."""
-        return self._ask(
+        return self._send_request(
             mavlink.MAVLink_mission_count_message(
                 *self._address.target, self._count, self._address.mission_type
             ),

@@ -197,8 +197,8 @@ class FlightModel(Body):
         plane = self.stack.vehicle == "plane"
         if plane and kind != 0:
             return True
-        least = self.limits.least_airspeed_m_s if plane else 0.1
-        if not least <= speed_m_s <= self.limits.most_airspeed_m_s:
+        least = self.limits.min_airspeed_m_s if plane else 0.1
+        if not least <= speed_m_s <= self.limits.max_airspeed_m_s:
             return False
         self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
         return True
@@ -278,7 +278,7 @@ class FlightModel(Body):
             case mavlink.MAV_CMD_CONDITION_DISTANCE:
                 self._wait_within_m = item.param1
             case command:
-                self.payload.obey(command, params_of(item), round(now_s * 1e6))
+                self.payload.execute(command, params_of(item), round(now_s * 1e6))
 
     def _name(self, seq: int) -> None:
         """ArduPilot tells of each item it begins in AUTO, by name."""
@@ -329,7 +329,7 @@ class FlightModel(Body):
 
     def _advance(self, now_s: float) -> None:
         assert self.target is not None
-        self.reached.append(self._told_reached())
+        self.reached.append(self._reached_seq())
         ended, flown = self.target, self.current
         self._hold_at = (*self._place(ended), self.motion.altitude_m)
         self.go_to(flown + 1, now_s)
@@ -343,7 +343,7 @@ class FlightModel(Body):
             self.set_mode("rtl", now_s)  # ArduPlane goes home after its last item
             self.texts.append((6, "Mission complete, changing mode to RTL"))
 
-    def _told_reached(self) -> int:
+    def _reached_seq(self) -> int:
         """PX4 tells of the DO items after a waypoint in the waypoint's place."""
         seq = self.current
         if not self.stack.item_0_is_home:

@@ -66,7 +66,7 @@ class Intervals:
         """As after a restart."""
         self._every = dict(self._default)
 
-    def knows(self, message_id: int) -> bool:
+    def has_message(self, message_id: int) -> bool:
         """Whether the mock has this message."""
         return message_id in self._every
 

@@ -55,10 +55,10 @@ class SigningServer:
         """Take in whole frames."""
         if _ID in data:
             for frame in filter(is_secret, frames_of(data)):
-                self._take(frame)
+                self._learn_key(frame)
         self._peer.receive_data(data, now_us)
 
-    def _take(self, frame: bytes) -> None:
+    def _learn_key(self, frame: bytes) -> None:
         for message in self._codec.decode_frames([frame]):
             ids = {mock.system_id for mock in self._mocks}
             armed = any(mock.flight.armed for mock in self._mocks)
@@ -101,7 +101,7 @@ async def serve(
     peer = mock
     if learns is not None and isinstance(mock, MockGroup):
         peer = SigningServer(
-            mock, lambda key: connection.go_on_with(None if key is None else learns(key))
+            mock, lambda key: connection.change_signing(None if key is None else learns(key))
         )
     connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)
     async with connection:

@@ -54,7 +54,7 @@ class Stack:
     items_ahead: int  # items that may be sent before they are asked for
     rerequest_us: int  # how soon a silent uploader is asked again
     cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
-    most_items: int
+    max_items: int
     mission_mode: int
     hold_mode: int
     rtl_mode: int
@@ -98,7 +98,7 @@ _PX4_PLANE = Stack(
     items_ahead=8,
     rerequest_us=280_000,
     cancels_after_us=0,
-    most_items=5000,
+    max_items=5000,
     mission_mode=_AUTO | 4 << 24,
     hold_mode=_AUTO | 3 << 24,
     rtl_mode=_AUTO | 5 << 24,
@@ -118,7 +118,7 @@ _ARDUPLANE = Stack(
     items_ahead=0,
     rerequest_us=1_000_000,
     cancels_after_us=8_000_000,
-    most_items=655,
+    max_items=655,
     mission_mode=10,
     hold_mode=12,
     rtl_mode=11,
@@ -133,7 +133,7 @@ STACKS = (
         _ARDUPLANE,
         vehicle="copter",
         mav_type=mavlink.MAV_TYPE_QUADROTOR,
-        most_items=650,
+        max_items=650,
         mission_mode=3,
         hold_mode=17,  # BRAKE: LOITER sinks without a pilot
         rtl_mode=6,

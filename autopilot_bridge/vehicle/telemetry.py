@@ -197,7 +197,7 @@ class Telemetry:
         """What a message tells, if it is news."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
-            return self.news(self._estimator.receive(message, at_us))
+            return self.changed(self._estimator.receive(message, at_us))
         decoders = _DECODERS.get(kind, ())
         if not decoders or self._late(kind, message):
             return []
@@ -213,11 +213,11 @@ class Telemetry:
                 found.append(event)
         return found
 
-    def news(self, event: ToldOnChange) -> list[TelemetryEvent]:
+    def changed(self, event: ToldOnChange) -> list[TelemetryEvent]:
         """A state, if it has changed."""
         return [event] if self._changes.has(event) else []
 
-    def take_back(self, kind: str) -> None:
+    def retract(self, kind: str) -> None:
         """Forget the time of an unused message, so that later ones do not count as late."""
         self._boot_us[kind] = self._before_us
 
