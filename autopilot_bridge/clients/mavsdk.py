@@ -3,9 +3,9 @@
 MAVSDK (a C library in this process) is fed with the bytes of our link; it finds the vehicle, moves
 missions and repeats commands. What it leaves out is added here, as seen on real autopilots:
 a mission is checked first (a refused item leaves ArduPilot with a cut mission), read back after
-(its verdict alone tells little) and then begun by number (ArduPlane flies its old target until
-told). Its own ``set_current_mission_item`` is not used: where the autopilot answers with another
-number it asks again for ever, as fast as the link can.
+(its verdict alone is not enough) and then begun by number (ArduPlane flies to its old target
+until commanded). Its own ``set_current_mission_item`` is not used: where the autopilot answers with
+another number it repeats its request for ever, as fast as the link can.
 """
 
 import asyncio
@@ -139,7 +139,7 @@ class MavsdkClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot, once it was heard."""
+        """The autopilot; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
@@ -340,7 +340,7 @@ class MavsdkClient:
     # MAVSDK -----------------------------------------------------------------------------------
 
     async def _found(self) -> bool:
-        """Whether MAVSDK knows the vehicle; waits for it, and makes its plugins."""
+        """Whether MAVSDK has found the vehicle; waits for it, and makes its plugins."""
         modules = library()
 
         def look() -> bool:
@@ -365,7 +365,7 @@ class MavsdkClient:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # looked at, though nobody may wait for it any more
+        task.cancelled() or task.exception()  # retrieved, though no task may wait for it any more
 
     async def _until(self, what: Callable[[], bool], within_s: float) -> bool:
         """Whether something came to be so in time."""

@@ -85,7 +85,7 @@ class NativeClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot, once it was heard."""
+        """The autopilot; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
@@ -105,7 +105,7 @@ class NativeClient:
 
     @property
     def position(self) -> Position | None:
-        """The last one told."""
+        """The last position received."""
         return self._monitor.position
 
     # What the user asks for -------------------------------------------------------------------
@@ -120,7 +120,7 @@ class NativeClient:
         holds_first: bool = False,
         by_file: bool = True,
     ) -> int:
-        """Replace the mission, fence or rally points; TransferFinished with the id tells how.
+        """Replace the mission, fence or rally points; TransferFinished with the id has the result.
 
         ``begin`` is the item of a new mission to fly next: its first, the one of the same number
         as now, or a number from 0. ``check`` reads back what was accepted. With ``holds_first`` a
@@ -165,7 +165,7 @@ class NativeClient:
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
-        """Let go of one thing now; DropFinished with the id tells how it went.
+        """Release one thing now; DropFinished with the id has the outcome.
 
         Sent once, past all orders that wait; never repeated. Where it cannot be sent at once it is
         refused. Raises BridgeError if the stack has no such dropper.
@@ -192,7 +192,7 @@ class NativeClient:
         )
 
     def set_parameter(self, name: str, value: float, now_us: int) -> int:
-        """Set a parameter; accepted when the autopilot tells the new value."""
+        """Set a parameter; accepted when the autopilot reports the new value."""
         stack = self._connected_stack()
         return self._send_request(self._parameters.set(name, value, self._target(), stack), now_us)
 
@@ -213,7 +213,7 @@ class NativeClient:
             self.receive_message(message, now_us)
 
     def receive_message(self, message: Message, now_us: int) -> None:
-        """Take in a message from anybody on the link."""
+        """Take in a message from any sender on the link."""
         if self._from_vehicle(message):
             for whole in self._texts.receive(message):
                 self._receive(whole, now_us)

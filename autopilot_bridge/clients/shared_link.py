@@ -24,7 +24,7 @@ HEARTBEAT_TIMEOUT_US = 3_000_000
 
 
 class VehicleKey(NamedTuple):
-    """What tells vehicles apart."""
+    """What distinguishes vehicles."""
 
     link: str
     system_id: int
@@ -108,7 +108,7 @@ class SharedLink:
             self._touched(system, timer)
 
     def _found(self, message: Message, system: int) -> NativeClient | None:
-        """A client for an autopilot not heard before; None for anybody else."""
+        """A client for a new autopilot; None for any other component."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)

@@ -102,7 +102,7 @@ class Connection:
         """Return when something arrived or was due since the last call.
 
         Raises what the peer raised: a defect ends the program instead of passing by in a log.
-        A lost connection raises nothing; the peer hears nothing, that is all.
+        A lost connection raises nothing: the peer only receives nothing.
         """
         await self._activity.wait()
         self._activity.clear()
@@ -119,7 +119,7 @@ class Connection:
         self._arm()
 
     def notify(self) -> None:
-        """Send, and wake who waits: for a peer that comes up with news by itself."""
+        """Send, and let ``wait`` return: for a peer that has events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(

@@ -36,7 +36,7 @@ Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
 
 
 class Listener(Protocol):
-    """Who wants to know what a wire brings."""
+    """The receiver of what a transport brings."""
 
     def frames_received(self, batch: Batch) -> None:
         """Whole frames came in."""
@@ -54,7 +54,7 @@ class Transport(Protocol):
         """Raises BridgeError when what the link names cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to a remote heard before, or to all; says whether there was anybody."""
+        """Send to a known remote, or to all; returns whether there was one."""
 
     async def close(self) -> None:
         """Let go of socket or device."""
@@ -88,8 +88,8 @@ class _Remote:
 
 
 class Udp(asyncio.DatagramProtocol):
-    """``udpout`` sends to its address; ``udpin`` to all who sent frames in the last ten seconds,
-    or to the last of all. What is meant for one system goes where that was heard, if it was."""
+    """``udpout`` sends to its address; ``udpin`` to all that sent frames in the last ten seconds,
+    or to the last of all. Frames for one system go to the remote that it sent from."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""
@@ -136,7 +136,7 @@ class Udp(asyncio.DatagramProtocol):
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
-        """Where each system was heard."""
+        """The remote that each system sent from."""
         found: dict[int, list[Where]] = {}
         for target in targets:
             for system in self._remotes[target].systems - {0}:  # 0 stands for all
@@ -303,7 +303,7 @@ class StreamClient:
                 await self._stream.lost.wait()
                 if self._stream.heard:
                     failures = 0
-            except OSError:  # TimeoutError is one: nobody there yet
+            except OSError:  # TimeoutError is one: no server there yet
                 pass
             self._stream = None
             await asyncio.sleep(reconnect_wait_s(failures))
@@ -327,7 +327,7 @@ class StreamClient:
 
 
 class TcpServer:
-    """Listens; sends to all who are connected."""
+    """Listens; sends to all connections."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""

@@ -53,7 +53,7 @@ class MergedEntry(NamedTuple):
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """All entries by time: of 1970 where all logs know it, else each log's own.
+    """All entries by time: since 1970 where all logs have it, else each log's own.
 
     Within a log the order is the file's; autopilots write some topics a little late.
     """

@@ -31,7 +31,7 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Data, place and length of each record; counted in the log, which is told what is damaged.
+    """Data, place and length of each record; counted in the log, with what is damaged.
 
     ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
     data, but at the end of the file. ``lost``: what is before this place was no record.

@@ -7,8 +7,8 @@ moving:  five reads or writes are under way, each sent again when its answer is 
 closing: only now does the autopilot apply what was written
 
 Why the mission on board is the old or the new one wherever the link dies: pieces are cut between
-items, so what is missing when a session is closed (by us, or by anybody's next opening) are whole
-items, which are zeros in the autopilot's buffer; a file with an item of zeros is refused before
+items, so what is missing when a session is closed (by us, or by another station) are whole items,
+which are zeros in the autopilot's buffer; a file with an item of zeros is refused before
 the old mission is touched. A session is closed by us only when it is surely ours. Left to the
 caller: what the autopilot applies can differ from what was written (a command refused, a shorter
 mission while it is being flown: ``leaves_old_tail``), and the closing is acknowledged all the
@@ -284,7 +284,7 @@ class FtpUpload(_FtpTransfer):
     """Writes a whole list of items; to be read back afterwards whatever the result.
 
     ``accepted``: the file was closed. ``unknown``: all was sent, and it may be applied now or at
-    anybody's next opening of a file. ``failed``: the old mission is on board. ``rejected``:
+    any station's next opening of a file. ``failed``: the old mission is on board. ``rejected``:
     nothing was begun; the item protocol may serve.
     """
 
@@ -320,7 +320,7 @@ class FtpUpload(_FtpTransfer):
             begin = end
 
     def _answered(self, request: Packet, reply: Packet) -> None:
-        pass  # an ACK says all: the whole piece is in the autopilot's buffer
+        pass  # an ACK is enough: the whole piece is in the autopilot's buffer
 
     def _ended(self, closed: bool) -> TransferResult:
         if closed:
@@ -344,7 +344,7 @@ class FtpDownload(_FtpTransfer):
         self._pieces: dict[int, bytes] = {}
 
     def _opened(self) -> None:
-        # The length the autopilot tells is a placeholder (1 MiB): the header has the count.
+        # The length that the autopilot reports is a placeholder (1 MiB): the header has the count.
         self._waiting.append(Packet(0, 0, ftp.READ, FIRST_PIECE_BYTES))
 
     def _answered(self, request: Packet, reply: Packet) -> None:

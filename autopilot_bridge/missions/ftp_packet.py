@@ -64,7 +64,7 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """What a NAK says."""
+    """The meaning of a NAK."""
     code = packet.data[0] if packet.data else 0
     words = ERRORS.get(code, "it refused")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""

@@ -1,8 +1,8 @@
 """Cuts the end off a mission that is being flown, sans-IO; for ArduPilot.
 
 counted --request for item 0--> refusing --any MISSION_ACK but "busy"--> ended
-MISSION_COUNT cuts the list at once; item 0 is answered with a command no autopilot knows, so the
-transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is told by
+MISSION_COUNT cuts the list at once; item 0 is answered with a command that no autopilot has, so the
+transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is found by
 reading it back.
 """
 

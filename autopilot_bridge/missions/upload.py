@@ -9,7 +9,7 @@ sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer 
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
 sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
 any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
-cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
+cancelling: nothing is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal

@@ -91,7 +91,7 @@ class MockAutopilot:
 
     @property
     def positions(self) -> bool:
-        """Whether there is a GPS position to tell."""
+        """Whether there is a GPS position to report."""
         return self.flight.gps
 
     @positions.setter
@@ -105,7 +105,7 @@ class MockAutopilot:
 
     @property
     def battery_percent(self) -> float | None:
-        """Charge left; None: not told."""
+        """Charge left; None: not reported."""
         return self.flight.battery_percent
 
     @battery_percent.setter
@@ -138,7 +138,7 @@ class MockAutopilot:
         return min(timer for timer in timers if timer is not None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Fly up to now and say what is due."""
+        """Fly up to now and send what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
         while (due_us := self.missions.next_timer()) is not None and due_us <= now_us:
@@ -157,7 +157,7 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def send_message(self, message: Message) -> None:
-        """Send any message, such as an acknowledgement nobody waits for."""
+        """Send any message, such as an acknowledgement that no request expects."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:

@@ -37,7 +37,7 @@ _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 def custom_mode_of(stack: Stack, mode: Mode) -> int:
-    """The number that the heartbeat tells."""
+    """The number in the heartbeat."""
     return 0 if mode == "idle" else stack.mode_number(_NAMES[mode])
 
 
@@ -73,7 +73,7 @@ Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
 
 
 class CommandServer:
-    """Obeys commands; what is to be told besides the acknowledgement goes to ``send``."""
+    """Executes commands; messages besides the acknowledgement go to ``send``."""
 
     def __init__(
         self,

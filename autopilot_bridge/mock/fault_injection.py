@@ -13,7 +13,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
 from autopilot_bridge.mock.faults import Faults, Span
 
-GROUND = (255, 190)  # as whom the mock takes the station it is tried with
+GROUND = (255, 190)  # the ids of the station under test
 SECOND_GROUND = (254, 190)
 OTHER_COMPONENT = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 SECOND = 1_000_000

@@ -87,7 +87,7 @@ class FtpServer:
         return last if same else None
 
     def _replies(self, request: Packet, now_us: int) -> list[Packet]:
-        """One reply; a burst is read to the end of the file, which is told by the last."""
+        """One reply; a burst is read to the end of the file, which the last reply marks."""
         replies = [self._reply(request, now_us)]
         while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
             offset = replies[-1].offset + replies[-1].size

@@ -15,7 +15,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the airframe can do; ``airspeed_m_s`` is what it flies unless told otherwise."""
+    """What the airframe can do; ``airspeed_m_s`` is flown unless another is commanded."""
 
     airspeed_m_s: float = 18.0
     min_airspeed_m_s: float = 9.0  # fixed wing

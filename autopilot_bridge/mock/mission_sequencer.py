@@ -1,4 +1,4 @@
-"""In which order a mission's items come, and what their numbers say: pure functions."""
+"""The order of a mission's items, and the meaning of their numbers: pure functions."""
 
 from collections.abc import Sequence
 
@@ -48,7 +48,7 @@ def next_of(
 
 
 def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
-    """Signed radius of a loiter item, negative anticlockwise; the default one where none is said.
+    """Signed radius of a loiter item, negative anticlockwise; the default where the item has none.
 
     ArduPilot keeps of a LOITER_TIME's radius only the sign.
     """

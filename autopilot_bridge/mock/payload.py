@@ -27,7 +27,7 @@ class Payload:
     stack: Stack
     outputs: list[Output] = field(default_factory=list)
     servos_us: list[int] = field(default_factory=list)
-    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words, to be told
+    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and text, to be sent
 
     def __post_init__(self) -> None:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
@@ -35,7 +35,7 @@ class Payload:
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
         """Carry out a DO command of a mission or a COMMAND_LONG (params 1 to 7); False: not one.
 
-        Whether the stack takes it at all is for the caller to say.
+        The caller decides whether the stack accepts it at all.
         """
         if command != 187:
             params = tuple(value if math.isfinite(value) else 0.0 for value in params)
@@ -101,7 +101,7 @@ Answer = tuple[Requester, int]
 
 
 class Px4Gripper:
-    """``move`` is told the action and when. It stands closed at first."""
+    """``move`` is called with the action and the time. It is closed at first."""
 
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
@@ -109,7 +109,7 @@ class Px4Gripper:
         self._under_way: tuple[int, Requester, int] | None = None  # action, who asked, its end
 
     def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
-        """What is answered to whom."""
+        """The answers, each with the ids of its requester."""
         answers: list[Answer] = []
         if self._under_way is not None:
             before, who, _ = self._under_way

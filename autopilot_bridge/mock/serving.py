@@ -1,4 +1,4 @@
-"""Several mocks on one link, told apart by their system ids."""
+"""Mocks on a link: several with different system ids, keys of signing, simulation time."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 
 
 class MockGroup:
-    """Takes the place of one mock on a link: all hear everything, all may speak."""
+    """Takes the place of one mock on a link: all receive everything, and all may send."""
 
     def __init__(self, peers: Sequence[MockAutopilot | FaultyMock]) -> None:
         self.peers = peers

@@ -1,4 +1,4 @@
-"""What the mock tells by itself, without being asked."""
+"""What the mock sends without a request."""
 
 import math
 from collections.abc import Callable
@@ -52,7 +52,7 @@ class TelemetrySender:
         self._reached = self._reached_again = 0
 
     def forget(self) -> None:
-        """A new mission or a reboot: what was reached is not told again."""
+        """A new mission or a reboot: what was reached is not sent again."""
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
@@ -71,7 +71,7 @@ class TelemetrySender:
             self._home(flight)
 
     def send_texts(self, flight: FlightModel) -> None:
-        """What the vehicle has to say: items begun, what was switched, mishaps."""
+        """Texts of the vehicle: items begun, outputs switched, mishaps."""
         for severity, words in flight.texts:
             self._send(text(severity, words))
         flight.texts.clear()
@@ -101,7 +101,7 @@ class TelemetrySender:
         self._send(with_extension(current, *ids))
 
     def _send_reached(self, flight: FlightModel, steps: int) -> None:
-        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+        """MISSION_ITEM_REACHED; PX4 sends it ten more times, once a second."""
         for seq in flight.reached:
             self._send(mavlink.MAVLink_mission_item_reached_message(seq))
             self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0

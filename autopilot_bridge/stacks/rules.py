@@ -43,8 +43,8 @@ class Rules:
     whole_cm: bool  # altitudes are cut to centimetres
     max_altitude_m: float
     nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None: all may
-    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 says what NaN would
-    trusting: bool  # bad numbers are accepted, so that nobody but us refuses them
+    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 means what NaN would
+    trusting: bool  # bad numbers are accepted, so only our own check refuses them
     zero_is_here: bool  # latitude = longitude = 0 means where the vehicle is
     not_run: frozenset[int] = frozenset()  # accepted, then passed over in flight
     never_valid: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
@@ -211,7 +211,7 @@ _RULES = {
 
 SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
 
-# What to do instead, where there is something to say.
+# What to do instead, where there is an alternative.
 INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",

@@ -39,7 +39,7 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 class Stack:
     """One autopilot on one kind of vehicle: what it does differently, as data.
 
-    Get one by ``stack_named``; the comments at the fields say what each means.
+    Get one by ``stack_named``; the comments at the fields have their meaning.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Stack:
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """The word for a mode number; a number not known here is told as it is."""
+        """The word for a mode number; an unknown number stays a number."""
         for name, number in self.modes:
             if number == custom_mode:
                 return name
@@ -170,7 +170,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """The stack that a HEARTBEAT tells of, or None for what is none of them."""
+    """The stack of a HEARTBEAT's autopilot and type, or None if it is none of them."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
     vehicle = "plane" if mav_type in PLANE_TYPES else "copter"

@@ -3,7 +3,7 @@
 asked --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
 
-An acknowledgement tells only the number of the command, and it is the same for release and setting
+An acknowledgement has only the number of the command, which is the same for release and setting
 back. So each pulse of the dropper is sent by components of its own, to which it is answered.
 """
 
@@ -25,8 +25,8 @@ PULSES_APART = 4
 BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
 MAX_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
-# PX4's gripper tells the former of a release when the setting back comes, and the latter of one
-# that a link has doubled: neither says that nothing fell.
+# PX4's gripper answers a release with the former when the setting back arrives, and with the latter
+# when a link has doubled it: neither means that nothing fell.
 CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
@@ -70,7 +70,7 @@ class DropSender:
     ) -> tuple[int, list[Message]]:
         """A number for the drop, and the release, to be sent at once; refused if it would be late.
 
-        ``lost``: nothing is heard of the vehicle. Raises BridgeError where the stack has no way.
+        ``lost``: the vehicle is silent. Raises BridgeError where the stack has no way.
         """
         release, back = drop(stack, dropper)
         self._last_id += 1

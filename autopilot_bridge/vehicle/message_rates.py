@@ -3,9 +3,9 @@
 asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
 when all were asked: what does not arrive is asked for again, a few times; so is what stops
 
-ArduCopter forgets its rates at a restart, and its heartbeat does not tell of that.
+ArduCopter forgets its rates at a restart, and its heartbeat does not show that.
 
-The acknowledgement does not say for which message it is, so one is asked for at a time.
+The acknowledgement does not name the message, so one is requested at a time.
 """
 
 from collections.abc import Mapping
@@ -136,7 +136,7 @@ class MessageRates:
         self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Note what arrives; go on after an acknowledgement, whatever it says."""
+        """Note what arrives; go on after an acknowledgement of any result."""
         message_id = message.get_msgId()
         if message_id in self._wanted:
             self._arrived.add(message_id)

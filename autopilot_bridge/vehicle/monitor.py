@@ -66,7 +66,7 @@ class VehicleMonitor:
 
     @property
     def hidden_items(self) -> int:
-        """Items the user does not know of: ArduPilot's home."""
+        """Items that users do not see: ArduPilot's home."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     @property
@@ -182,7 +182,7 @@ class VehicleMonitor:
                         return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
-                # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
+                # ArduPlane reports item 0, its home, when it is where GUIDED sent it.
                 if message.seq != self._reached and message.seq >= self.hidden_items:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]

@@ -2,7 +2,7 @@
 
 ``ORDERS`` is the table. To add a command, add a row and the function of its steps. Read and flown:
 PX4 1.17, ArduPilot 4.6.2. A command that a stack does not have raises BridgeError. Altitudes are
-above mean sea level unless the name says otherwise.
+above mean sea level unless the name differs.
 """
 
 import math

@@ -5,7 +5,7 @@ read all: listed --PARAM_VALUE ...-- quiet --> missing indexes asked for, some a
 set: sent --PARAM_VALUE of that name--> ended; sent again on timeout
 
 A value travels in a float: PX4 puts the bytes of an int32 there, ArduPilot converts the number.
-Neither answers to a name it does not know.
+Neither answers to an unknown name.
 """
 
 import math
@@ -36,7 +36,7 @@ _FORMATS = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as the autopilot told it; ``kind`` is its MAV_PARAM_TYPE."""
+    """A parameter as the autopilot reported it; ``kind`` is its MAV_PARAM_TYPE."""
 
     name: str
     value: float
@@ -166,7 +166,7 @@ class ParameterRead(_ParameterExchange):
 
 
 class ParameterSet(_ParameterExchange):
-    """Sets one parameter: reads its type, sends the value, believes only what is told back."""
+    """Sets one parameter: reads its type, sends the value, accepts only what is reported back."""
 
     def __init__(
         self,

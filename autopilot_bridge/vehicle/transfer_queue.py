@@ -52,7 +52,7 @@ class TransferQueue:
         report: Callable[[Job, TransferResult, int], None],
         commanded_modes: CommandedModes,
     ) -> None:
-        """``report`` is told how each job ended, and when."""
+        """``report`` is called with each job's result and its time."""
         self._own = own
         self._commanded_modes = commanded_modes
         self._timing = timing
@@ -88,7 +88,7 @@ class TransferQueue:
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
     def release_mode(self) -> None:
-        """The mode is somebody else's from now on: no upload holds or flies on.
+        """Another command has the mode from now on: no upload holds or resumes.
 
         One that changes the mode right now is given up.
         """
@@ -396,12 +396,12 @@ def accepted(job: Job) -> TransferResult:
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Items as the user knows them: without home, jumps counted from the first."""
+    """Items as users have them: without home, jumps counted from the first."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """What the vehicle holds after an upload, as far as its end alone tells."""
+    """What the vehicle holds after an upload, as far as its end alone shows."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:
