@@ -2,4 +2,4 @@
 
 
 class BridgeError(Exception):
-    """Base of the errors of this package; the message says what, where and what to do."""
+    """Base of the errors of this package; the message states what, where and what to do."""

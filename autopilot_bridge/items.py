@@ -25,7 +25,7 @@ class MissionItem:
         x: Latitude in 1e-7 degrees, for items with a position.
         y: Longitude in 1e-7 degrees, for items with a position.
         z: Altitude in metres, in the frame's sense.
-        param1: As MAV_CMD says; so are ``param2`` to ``param4``.
+        param1: As MAV_CMD defines it; so are ``param2`` to ``param4``.
         autocontinue: 1 to go on to the next item.
 
     Source: MAVLink common.xml, MISSION_ITEM_INT.

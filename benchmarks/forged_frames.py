@@ -37,7 +37,7 @@ from mission_service.runtime.links import most_speed_m_s
 from mission_service.simulation.sim import Rig, Simulation
 
 OWN = "192.0.2.1:14550"
-MOST_REMOTES = 5000
+MAX_REMOTES = 5000
 IDS = {known.msgname: known.id for known in mavlink.mavlink_map.values()}
 READ = (
     *(kind for kind in BOUNDS if kind != "MISSION_ITEM"),
@@ -89,7 +89,7 @@ class Forger:
             else:
                 component = chance.choice((0, *range(2, 256)))
         else:
-            self._next_remote = (self._next_remote + chance.randrange(2)) % MOST_REMOTES
+            self._next_remote = (self._next_remote + chance.randrange(2)) % MAX_REMOTES
             remote = f"198.51.100.7:{10_000 + self._next_remote}"
         kind = chance.choice(READ if chance.random() < 0.9 else tuple(IDS))
         return remote, self._frame(kind, self._values(kind, boot_ms), (system, component))

@@ -45,7 +45,7 @@ GOES_ON_WITHIN_S = 5.0
 KILLS_A_RUN = 25
 TOLD_EVERY = 50
 SPEEDUP = 10.0
-MOST_BYTES = 80_000  # a vehicle, between a start and a kill: some seconds
+MAX_BYTES = 80_000  # a vehicle, between a start and a kill: some seconds
 CORES = os.cpu_count() or 1
 BOSS = "firing-boss"
 WAITS_S = 180.0
@@ -399,7 +399,7 @@ def run(
     try:
         watched.start()
         for number in range(kills):
-            most_bytes = MOST_BYTES * len(watched.scenario.vehicles)
+            most_bytes = MAX_BYTES * len(watched.scenario.vehicles)
             watched.ask_for(round(rng.uniform(0.0, most_bytes)) if rng.random() < 0.9 else 0)
             watched.kill()
             if found.kills % TOLD_EVERY == 0:

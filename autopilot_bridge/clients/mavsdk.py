@@ -3,9 +3,9 @@
 MAVSDK (a C library in this process) is fed with the bytes of our link; it finds the vehicle, moves
 missions and repeats commands. What it leaves out is added here, as seen on real autopilots:
 a mission is checked first (a refused item leaves ArduPilot with a cut mission), read back after
-(its verdict alone tells little) and then begun by number (ArduPlane flies its old target until
-told). Its own ``set_current_mission_item`` is not used: where the autopilot answers with another
-number it asks again for ever, as fast as the link can.
+(its verdict alone is not enough) and then begun by number (ArduPlane flies to its old target
+until commanded). Its own ``set_current_mission_item`` is not used: where the autopilot answers with
+another number it repeats its request for ever, as fast as the link can.
 """
 
 import asyncio
@@ -21,10 +21,10 @@ from autopilot_bridge.clients.mavsdk_library import (
     ACCEPTED,
     MAVSDK_IDS,
     item_of_raw,
-    judged,
     library,
     raw_items,
     raw_message,
+    upload_result,
 )
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
@@ -91,7 +91,7 @@ class MavsdkClient:
         tlog: A recording of what is sent and received; the caller closes it.
         signing: Signs all frames that are sent; frames that do not verify are dropped.
         link_id: The link id of signatures, 0 to 255.
-        most_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+        max_speed_m_s: Positions out of reach at this speed are not used; None: all are.
 
     Raises:
         BridgeError: The link is not valid, or cannot be opened (on entering the context).
@@ -105,7 +105,7 @@ class MavsdkClient:
         tlog: Tlog | None = None,
         signing: Signing | None = None,
         link_id: int = 0,
-        most_speed_m_s: float | None = None,
+        max_speed_m_s: float | None = None,
     ) -> None:
         self.called = ""  # the remote that the link calls
         self._signed = signing is not None
@@ -116,18 +116,18 @@ class MavsdkClient:
         self._link = link
         self._clock = clock
         self._target = (system_id, AUTOPILOT)
-        self._monitor = VehicleMonitor(HEARTBEAT_TIMEOUT_US, most_speed_m_s)
+        self._monitor = VehicleMonitor(HEARTBEAT_TIMEOUT_US, max_speed_m_s)
         self._codec = Codec(*MAVSDK_IDS)
         self._outgoing: list[bytes] = []
         self._events: deque[ClientEvent] = deque()
         self._waiting: list[Job] = []
         self._next_id = 1
         self._last_command = 0
-        self._asked = asyncio.Event()
+        self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
         self._begin: MissionActivation | None = None  # under way
         self._commanded_modes = CommandedModes()
-        self._taken: list[str] = []  # why autopilot or pilot took over, each time
+        self._overrides: list[str] = []  # why autopilot or pilot took over, each time
         self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
@@ -139,7 +139,7 @@ class MavsdkClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot, once it was heard."""
+        """The autopilot; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
@@ -153,9 +153,9 @@ class MavsdkClient:
         return self._connection.counts
 
     @property
-    def hears_signed(self) -> bool:
+    def receives_signed(self) -> bool:
         """Whether it signs though nothing is checked; see ``Connection``."""
-        return self._connection.hears_signed
+        return self._connection.receives_signed
 
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
@@ -184,22 +184,22 @@ class MavsdkClient:
         self._last_command += 1
         if steps is None:
             finished = CommandFinished(now_us, name, False, NO_ORDER, self._last_command)
-            self._tell(finished)
+            self._report(finished)
         else:
-            context = OrderContext(self._known_stack(), self._monitor.armed)
+            context = OrderContext(self._connected_stack(), self._monitor.armed)
             self._commands.put_nowait((self._last_command, name, steps(context, *arguments)))
         return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Not done through MAVSDK; outcome as DropFinished."""
-        self._tell(DropFinished(now_us, 0, "refused", NO_ORDER))
+        self._report(DropFinished(now_us, 0, "refused", NO_ORDER))
         return 0
 
     def next_event(self) -> ClientEvent | None:
         """The oldest event not handed out yet."""
         return self._events.popleft() if self._events else None
 
-    def _known_stack(self) -> Stack:
+    def _connected_stack(self) -> Stack:
         if self.stack is None:
             raise BridgeError("no autopilot was heard yet; wait for Connected")
         return self.stack
@@ -208,7 +208,7 @@ class MavsdkClient:
         job.transfer_id = self._next_id
         self._next_id += 1
         self._waiting.append(job)
-        self._asked.set()
+        self._transfer_added.set()
         return job.transfer_id
 
     # The link ---------------------------------------------------------------------------------
@@ -303,9 +303,9 @@ class MavsdkClient:
     def _mode_changed(self, mode: int, now_us: int) -> None:
         """Note a mode that was not commanded here."""
         if self.stack is not None and not self._commanded_modes.has(mode, now_us):
-            self._taken.append(changed_meanwhile(self.stack, mode))
+            self._overrides.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
-                self._begin.leave(self._taken[-1])
+                self._begin.stop_commands(self._overrides[-1])
 
     def data_to_send(self) -> list[bytes]:
         """Frames to send, each handed out once."""
@@ -333,14 +333,14 @@ class MavsdkClient:
             self._events.extend(self._source.alarms)
             self._source.alarms.clear()
 
-    def _tell(self, event: ClientEvent) -> None:
+    def _report(self, event: ClientEvent) -> None:
         self._events.append(event)
-        self._connection.stir()
+        self._connection.notify()
 
     # MAVSDK -----------------------------------------------------------------------------------
 
     async def _found(self) -> bool:
-        """Whether MAVSDK knows the vehicle; waits for it, and makes its plugins."""
+        """Whether MAVSDK has found the vehicle; waits for it, and makes its plugins."""
         modules = library()
 
         def look() -> bool:
@@ -365,7 +365,7 @@ class MavsdkClient:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # looked at, though nobody may wait for it any more
+        task.cancelled() or task.exception()  # retrieved, though no task may wait for it any more
 
     async def _until(self, what: Callable[[], bool], within_s: float) -> bool:
         """Whether something came to be so in time."""
@@ -384,18 +384,18 @@ class MavsdkClient:
             accepted, reason = False, NOT_FOUND
             if await self._found():
                 accepted, reason = await self._steps(steps)
-            self._tell(CommandFinished(self._clock(), name, accepted, reason, command_id))
+            self._report(CommandFinished(self._clock(), name, accepted, reason, command_id))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
         """Commands one after another until one is refused; MAVSDK repeats them.
 
         None goes out after the autopilot or a pilot has taken the vehicle.
         """
-        taken = len(self._taken)
+        overrides = len(self._overrides)
         for step in steps:
-            if len(self._taken) > taken:
-                return False, self._taken[-1]
-            self._commanded_modes.ask(modes_of_step(step, self._known_stack()), self._clock())
+            if len(self._overrides) > overrides:
+                return False, self._overrides[-1]
+            self._commanded_modes.ask(modes_of_step(step, self._connected_stack()), self._clock())
             command, asked = step.command, command_message(self._target, step, 0)
             try:
                 ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
@@ -424,16 +424,16 @@ class MavsdkClient:
 
     async def _transfer_all(self) -> None:
         while True:
-            await self._asked.wait()
+            await self._transfer_added.wait()
             found = await self._found()
             if not self._waiting:
-                self._asked.clear()
+                self._transfer_added.clear()
                 continue
             job = self._waiting.pop(0)
             result = TransferResult("failed", NOT_FOUND, holds="the old one")
             if found:
-                result = await self._transfer(job, self._known_stack())
-            self._tell(TransferFinished(self._clock(), job.transfer_id, job.action, result))
+                result = await self._transfer(job, self._connected_stack())
+            self._report(TransferFinished(self._clock(), job.transfer_id, job.action, result))
 
     async def _transfer(self, job: Job, stack: Stack) -> TransferResult:
         if job.action == "download":
@@ -456,12 +456,12 @@ class MavsdkClient:
             # MAVSDK would cut the list and report success, and the vehicle would fly on.
             reason = "the vehicle flies its mission and would fly on without it; hold first"
             return TransferResult("rejected", reason, holds="the old one")
-        said = await self._ask(self._missions.clear_mission())
+        verdict = await self._send_request(self._missions.clear_mission())
         read, reason = await self._read()
         if read is None:
-            return TransferResult("unknown", f"{said}; and reading it back: {reason}")
+            return TransferResult("unknown", f"{verdict}; and reading it back: {reason}")
         if len(read) > self._monitor.hidden_items:
-            return TransferResult("rejected", f"the vehicle keeps its mission ({said})")
+            return TransferResult("rejected", f"the vehicle keeps its mission ({verdict})")
         return ACCEPTED
 
     async def _upload(self, job: Job, stack: Stack) -> TransferResult:
@@ -471,30 +471,32 @@ class MavsdkClient:
         monitor, hidden = self._monitor, self._monitor.hidden_items
         first = self._first(job)
         paused = job.holds_first and monitor.in_mission and not stack.atomic_upload
-        before, taken = Onboard(None, monitor.plan_id, monitor.unfit), len(self._taken)
+        before, overrides = Onboard(None, monitor.plan_id, monitor.unfit), len(self._overrides)
         if paused:
             held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
             if not held:
                 words = f"it would not hold for the upload: {reason}"
                 return TransferResult("rejected", words, holds="the old one")
         wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
-        said = await self._ask(self._missions.upload_mission(raw_items(wire_items, first)))
+        verdict = await self._send_request(
+            self._missions.upload_mission(raw_items(wire_items, first))
+        )
         read, reason = await self._read()
-        ended = judged(stack, hidden, wire_items, said, read)
+        ended = upload_result(stack, hidden, wire_items, verdict, read)
         if read is None:
             ended = replace(ended, reason=f"{ended.reason}; and reading it back: {reason}")
         if ended.outcome != "accepted":
             return ended
         ended = replace(ended, items=job.items)
-        if len(self._taken) > taken and stack.keeps_target:
-            begun = TransferResult("failed", self._taken[-1])
+        if len(self._overrides) > overrides and stack.keeps_target:
+            begun = TransferResult("failed", self._overrides[-1])
         else:
             begun = await self._made_current(first, wire_items, before, stack)
         if begun.outcome != "accepted":
             words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
             return replace(ended, outcome=begun.outcome, reason=words, code=None)
-        if paused and len(self._taken) > taken:
-            words = f"accepted; {self._taken[-1]}, and its mode was not changed"
+        if paused and len(self._overrides) > overrides:
+            words = f"accepted; {self._overrides[-1]}, and its mode was not changed"
             return replace(ended, reason=words)
         if paused:
             flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
@@ -533,7 +535,7 @@ class MavsdkClient:
         finally:
             self._begin = None
 
-    async def _ask(self, call: Coroutine[Any, Any, Any]) -> str:
+    async def _send_request(self, call: Coroutine[Any, Any, Any]) -> str:
         """MAVSDK's verdict on a transfer, by its name."""
         try:
             await self._call(call)

@@ -73,13 +73,15 @@ def item_of_raw(raw: Any) -> MissionItem:
     )
 
 
-def judged(stack: Stack, hidden: int, sent: Items, said: str, read: Items | None) -> TransferResult:
+def upload_result(
+    stack: Stack, hidden: int, sent: Items, verdict: str, read: Items | None
+) -> TransferResult:
     """How an upload ended, by MAVSDK's verdict and what was read back (None: it could not be).
 
     TIMEOUT may mean that only the last answer was lost.
     """
-    reason = f"MAVSDK: {said}"
-    took = said in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
+    reason = f"MAVSDK: {verdict}"
+    took = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
     if read is None:
         holds: Holds = "one of both" if stack.atomic_upload else "not known"
         return TransferResult("unknown" if took else "rejected", reason, holds=holds)
@@ -88,6 +90,6 @@ def judged(stack: Stack, hidden: int, sent: Items, said: str, read: Items | None
         return ACCEPTED
     items = jumps_moved(read[hidden:], -hidden)
     holds = "the old one" if stack.atomic_upload else "a mixture"
-    if said == "SUCCESS":
+    if verdict == "SUCCESS":
         reason = "the vehicle holds another mission"
     return TransferResult("failed" if took else "rejected", reason, items=items, holds=holds)

@@ -50,7 +50,7 @@ class NativeClient:
         rates_hz: Message rates to request when the vehicle connects, by message id.
         shared: The outgoing messages of all clients of one link, whose owner also sends the
             heartbeats; None: the client has a link of its own.
-        most_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+        max_speed_m_s: Positions out of reach at this speed are not used; None: all are.
     """
 
     def __init__(
@@ -62,11 +62,11 @@ class NativeClient:
         timing: TransferTiming | None = None,
         rates_hz: RatesHz = ALL_RATES_HZ,
         shared: list[Message] | None = None,
-        most_speed_m_s: float | None = None,
+        max_speed_m_s: float | None = None,
     ) -> None:
         self._own = (system_id, component_id)
         self._target_system = target_system
-        self._monitor = VehicleMonitor(heartbeat_timeout_us, most_speed_m_s)
+        self._monitor = VehicleMonitor(heartbeat_timeout_us, max_speed_m_s)
         self._texts = StatustextAssembler()
         self._timing = timing or TransferTiming()
         self._codec = Codec(system_id, component_id)
@@ -85,7 +85,7 @@ class NativeClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot, once it was heard."""
+        """The autopilot; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
@@ -105,7 +105,7 @@ class NativeClient:
 
     @property
     def position(self) -> Position | None:
-        """The last one told."""
+        """The last position received."""
         return self._monitor.position
 
     # What the user asks for -------------------------------------------------------------------
@@ -120,7 +120,7 @@ class NativeClient:
         holds_first: bool = False,
         by_file: bool = True,
     ) -> int:
-        """Replace the mission, fence or rally points; TransferFinished with the id tells how.
+        """Replace the mission, fence or rally points; TransferFinished with the id has the result.
 
         ``begin`` is the item of a new mission to fly next: its first, the one of the same number
         as now, or a number from 0. ``check`` reads back what was accepted. With ``holds_first`` a
@@ -142,8 +142,8 @@ class NativeClient:
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
         """End a transfer; it is reported as cancelled when the autopilot has ended it too."""
-        self._send(*self._jobs.cancel(transfer_id, self._known_stack(), now_us))
-        self._go_on(now_us)
+        self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
+        self._advance(now_us)
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
         """Carry out a command of ``orders.ORDERS``; CommandFinished with the id has the outcome.
@@ -151,28 +151,28 @@ class NativeClient:
         Commands run one after another; an urgent one ends all others first. Raises BridgeError for
         arguments out of range and for what the stack does not have.
         """
-        order, stack, here = orders.order_named(name), self._known_stack(), self.position
+        order, stack, here = orders.order_named(name), self._connected_stack(), self.position
         altitude_m = None if here is None else here.altitude_amsl_m
         mode = stack.mode_name(self.custom_mode)
         steps = order.steps(orders.OrderContext(stack, self.armed, mode, altitude_m), *arguments)
         if order.urgent:
             self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
-            self._jobs.leave_mode()
+            self._jobs.release_mode()
         command_id = self._commands.add(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
         )
-        self._send(*self._commands.begin_next(now_us))
+        self._send(*self._commands.start_next(now_us))
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
-        """Let go of one thing now; DropFinished with the id tells how it went.
+        """Release one thing now; DropFinished with the id has the outcome.
 
         Sent once, past all orders that wait; never repeated. Where it cannot be sent at once it is
         refused. Raises BridgeError if the stack has no such dropper.
         """
         lost = self._monitor.next_timer() is None
         drop_id, messages = self._drops.drop(
-            self._known_stack(), dropper, self._target(), lost, now_us
+            self._connected_stack(), dropper, self._target(), lost, now_us
         )
         self._send(*messages)
         return drop_id
@@ -181,22 +181,26 @@ class NativeClient:
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
-        return self._ask(self._parameters.read(name, self._target(), self._known_stack()), now_us)
+        return self._send_request(
+            self._parameters.read(name, self._target(), self._connected_stack()), now_us
+        )
 
     def read_parameters(self, now_us: int) -> int:
         """Read all parameters (ArduPilot has over a thousand)."""
-        return self._ask(self._parameters.read_all(self._target(), self._known_stack()), now_us)
+        return self._send_request(
+            self._parameters.read_all(self._target(), self._connected_stack()), now_us
+        )
 
     def set_parameter(self, name: str, value: float, now_us: int) -> int:
-        """Set a parameter; accepted when the autopilot tells the new value."""
-        stack = self._known_stack()
-        return self._ask(self._parameters.set(name, value, self._target(), stack), now_us)
+        """Set a parameter; accepted when the autopilot reports the new value."""
+        stack = self._connected_stack()
+        return self._send_request(self._parameters.set(name, value, self._target(), stack), now_us)
 
-    def _ask(self, request_id: int, now_us: int) -> int:
-        self._send(*self._parameters.begin_next(now_us))
+    def _send_request(self, request_id: int, now_us: int) -> int:
+        self._send(*self._parameters.start_next(now_us))
         return request_id
 
-    def _known_stack(self) -> Stack:
+    def _connected_stack(self) -> Stack:
         if self.stack is None:
             raise BridgeError("no autopilot was heard yet; wait for Connected")
         return self.stack
@@ -209,7 +213,7 @@ class NativeClient:
             self.receive_message(message, now_us)
 
     def receive_message(self, message: Message, now_us: int) -> None:
-        """Take in a message from anybody on the link."""
+        """Take in a message from any sender on the link."""
         if self._from_vehicle(message):
             for whole in self._texts.receive(message):
                 self._receive(whole, now_us)
@@ -251,7 +255,7 @@ class NativeClient:
         if self._monitor.next_timer() is not None:
             self._send(*self._rates.handle_timer(now_us))
         self._send(*self._jobs.handle_timer(now_us))
-        self._go_on(now_us)
+        self._advance(now_us)
         if now_us >= self._monitor.undecided_until_us:
             self._send(*self._commands.handle_timer(now_us))
         self._send(*self._drops.handle_timer(now_us))
@@ -283,7 +287,7 @@ class NativeClient:
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
         if self._monitor.critical and not critical:
-            self._jobs.taken("its autopilot went into failsafe meanwhile")
+            self._jobs.mode_overridden("its autopilot went into failsafe meanwhile")
         if not self._monitor.used:
             return
         self._drops.receive(message, now_us)
@@ -293,19 +297,19 @@ class NativeClient:
         self._send(*self._parameters.receive(message, now_us))
         if self._jobs.next_timer() is not None:  # a transfer is under way
             self._send(*self._jobs.receive(message, now_us))
-            self._go_on(now_us)
+            self._advance(now_us)
         elif message.get_type() == "HEARTBEAT":
-            self._go_on(now_us)
+            self._advance(now_us)
 
     def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
         """Stop transfers and commands if its autopilot, or a pilot by radio, has taken over."""
-        mode, stack = self.custom_mode, self._known_stack()
+        mode, stack = self.custom_mode, self._connected_stack()
         if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
-            self._jobs.taken(why)
-            self._send(*self._commands.leave_mode(why, now_us))
+            self._jobs.mode_overridden(why)
+            self._send(*self._commands.release_mode(why, now_us))
         elif was_armed and not self.armed:
-            self._send(*self._commands.leave_mode("it was disarmed meanwhile", now_us))
+            self._send(*self._commands.release_mode("it was disarmed meanwhile", now_us))
 
     def _target(self) -> tuple[int, int]:
         return self._target_system or 0, AUTOPILOT
@@ -314,10 +318,10 @@ class NativeClient:
 
     def _add(self, job: Job, now_us: int) -> int:
         transfer_id = self._jobs.add(job, now_us)
-        self._go_on(now_us)
+        self._advance(now_us)
         return transfer_id
 
-    def _go_on(self, now_us: int) -> None:
+    def _advance(self, now_us: int) -> None:
         """End what has ended, begin what comes after it."""
         if self.stack is None:
             return
@@ -328,7 +332,7 @@ class NativeClient:
             *(monitor.plan_id, monitor.unfit),
         )
         self._send(*self._jobs.step(state, now_us))
-        self._send(*self._jobs.begin_next(state, now_us))
+        self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:
         """Check what must hold between two events; raises AssertionError. For tests."""

@@ -24,7 +24,7 @@ HEARTBEAT_TIMEOUT_US = 3_000_000
 
 
 class VehicleKey(NamedTuple):
-    """What tells vehicles apart."""
+    """What distinguishes vehicles."""
 
     link: str
     system_id: int
@@ -79,21 +79,21 @@ class SharedLink:
         self._timers: list[tuple[int, int]] = []  # a heap; entries that are no longer so are left
         self._due_us: dict[int, int] = {}
 
-    def expect(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
+    def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
         """A client for a vehicle of this link. Raises BridgeError for one expected twice."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
-        return self._client(system, most_speed_m_s)
+        return self._client(system, max_speed_m_s)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Take in a datagram from a link with one other end."""
-        self._take("", self._codec.decode(data), now_us)
+        self._receive("", self._codec.decode(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
         """Take in whole frames of a remote."""
-        self._take(remote, self._codec.decode_frames(frames), now_us)
+        self._receive(remote, self._codec.decode_frames(frames), now_us)
 
-    def _take(self, remote: str, messages: list[Message], now_us: int) -> None:
+    def _receive(self, remote: str, messages: list[Message], now_us: int) -> None:
         touched: dict[int, bool] = {}
         for message in messages:
             if message.get_srcComponent() != AUTOPILOT:
@@ -108,12 +108,12 @@ class SharedLink:
             self._touched(system, timer)
 
     def _found(self, message: Message, system: int) -> NativeClient | None:
-        """A client for an autopilot not heard before; None for anybody else."""
+        """A client for a new autopilot; None for any other component."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)
 
-    def _client(self, system: int, most_speed_m_s: float | None = None) -> NativeClient:
+    def _client(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
         client = NativeClient(
             *self._own,
             target_system=system,
@@ -121,7 +121,7 @@ class SharedLink:
             timing=self._timing,
             rates_hz=self._rates_hz,
             shared=self._outgoing,
-            most_speed_m_s=most_speed_m_s,
+            max_speed_m_s=max_speed_m_s,
         )
         self.clients[system] = client
         return client

@@ -33,7 +33,7 @@ class Codec:
     """Encoder and parser of one end of one link.
 
     MISSION_CURRENT comes with ``mission_id``, ``fence_id`` and ``rally_points_id``, MISSION_ACK and
-    MISSION_COUNT with ``opaque_id``: 0 where the autopilot tells none.
+    MISSION_COUNT with ``opaque_id``: 0 where the autopilot sends none.
     """
 
     def __init__(self, system_id: int, component_id: int) -> None:

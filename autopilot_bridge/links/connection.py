@@ -77,8 +77,8 @@ class Connection:
         self._signing = signing
         self._link_id = link_id
         self.counts = Counts()  # of this link; the signing has those of all
-        self.hears_signed = False  # while nothing is checked: the last frame had a signature
-        self._news = asyncio.Event()
+        self.receives_signed = False  # while nothing is checked: the last frame had a signature
+        self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
         self._armed_us = 0  # what the timer waits for
@@ -102,10 +102,10 @@ class Connection:
         """Return when something arrived or was due since the last call.
 
         Raises what the peer raised: a defect ends the program instead of passing by in a log.
-        A lost connection raises nothing; the peer hears nothing, that is all.
+        A lost connection raises nothing: the peer only receives nothing.
         """
-        await self._news.wait()
-        self._news.clear()
+        await self._activity.wait()
+        self._activity.clear()
         if self._failure is not None:
             raise self._failure
 
@@ -118,8 +118,8 @@ class Connection:
             self._send(frames)
         self._arm()
 
-    def stir(self) -> None:
-        """Send, and wake who waits: for a peer that comes up with news by itself."""
+    def notify(self) -> None:
+        """Send, and let ``wait`` return: for a peer that has events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(
@@ -138,12 +138,12 @@ class Connection:
         codec = Codec(*own)
         for _ in range(2):
             self._send([codec.encode(setup_signing(target, key, wall_us))])
-        self.go_on_with(signing)
+        self.change_signing(signing)
 
-    def go_on_with(self, signing: Signing | None) -> None:
+    def change_signing(self, signing: Signing | None) -> None:
         """Sign and check with another key from now on, or (None) no more."""
         self._signing = signing
-        self.hears_signed = False
+        self.receives_signed = False
 
     def _send(self, frames: list[bytes], remote: str = "") -> None:
         if not self._open:
@@ -179,7 +179,7 @@ class Connection:
             self.flush()
         except Exception as error:
             self._failure = error
-        self._news.set()
+        self._activity.set()
 
     def frames_received(self, batch: Batch) -> None:
         """Hand the frames of each remote to the peer."""
@@ -189,11 +189,11 @@ class Connection:
                 (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
             ]
         elif batch and batch[-1][1]:
-            self.hears_signed = is_signed(batch[-1][1][-1])
+            self.receives_signed = is_signed(batch[-1][1][-1])
         if any(frames for _, frames in batch):
-            self._guarded(lambda: self._take(batch))
+            self._guarded(lambda: self._deliver(batch))
 
-    def _take(self, batch: Batch) -> None:
+    def _deliver(self, batch: Batch) -> None:
         for remote, frames in batch:
             self._record(frames)
             if self._by_remote is not None:
@@ -204,4 +204,4 @@ class Connection:
     def failed(self, error: Exception) -> None:
         """The wire is at its end; ``wait`` raises it."""
         self._failure = error
-        self._news.set()
+        self._activity.set()

@@ -127,7 +127,7 @@ def checksum(data: bytes, message_id: int) -> int:
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Length of the frame that starts here; 0 when none does, None when more bytes must tell."""
+    """Length of the frame that starts here; 0 when none does, None when that takes more bytes."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6

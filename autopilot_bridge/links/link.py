@@ -16,7 +16,7 @@ LONGEST_WAIT_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class LinkAddress:
-    """``udpin`` and ``tcpin`` listen and answer who speaks; ``udpout`` and ``tcp`` speak first."""
+    """``udpin`` and ``tcpin`` listen and answer; ``udpout`` and ``tcp`` send first."""
 
     kind: NetworkKind
     host: str

@@ -11,7 +11,7 @@ Why not pymavlink 2.4.50's own (``MAVLink.check_signature``, ``decode``):
   frames we send then lock out every other station at each vehicle;
 - frames whose signature is *wrong* are shown to the callback that allows unsigned ones;
 - frames of unknown messages come out unchecked, and signatures are compared with ``!=``.
-Here nothing is stored unless the hash is right, nobody's clock moves ours, a stream may run ahead
+Here nothing is stored unless the hash is right, no other clock moves ours, a stream may run ahead
 of it only so far, and a wrong signature is wrong whatever the message.
 
 ArduPilot 4.6 (read: ``GCS_Signing.cpp``) starts from the timestamp it has saved plus 60 s at every
@@ -46,8 +46,8 @@ EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
 # ArduPilot gains a minute at every boot without GPS, so some lead is no fault.
-MOST_AHEAD_S = 300
-# Telemetry radios tell of themselves and know no keys.
+MAX_AHEAD_S = 300
+# Telemetry radios report themselves and have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
 # Timestamps are reserved on disk for so long; less than the 6 s some receivers allow.
@@ -130,7 +130,7 @@ def key_warning(source: str, what: str = "signing key") -> str | None:
 def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Message:
     """SETUP_SIGNING: gives a vehicle the key, in clear text; None turns its signing off.
 
-    Only over a link nobody listens to, and never into a log. The time told is a minute back, as
+    Only over a link without eavesdroppers, and never into a log. The time sent is a minute back, as
     ArduPilot adds one; it refuses while armed.
     """
     if key is None:
@@ -219,7 +219,7 @@ class Counts:
 class Signing:
     """Signs and checks the frames of the links that share a key.
 
-    One for all links, so that what was heard on one is no news on another.
+    One for all links, so that a frame of one link is not accepted on another.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class Signing:
         stream = (*source_of(frame), frame[-SIGNATURE_BYTES])
         at = int.from_bytes(frame[1 - SIGNATURE_BYTES : -_HASH_BYTES], "little")
         present, last = self._timestamps.present(), self._streams.get(stream)
-        if at > present + MOST_AHEAD_S * TICKS_PER_S:
+        if at > present + MAX_AHEAD_S * TICKS_PER_S:
             return "ahead"
         if last is None and at < present - OLDEST_BEGIN_S * TICKS_PER_S:
             return "old"

@@ -18,10 +18,10 @@ from autopilot_bridge.links.link import LinkAddress, SerialAddress, reconnect_wa
 from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
 
 # Frames for a remote that does not read are lost beyond this, as they would be on a radio.
-MOST_UNSENT_BYTES = 256 * 1024
-MOST_REMOTES = 1024
-MOST_AT_ONCE = 256  # datagrams read before others get their turn
-MOST_DATAGRAM_BYTES = 65536
+MAX_UNSENT_BYTES = 256 * 1024
+MAX_REMOTES = 1024
+MAX_AT_ONCE = 256  # datagrams read before others get their turn
+MAX_DATAGRAM_BYTES = 65536
 QUICK_S = 0.002
 ANSWER_FOR_S = 10.0
 CONNECT_WITHIN_S = 5.0
@@ -36,7 +36,7 @@ Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
 
 
 class Listener(Protocol):
-    """Who wants to know what a wire brings."""
+    """The receiver of what a transport brings."""
 
     def frames_received(self, batch: Batch) -> None:
         """Whole frames came in."""
@@ -54,7 +54,7 @@ class Transport(Protocol):
         """Raises BridgeError when what the link names cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to a remote heard before, or to all; says whether there was anybody."""
+        """Send to a known remote, or to all; returns whether there was one."""
 
     async def close(self) -> None:
         """Let go of socket or device."""
@@ -88,8 +88,8 @@ class _Remote:
 
 
 class Udp(asyncio.DatagramProtocol):
-    """``udpout`` sends to its address; ``udpin`` to all who sent frames in the last ten seconds,
-    or to the last of all. What is meant for one system goes where that was heard, if it was."""
+    """``udpout`` sends to its address; ``udpin`` to all that sent frames in the last ten seconds,
+    or to the last of all. Frames for one system go to the remote that it sent from."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""
@@ -136,7 +136,7 @@ class Udp(asyncio.DatagramProtocol):
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
-        """Where each system was heard."""
+        """The remote that each system sent from."""
         found: dict[int, list[Where]] = {}
         for target in targets:
             for system in self._remotes[target].systems - {0}:  # 0 stands for all
@@ -157,7 +157,7 @@ class Udp(asyncio.DatagramProtocol):
         crowded = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
         self._last_s = now_s
         batch = [self._frames(data, addr)]
-        most = MOST_AT_ONCE if crowded else 1
+        most = MAX_AT_ONCE if crowded else 1
         while len(batch) < most and (waiting := self._read()) is not None:
             batch.append(self._frames(*waiting))
         batch = [(remote, frames) for remote, frames in batch if frames]
@@ -167,7 +167,7 @@ class Udp(asyncio.DatagramProtocol):
     def _read(self) -> tuple[bytes, Where] | None:
         assert self._socket is not None
         try:
-            return self._socket.recvfrom(MOST_DATAGRAM_BYTES)
+            return self._socket.recvfrom(MAX_DATAGRAM_BYTES)
         except BlockingIOError:
             pass
         except OSError as error:
@@ -178,7 +178,7 @@ class Udp(asyncio.DatagramProtocol):
         """Each remote has a parser of its own: one's torn frame is not another's beginning."""
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
-        if len(self._remotes) > MOST_REMOTES:
+        if len(self._remotes) > MAX_REMOTES:
             del self._remotes[next(iter(self._remotes))]
         frames = remote.framer.feed_datagram(data)
         if frames:
@@ -217,7 +217,7 @@ class Stream(asyncio.Protocol):
         """Send, unless the remote has stopped reading."""
         if self.lost.is_set() or self.out is None:
             return False
-        if self.out.get_write_buffer_size() > MOST_UNSENT_BYTES:
+        if self.out.get_write_buffer_size() > MAX_UNSENT_BYTES:
             return False
         self.out.write(b"".join(frames))
         return True
@@ -303,7 +303,7 @@ class StreamClient:
                 await self._stream.lost.wait()
                 if self._stream.heard:
                     failures = 0
-            except OSError:  # TimeoutError is one: nobody there yet
+            except OSError:  # TimeoutError is one: no server there yet
                 pass
             self._stream = None
             await asyncio.sleep(reconnect_wait_s(failures))
@@ -327,7 +327,7 @@ class StreamClient:
 
 
 class TcpServer:
-    """Listens; sends to all who are connected."""
+    """Listens; sends to all connections."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""

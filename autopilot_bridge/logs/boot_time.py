@@ -9,9 +9,9 @@ from statistics import median
 
 Sample = tuple[int, int, int]  # system id, stamp, time since boot; microseconds
 
-SAMPLES, LEAST_PAIRS = 400, 10
+SAMPLES, MIN_PAIRS = 400, 10
 SPAN_US, APART_US = 5_000_000, 1_000_000  # by the stamps: of all samples, and of two compared
-LEAST_RATE, MOST_RATE = 0.8, 1.25  # between them a clock is only inexact, or a link late
+MIN_RATE, MAX_RATE = 0.8, 1.25  # between them a clock is only inexact, or a link late
 LEAP_US = 60_000_000  # a time since boot so far ahead of what is expected is noise, or another boot
 STILL_US = 1_000_000  # stamps without a time since boot: then the flight goes on by the rate
 
@@ -28,8 +28,8 @@ def rate_of(samples: Iterator[Sample]) -> float:
         if number >= SAMPLES and stamp_us - known[0][0] >= SPAN_US:
             break
     rates = _rates(max(by_system.values(), key=len, default=[]))
-    rate = median(rates) if len(rates) >= LEAST_PAIRS else 1.0
-    return 1.0 if rate <= 0.0 or LEAST_RATE <= rate <= MOST_RATE else rate
+    rate = median(rates) if len(rates) >= MIN_PAIRS else 1.0
+    return 1.0 if rate <= 0.0 or MIN_RATE <= rate <= MAX_RATE else rate
 
 
 def _rates(known: list[tuple[int, int]]) -> list[float]:

@@ -2,7 +2,7 @@
 
 A message is A3 95, its type, its values; FMT messages (type 128) name a type's columns and their
 formats. Read: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since boot
-(``TimeUS``); GPS messages say when that was.
+(``TimeUS``); GPS messages have the date of that.
 """
 
 import math
@@ -74,7 +74,7 @@ ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Di
 
 
 class DataFlashLog:
-    """A .bin file of one vehicle, whose system id it does not say: 1, unless told otherwise."""
+    """A .bin file of one vehicle. It has no system id: 1, unless one is given."""
 
     def __init__(self, path: Path, system_id: int = 1) -> None:
         self.path = path
@@ -84,7 +84,7 @@ class DataFlashLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """By the first GPS message that knows its time."""
+        """By the first GPS message with a valid time."""
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
@@ -97,11 +97,11 @@ class DataFlashLog:
         """From the beginning."""
         flight = _Flight()
 
-        def tell(name: str, values: Values) -> list[LogEvent]:
-            return _TELLS[name](flight, values, values["TimeUS"])
+        def convert(name: str, values: Values) -> list[LogEvent]:
+            return _CONVERTERS[name](flight, values, values["TimeUS"])
 
-        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
-        for event in events_of(self, messages, tell):
+        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        for event in events_of(self, messages, convert):
             yield Entry(self.system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
@@ -153,8 +153,8 @@ def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
 class _Kind:
     """A message type, as its FMT describes it."""
 
-    def __init__(self, told: bytes) -> None:
-        self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", told)
+    def __init__(self, fields: bytes) -> None:
+        self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", fields)
         self.name = _text(name)
         self._columns = _text(columns).split(",")
         known = [LETTERS.get(letter) for letter in _text(letters)]
@@ -192,7 +192,7 @@ def _text(data: bytes) -> str:
 
 
 class _Flight:
-    """What has been told so far, for events that take more than one message."""
+    """The values so far, for events that take more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -215,55 +215,55 @@ class _Flight:
         return [event] if self._changes.has(event) else []
 
 
-def _pos(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if not (told["Lat"] or told["Lng"]):
+def _pos(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if not (fields["Lat"] or fields["Lng"]):
         return []
-    above_m = told.get("RelHomeAlt", math.nan)
-    place = (told["Lat"], told["Lng"], told["Alt"], above_m)
+    above_m = fields.get("RelHomeAlt", math.nan)
+    place = (fields["Lat"], fields["Lng"], fields["Alt"], above_m)
     return [Position(at_us, at_us, *place, *flight.velocity, flight.yaw_deg)]
 
 
-def _xkf1(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if told.get("C", 0) == 0:
-        flight.velocity, flight.by_filter = (told["VN"], told["VE"], told["VD"]), True
+def _xkf1(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if fields.get("C", 0) == 0:
+        flight.velocity, flight.by_filter = (fields["VN"], fields["VE"], fields["VD"]), True
     return []
 
 
-def _xkf2(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    north, east = told["VWN"], told["VWE"]
-    if told.get("C", 0) or not (north or east):
+def _xkf2(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    north, east = fields["VWN"], fields["VWE"]
+    if fields.get("C", 0) or not (north or east):
         return []
     return [wind_of_air(north, east, at_us)]
 
 
-def _att(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    flight.yaw_deg = told["Yaw"] % 360.0
-    return [Attitude(at_us, at_us, told["Roll"], told["Pitch"], flight.yaw_deg)]
+def _att(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    flight.yaw_deg = fields["Yaw"] % 360.0
+    return [Attitude(at_us, at_us, fields["Roll"], fields["Pitch"], flight.yaw_deg)]
 
 
-def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if told.get("I", 0):
+def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if fields.get("I", 0):
         return []
     if not flight.by_filter:
-        course_rad = math.radians(told["GCrs"])
-        north, east = told["Spd"] * math.cos(course_rad), told["Spd"] * math.sin(course_rad)
-        flight.velocity = (north, east, told["VZ"])
-    climb_m_s = -float(told["VZ"])
-    speed = Speed(at_us, flight.airspeed_m_s, told["Spd"], climb_m_s, flight.throttle_percent)
-    return [*flight.news(GpsFix(at_us, fix_name(told["Status"]), told["NSats"])), speed]
+        course_rad = math.radians(fields["GCrs"])
+        north, east = fields["Spd"] * math.cos(course_rad), fields["Spd"] * math.sin(course_rad)
+        flight.velocity = (north, east, fields["VZ"])
+    climb_m_s = -float(fields["VZ"])
+    speed = Speed(at_us, flight.airspeed_m_s, fields["Spd"], climb_m_s, flight.throttle_percent)
+    return [*flight.news(GpsFix(at_us, fix_name(fields["Status"]), fields["NSats"])), speed]
 
 
-def _ctun(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if "As" in told:
-        flight.airspeed_m_s = told["As"]
-    throttle = told.get("ThO", 0.0)
+def _ctun(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if "As" in fields:
+        flight.airspeed_m_s = fields["As"]
+    throttle = fields.get("ThO", 0.0)
     share = 100.0 if flight.stack is not None and flight.stack.vehicle == "copter" else 1.0
     flight.throttle_percent = round(share * throttle) if math.isfinite(throttle) else 0
     return []
 
 
-def _mode(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return _now(flight, told["ModeNum" if "ModeNum" in told else "Mode"], flight.armed, at_us)
+def _mode(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return _now(flight, fields["ModeNum" if "ModeNum" in fields else "Mode"], flight.armed, at_us)
 
 
 def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[LogEvent]:
@@ -276,12 +276,12 @@ def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[Log
     return [ModeChanged(at_us, mode, armed, name)]
 
 
-def _arm(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return _now(flight, flight.mode, bool(told["ArmState"]), at_us)
+def _arm(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return _now(flight, flight.mode, bool(fields["ArmState"]), at_us)
 
 
-def _msg(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    text = told["Message"]
+def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    text = fields["Message"]
     found: list[LogEvent] = []
     for word, vehicle in (("ArduPlane", "plane"), ("ArduCopter", "copter")):
         if flight.stack is None and text.startswith(word):
@@ -297,21 +297,21 @@ def _msg(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
-def _item(told: Values) -> MissionItem:
-    params = (told["Prm1"], told["Prm2"], told["Prm3"], told["Prm4"])
-    x, y = round(told["Lat"] * 1e7), round(told["Lng"] * 1e7)
-    return MissionItem(told["CId"], told["Frame"], x, y, told["Alt"], *params)
+def _item(fields: Values) -> MissionItem:
+    params = (fields["Prm1"], fields["Prm2"], fields["Prm3"], fields["Prm4"])
+    x, y = round(fields["Lat"] * 1e7), round(fields["Lng"] * 1e7)
+    return MissionItem(fields["CId"], fields["Frame"], x, y, fields["Alt"], *params)
 
 
-def _cmd(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     """The whole mission is logged, its home first, at the start and when items came one by one.
 
     One that came as a file (MAVFTP) is not (4.6.2: ``AP_Filesystem_Mission.cpp``).
     """
-    number, count = told["CNum"], told["CTot"]
+    number, count = fields["CNum"], fields["CTot"]
     if number == 0:
         flight.items.clear()
-    flight.items[number] = _item(told)
+    flight.items[number] = _item(fields)
     if number + 1 < count or len(flight.items) < count or count < 2:
         return []
     user = tuple(flight.items[place] for place in range(1, count))
@@ -320,9 +320,9 @@ def _cmd(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return [MissionLoaded(at_us, user)]
 
 
-def _mise(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     """An item is begun, so the one before it was reached."""
-    seq, item, count = told["CNum"] - 1, _item({**NO_ITEM, **told}), told["CTot"]
+    seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
     other = flight.count and (count, flight.known.get(seq + 1, item)) != (flight.count, item)
     if other:
         flight.known, flight.current = {}, None
@@ -335,19 +335,21 @@ def _mise(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return [ItemReached(at_us, before), MissionProgress(at_us, seq)]
 
 
-def _rcou(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    pulses = (told.get(f"C{number}") for number in range(1, 15))
+def _rcou(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    pulses = (fields.get(f"C{number}") for number in range(1, 15))
     return [Outputs(at_us, tuple(pulse for pulse in pulses if pulse is not None))]
 
 
-def _bat(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if told.get("Inst", 0):
+def _bat(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if fields.get("Inst", 0):
         return []
-    percent = told.get("RemPct")
-    return flight.news(Battery(at_us, 0, percent, round(told["Volt"], 2), round(told["Curr"], 1)))
+    percent = fields.get("RemPct")
+    return flight.news(
+        Battery(at_us, 0, percent, round(fields["Volt"], 2), round(fields["Curr"], 1))
+    )
 
 
-_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+_CONVERTERS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
     "POS": _pos,
     "XKF1": _xkf1,
     "XKF2": _xkf2,

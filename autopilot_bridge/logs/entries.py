@@ -1,4 +1,4 @@
-"""What a log tells: the events of a vehicle's client, and what only logs have."""
+"""The contents of a log: the events of a vehicle's client, and what only logs have."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class GripperMoved:
-    """A gripper was told to let go, or to hold."""
+    """A gripper was commanded to release, or to hold."""
 
     at_us: int
     releases: bool
@@ -114,4 +114,4 @@ class Log(Protocol):
         """From the beginning. Raises BridgeError where the file cannot be opened."""
 
     def unix_offset_us(self) -> int | None:
-        """What to add to its clock for microseconds since 1970; None if it never says."""
+        """What to add to its clock for microseconds since 1970; None if the log has no date."""

@@ -44,7 +44,7 @@ def open_log(path: Path) -> Log:
     raise BridgeError(f"{path}: is no log that is known here: {', '.join(SUFFIXES)}")
 
 
-class Told(NamedTuple):
+class MergedEntry(NamedTuple):
     """An entry of one of several logs, on the clock that they share."""
 
     at_us: int
@@ -52,8 +52,8 @@ class Told(NamedTuple):
     entry: Entry
 
 
-def merged(logs: Sequence[Log]) -> Iterator[Told]:
-    """All entries by time: of 1970 where all logs know it, else each log's own.
+def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
+    """All entries by time: since 1970 where all logs have it, else each log's own.
 
     Within a log the order is the file's; autopilots write some topics a little late.
     """
@@ -67,9 +67,9 @@ def merged(logs: Sequence[Log]) -> Iterator[Told]:
         yield told
 
 
-def _on_clock(log: Log, number: int, offset_us: int) -> Iterator[tuple[int, int, Told]]:
+def _on_clock(log: Log, number: int, offset_us: int) -> Iterator[tuple[int, int, MergedEntry]]:
     latest_us = -(1 << 62)
     for entry in log.entries():
         at_us = entry.event.at_us + offset_us
         latest_us = max(latest_us, at_us)
-        yield latest_us, number, Told(at_us, number, entry)
+        yield latest_us, number, MergedEntry(at_us, number, entry)

@@ -31,7 +31,7 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Data, place and length of each record; counted in the log, which is told what is damaged.
+    """Data, place and length of each record; counted in the log, with what is damaged.
 
     ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
     data, but at the end of the file. ``lost``: what is before this place was no record.
@@ -88,15 +88,15 @@ def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> It
 def events_of(
     log: Log,
     messages: Iterator[tuple[str, Values]],
-    tell: Callable[[str, Values], list[LogEvent]],
+    convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """What messages tell, by their names; one that lacks what it should have is left out, and
+    """The events of messages, by their names; one that lacks what it should have is left out, and
     noted once: it is not described as autopilots do, or the description is damaged.
     """
     strange = set[str]()
     for name, values in messages:
         try:
-            events = tell(name, values)
+            events = convert(name, values)
         except KeyError as lacks:
             if name not in strange:
                 strange.add(name)

@@ -42,9 +42,9 @@ LONGEST_BYTES = STAMP_BYTES + 280
 LINK_BITS = 3
 NO_RECORD = "no record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
-MOST_FILE_BYTES = 4_000_000
+MAX_FILE_BYTES = 4_000_000
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-MOST_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
+MAX_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -67,7 +67,7 @@ WANTED = frozenset(
 
 
 class TlogLog:
-    """A .tlog file. Vehicles are the systems whose component 1 is heard."""
+    """A .tlog file. Vehicles are the systems whose component 1 sends."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -80,7 +80,7 @@ class TlogLog:
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """From the beginning; a vehicle that is not heard for three seconds has lost its link."""
+        """From the beginning; a vehicle that is silent for three seconds has lost its link."""
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
@@ -116,7 +116,7 @@ class TlogLog:
     def _samples(self) -> Iterator[Sample]:
         """Times since boot of the autopilots in the first records, with their stamps."""
         codec = Codec(255, 0)
-        for frame, stamp_us in islice(self._frames(), MOST_SURVEYED):
+        for frame, stamp_us in islice(self._frames(), MAX_SURVEYED):
             system_id, component_id = source_of(frame)
             if message_id_of(frame) != POSITION or component_id != AUTOPILOT:
                 continue
@@ -180,7 +180,7 @@ class _Seen:
         self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
-        """What a message of it tells."""
+        """The events of one of its messages."""
         events: list[ClientEvent] = []
         due_us = self.watch.next_timer()
         if due_us is not None and at_us >= due_us:
@@ -211,7 +211,7 @@ class _Missions:
         self._files: dict[tuple[int, int], bytearray] = {}  # written by MAVFTP (ArduPilot)
 
     def receive(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        """MissionLoaded when all items went over and the other side has said yes."""
+        """MissionLoaded when all items were sent and acknowledged."""
         kind = message.get_type()
         if kind == "COMMAND_LONG":
             if message.command == mavlink.MAV_CMD_DO_GRIPPER:
@@ -235,14 +235,14 @@ class _Missions:
         return []
 
     def _file(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        """A mission's file is taken when the one who wrote it has closed it."""
+        """A mission's file is used when its writer has closed it."""
         packet = packet_of(message)
         ways = (message.get_srcSystem(), message.target_system)
         if packet.opcode == CREATE and packet.data.rstrip(b"\0").decode("latin-1") == MISSION_FILE:
             self._files[ways] = bytearray()
         elif packet.opcode == WRITE and ways in self._files:
             file = self._files[ways]
-            if packet.offset <= MOST_FILE_BYTES:
+            if packet.offset <= MAX_FILE_BYTES:
                 file.extend(bytes(max(packet.offset + len(packet.data) - len(file), 0)))
                 file[packet.offset : packet.offset + len(packet.data)] = packet.data
         elif packet.opcode == ACK and packet.asked == TERMINATE:

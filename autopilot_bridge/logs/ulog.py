@@ -44,12 +44,12 @@ FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "no ULog message"
 # Bodies of messages are not longer, and those of kinds that there are not are none at all.
-MOST_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
-MOST_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
+MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
+MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # at the end of a topic, left out in files
 DATA = ord("D")
 SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
-BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it knows it
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it has one
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -102,21 +102,21 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """By the first GPS message that knows its time, else by the autopilot's own clock."""
-        for name, told in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
-            if name != "L" and 0 < told.get("time_utc_usec", 0) < LATEST_US:
-                return int(told["time_utc_usec"] - told["timestamp"])
+        """By the first GPS message with a valid time, else by the autopilot's own clock."""
+        for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
+            if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
+                return int(fields["time_utc_usec"] - fields["timestamp"])
         return self._boot_unix_us
 
     def entries(self) -> Iterator[Entry]:
         """From the beginning."""
         flight = _Flight()
 
-        def tell(name: str, values: Values) -> list[LogEvent]:
-            return _TELLS[name](flight, values, values["timestamp"])
+        def convert(name: str, values: Values) -> list[LogEvent]:
+            return _CONVERTERS[name](flight, values, values["timestamp"])
 
-        messages = steady(self._messages(frozenset(_TELLS)), _time_of)
-        for event in events_of(self, messages, tell):
+        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        for event in events_of(self, messages, convert):
             yield Entry(self._system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
@@ -215,7 +215,7 @@ def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
 def _may_be(data: bytes, place: int, sizes: dict[int, int]) -> bool:
     length, kind = data[place] | data[place + 1] << 8, data[place + 2]
     if kind != DATA:
-        return length <= MOST_BYTES.get(kind, -1)
+        return length <= MAX_BYTES.get(kind, -1)
     number = data[place + HEAD_BYTES : place + HEAD_BYTES + 2]
     size = sizes.get(number[0] | number[1] << 8) if len(number) == 2 else None
     return size is None or size - PADDING_BYTES < length - 2 <= size
@@ -281,7 +281,7 @@ def _flatten(
 
 
 class _Flight:
-    """What has been told so far, for events that take more than one message."""
+    """The values so far, for events that take more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -299,26 +299,26 @@ class _Flight:
         return [event] if self._changes.has(event) else []
 
 
-def _position(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    if not told.get("lat_lon_valid", True):
+def _position(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    if not fields.get("lat_lon_valid", True):
         return []
-    above_m = told["alt"] - flight.home_amsl_m
-    place = (told["lat"], told["lon"], told["alt"], above_m)
+    above_m = fields["alt"] - flight.home_amsl_m
+    place = (fields["lat"], fields["lon"], fields["alt"], above_m)
     return [Position(at_us, at_us, *place, *flight.velocity, flight.yaw_deg)]
 
 
-def _local(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    flight.velocity = (told["vx"], told["vy"], told["vz"])
+def _local(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    flight.velocity = (fields["vx"], fields["vy"], fields["vz"])
     return []
 
 
-def _home(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    flight.home_amsl_m = told["alt"]
+def _home(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    flight.home_amsl_m = fields["alt"]
     return []
 
 
-def _attitude(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    w, x, y, z = (told[f"q[{number}]"] for number in range(4))
+def _attitude(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    w, x, y, z = (fields[f"q[{number}]"] for number in range(4))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -326,43 +326,43 @@ def _attitude(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return [Attitude(at_us, at_us, math.degrees(roll), math.degrees(pitch), flight.yaw_deg)]
 
 
-def _airspeed(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    airspeed_m_s = told["calibrated_airspeed_m_s"]
+def _airspeed(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    airspeed_m_s = fields["calibrated_airspeed_m_s"]
     north, east, down = flight.velocity
     known = airspeed_m_s if math.isfinite(airspeed_m_s) else None
     return [Speed(at_us, known, math.hypot(north, east), -down, 0)]
 
 
-def _wind(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return [wind_of_air(told["windspeed_north"], told["windspeed_east"], at_us)]
+def _wind(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return [wind_of_air(fields["windspeed_north"], fields["windspeed_east"], at_us)]
 
 
-def _status(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+def _status(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     found: list[LogEvent] = []
-    if flight.stack is None and told["vehicle_type"] in (ROTARY_WING, FIXED_WING):
+    if flight.stack is None and fields["vehicle_type"] in (ROTARY_WING, FIXED_WING):
         flight.stack = stack_named(
-            "px4", "plane" if told["vehicle_type"] == FIXED_WING else "copter"
+            "px4", "plane" if fields["vehicle_type"] == FIXED_WING else "copter"
         )
         found.append(Connected(at_us, flight.stack))
-    word = NAV_STATES.get(told["nav_state"], "")
+    word = NAV_STATES.get(fields["nav_state"], "")
     number = next((mode for name, mode in PX4 if name == word), 0)
-    state = (number, told["arming_state"] == ARMED)
+    state = (number, fields["arming_state"] == ARMED)
     if state != flight.state:
         flight.state = state
         found.append(ModeChanged(at_us, *state, word))
     # As PX4's heartbeat has it.
-    system = "critical" if told.get("failsafe") else "active" if state[1] else "standby"
+    system = "critical" if fields.get("failsafe") else "active" if state[1] else "standby"
     return [*found, *flight.news(SystemState(at_us, system))]
 
 
-def _landed(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return flight.news(LandedState(at_us, "on ground" if told["landed"] else "in air"))
+def _landed(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return flight.news(LandedState(at_us, "on ground" if fields["landed"] else "in air"))
 
 
-def _mission(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
+def _mission(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     found: list[LogEvent] = []
-    reached, current = told["seq_reached"], told["seq_current"]
-    mission = told.get("mission_id", told.get("mission_update_counter"))
+    reached, current = fields["seq_reached"], fields["seq_current"]
+    mission = fields.get("mission_id", fields.get("mission_update_counter"))
     if mission != flight.mission:
         found += [MissionReplaced(at_us)] if flight.mission is not None else []
         flight.mission, flight.reached, flight.current = mission, None, None
@@ -375,36 +375,38 @@ def _mission(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
     return found
 
 
-def _outputs(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    pulses = (told[f"output[{number}]"] for number in range(min(told["noutputs"], 16)))
+def _outputs(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    pulses = (fields[f"output[{number}]"] for number in range(min(fields["noutputs"], 16)))
     return [Outputs(at_us, tuple(round(pulse) if math.isfinite(pulse) else 0 for pulse in pulses))]
 
 
-def _gripper(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return [GripperMoved(at_us, told["command"] == 1)]
+def _gripper(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return [GripperMoved(at_us, fields["command"] == 1)]
 
 
-def _acknowledged(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return [Acknowledged(at_us, told["command"], told["result"])]
+def _acknowledged(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return [Acknowledged(at_us, fields["command"], fields["result"])]
 
 
-def _battery(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    share = told["remaining"]
+def _battery(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    share = fields["remaining"]
     percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
-    voltage_v = round(told["voltage_v"], 2)
-    current_a = round(told["current_a"], 1) if told["current_a"] >= 0.0 else None  # -1: not known
+    voltage_v = round(fields["voltage_v"], 2)
+    current_a = (
+        round(fields["current_a"], 1) if fields["current_a"] >= 0.0 else None
+    )  # -1: not known
     return flight.news(Battery(at_us, 0, percent, voltage_v, current_a))
 
 
-def _gps(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return flight.news(GpsFix(at_us, fix_name(told["fix_type"]), told["satellites_used"]))
+def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return flight.news(GpsFix(at_us, fix_name(fields["fix_type"]), fields["satellites_used"]))
 
 
-def _text(flight: _Flight, told: Values, at_us: int) -> list[LogEvent]:
-    return [Text(at_us, max(told["level"] - ord("0"), 0), told["text"].strip())]
+def _text(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
+    return [Text(at_us, max(fields["level"] - ord("0"), 0), fields["text"].strip())]
 
 
-_TELLS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
+_CONVERTERS: dict[str, Callable[[_Flight, Values, int], list[LogEvent]]] = {
     "vehicle_global_position": _position,
     "vehicle_local_position": _local,
     "home_position": _home,

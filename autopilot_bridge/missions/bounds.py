@@ -17,12 +17,12 @@ from typing import Any, Final, NamedTuple
 from autopilot_bridge.items import NO_POSITION, MissionItem, has_degrees
 from autopilot_bridge.links.codec import Message
 
-MOST_ITEMS = 5000
+MAX_ITEMS = 5000
 GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MOST_PARAM = 1e12  # of an item: no command has any that comes near
+MAX_PARAM = 1e12  # of an item: no command has any that comes near
 
 
 class Bound(NamedTuple):
@@ -63,10 +63,10 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
         Bound("battery_remaining", -1, 100),
         Bound("current_battery", -32_768, 32_767),
     ),
-    "MISSION_CURRENT": (Bound("seq", 0, MOST_ITEMS),),
-    "MISSION_ITEM_REACHED": (Bound("seq", 0, MOST_ITEMS),),
-    "MISSION_COUNT": (Bound("count", 0, MOST_ITEMS),),
-    "MISSION_ITEM": (Bound("x", -MOST_PARAM, MOST_PARAM), Bound("y", -MOST_PARAM, MOST_PARAM)),
+    "MISSION_CURRENT": (Bound("seq", 0, MAX_ITEMS),),
+    "MISSION_ITEM_REACHED": (Bound("seq", 0, MAX_ITEMS),),
+    "MISSION_COUNT": (Bound("count", 0, MAX_ITEMS),),
+    "MISSION_ITEM": (Bound("x", -MAX_PARAM, MAX_PARAM), Bound("y", -MAX_PARAM, MAX_PARAM)),
     "STATUSTEXT": (Bound("severity", 0, 7),),
 }
 # What is NaN where it is not known.
@@ -102,9 +102,9 @@ def _absurd_item(item: MissionItem | Message) -> str | None:
     """Of an item as it is on the wire; parameters may be NaN."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
-        if not (abs(value) <= MOST_PARAM or math.isnan(value)):
+        if not (abs(value) <= MAX_PARAM or math.isnan(value)):
             return f"MISSION_ITEM_INT.{field} is {value:g}"
-    if not (abs(item.z) <= MOST_PARAM or math.isnan(item.z)):
+    if not (abs(item.z) <= MAX_PARAM or math.isnan(item.z)):
         return f"MISSION_ITEM_INT.z is {item.z:g}"
     if has_degrees(item) and isinstance(item.x, int):
         for field, most in (("x", 90e7), ("y", 180e7)):

@@ -172,7 +172,7 @@ def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
 
 
 def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
-    most = stack.most_items - int(stack.item_0_is_home)  # home takes one
+    most = stack.max_items - int(stack.item_0_is_home)  # home takes one
     if len(items) > most:
         reason = f"the autopilot holds {most} items"
         yield Problem("refused", None, "", "count", len(items), reason, "send fewer")

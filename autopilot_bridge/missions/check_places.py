@@ -28,9 +28,9 @@ def bad_place(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:
         yield problem("dangerous", index, item, "x", reason, "give the position")
     if not math.isfinite(item.z):
         yield problem(kind, index, item, "z", "the altitude is no number", "give one in metres")
-    elif abs(item.z) >= rules.most_altitude_m:
-        most_m = rules.most_altitude_m
-        reason = f"altitudes must be under {most_m:g} m"
+    elif abs(item.z) >= rules.max_altitude_m:
+        max_m = rules.max_altitude_m
+        reason = f"altitudes must be under {max_m:g} m"
         yield problem("refused", index, item, "z", reason, "give it in metres")
 
 
@@ -56,7 +56,7 @@ def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
         if rules.whole_m_rally and math.isfinite(item.z) and item.z != math.trunc(item.z):
             reason = f"the altitude is cut to {math.trunc(item.z)} m"
             yield problem("changed", index, item, "z", reason, "give whole metres")
-    yield from _too_many("rally points", len(points), rules.most_rally)
+    yield from _too_many("rally points", len(points), rules.max_rally)
 
 
 def bad_fence(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
@@ -77,7 +77,7 @@ def bad_fence(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
             reason = "it is the second point to return to"
             yield problem("refused", index, item, "command", reason, "keep one")
     yield from _bad_polygons(points, rules)
-    yield from _too_many("fence points", len(points), rules.most_fence)
+    yield from _too_many("fence points", len(points), rules.max_fence)
 
 
 def _bad_polygons(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
@@ -91,8 +91,8 @@ def _bad_polygons(points: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             reason = "a polygon needs three vertices"
             yield problem("refused", index, first, "param1", reason, "add vertices")
             continue
-        if rules.most_vertices is not None and count > rules.most_vertices:
-            reason = f"a polygon may have {rules.most_vertices} vertices"
+        if rules.max_vertices is not None and count > rules.max_vertices:
+            reason = f"a polygon may have {rules.max_vertices} vertices"
             yield problem("refused", index, first, "param1", reason, "simplify it")
         if len(vertices) % count:
             kind: Kind = "dangerous" if rules.trusting else "refused"

@@ -21,7 +21,7 @@ from autopilot_bridge.missions.transfer import (
 MORE_RETRIES = 2
 
 
-class Asking(Exchange):
+class RequestRepeater(Exchange):
     """Repeats its last question until answered or out of tries."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
@@ -29,7 +29,7 @@ class Asking(Exchange):
         self._tries = 0
         self._question: Message = None
 
-    def _ask(self, question: Message, now_us: int) -> list[Message]:
+    def _send_request(self, question: Message, now_us: int) -> list[Message]:
         self._question = question
         self._tries = 0
         self._deadline_us = now_us + self._timing.timeout_us
@@ -48,7 +48,7 @@ class Asking(Exchange):
         return []
 
 
-class MissionDownload(Asking):
+class MissionDownload(RequestRepeater):
     """One download; the result carries the items."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
@@ -58,7 +58,7 @@ class MissionDownload(Asking):
 
     def start(self, now_us: int) -> list[Message]:
         """Ask how many items there are."""
-        return self._ask(
+        return self._send_request(
             mavlink.MAVLink_mission_request_list_message(
                 *self._address.target, self._address.mission_type
             ),
@@ -93,7 +93,7 @@ class MissionDownload(Asking):
                     *self._address.target, mavlink.MAV_MISSION_ACCEPTED, self._address.mission_type
                 )
             ]
-        return self._ask(
+        return self._send_request(
             mavlink.MAVLink_mission_request_int_message(
                 *self._address.target, len(self._items), self._address.mission_type
             ),
@@ -101,12 +101,12 @@ class MissionDownload(Asking):
         )
 
 
-class MissionClear(Asking):
+class MissionClear(RequestRepeater):
     """Removes the mission."""
 
     def start(self, now_us: int) -> list[Message]:
         """Ask for it."""
-        return self._ask(
+        return self._send_request(
             mavlink.MAVLink_mission_clear_all_message(
                 *self._address.target, self._address.mission_type
             ),

@@ -7,8 +7,8 @@ moving:  five reads or writes are under way, each sent again when its answer is 
 closing: only now does the autopilot apply what was written
 
 Why the mission on board is the old or the new one wherever the link dies: pieces are cut between
-items, so what is missing when a session is closed (by us, or by anybody's next opening) are whole
-items, which are zeros in the autopilot's buffer; a file with an item of zeros is refused before
+items, so what is missing when a session is closed (by us, or by another station) are whole items,
+which are zeros in the autopilot's buffer; a file with an item of zeros is refused before
 the old mission is touched. A session is closed by us only when it is surely ours. Left to the
 caller: what the autopilot applies can differ from what was written (a command refused, a shorter
 mission while it is being flown: ``leaves_old_tail``), and the closing is acknowledged all the
@@ -38,14 +38,14 @@ from autopilot_bridge.missions.mission_file import (
 from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 
-MOST_UNDER_WAY = 5  # the autopilot drops a sixth without a word
+MAX_UNDER_WAY = 5  # the autopilot drops a sixth without a word
 FIRST_PIECE_BYTES = HEADER.size + 6 * ITEM.size  # 238
 PIECE_BYTES = 6 * ITEM.size  # 228; a write may have 239
 # An open session can be taken over when no FTP reply was sent for 3 s.
 BUSY_WAIT_US = 3_200_000
-MOST_OPENINGS = 3
+MAX_OPENINGS = 3
 SHORTEST_WAIT_US = 100_000
-MOST_BACK_OFF = 4
+MAX_BACK_OFF = 4
 
 
 def next_session(session: int) -> int:
@@ -63,7 +63,7 @@ def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bo
 
 
 @dataclass(slots=True)
-class _Asked:
+class _PendingRequest:
     """A request under way."""
 
     packet: Packet
@@ -85,7 +85,7 @@ class _FtpTransfer:
         self._timing = timing
         self._state: Literal["opening", "moving", "closing"] = "opening"
         self._seq = 0
-        self._under_way: dict[int, _Asked] = {}
+        self._under_way: dict[int, _PendingRequest] = {}
         self._waiting: deque[Packet] = deque()
         self._openings = 0
         self._open_again_us: int | None = None
@@ -128,12 +128,12 @@ class _FtpTransfer:
         self._open_again_us = None
         self._progress_us = now_us
         path = PATHS[self._address.mission_type].encode()
-        return [self._ask(Packet(0, 0, self._open_opcode, len(path), data=path), now_us)]
+        return [self._send_request(Packet(0, 0, self._open_opcode, len(path), data=path), now_us)]
 
-    def _ask(self, request: Packet, now_us: int) -> Message:
+    def _send_request(self, request: Packet, now_us: int) -> Message:
         packet = replace(request, seq=self._seq, session=self.session)
         self._seq = (self._seq + 1) % 65536
-        self._under_way[packet.seq] = _Asked(packet, now_us, now_us + self._patience_us())
+        self._under_way[packet.seq] = _PendingRequest(packet, now_us, now_us + self._patience_us())
         return packet.message(self._address.target)
 
     def _patience_us(self) -> int:
@@ -195,15 +195,15 @@ class _FtpTransfer:
 
     def _go_on(self, now_us: int) -> list[Message]:
         messages = []
-        while self._waiting and len(self._under_way) < MOST_UNDER_WAY:
-            messages.append(self._ask(self._waiting.popleft(), now_us))
+        while self._waiting and len(self._under_way) < MAX_UNDER_WAY:
+            messages.append(self._send_request(self._waiting.popleft(), now_us))
         return messages if self._under_way else self._close(None, now_us)
 
     def _close(self, broken: str | None, now_us: int) -> list[Message]:
         self._state = "closing"
         self._broken = broken
         self._under_way.clear()
-        return [self._ask(Packet(0, 0, ftp.TERMINATE), now_us)]
+        return [self._send_request(Packet(0, 0, ftp.TERMINATE), now_us)]
 
     def _after_closing(self, closed: bool) -> TransferResult:
         if self._broken is not None:
@@ -217,7 +217,7 @@ class _FtpTransfer:
             self.result = self._after_closing(closed=False)
         elif self._state == "opening":
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
-            if busy and self._openings < MOST_OPENINGS:
+            if busy and self._openings < MAX_OPENINGS:
                 # Somebody's session, living or dead. Another id, because ArduPilot closes a
                 # dead session for a new one only; never closed from here: it may be in use.
                 self.session = next_session(self.session)
@@ -262,7 +262,7 @@ class _FtpTransfer:
         messages = []
         for asked in self._under_way.values():
             if now_us >= asked.due_us:
-                wait_us = self._patience_us() * min(2**asked.tries, MOST_BACK_OFF)
+                wait_us = self._patience_us() * min(2**asked.tries, MAX_BACK_OFF)
                 asked.tries += 1
                 asked.due_us = now_us + min(wait_us, self._timing.timeout_us)
                 messages.append(asked.packet.message(self._address.target))
@@ -284,7 +284,7 @@ class FtpUpload(_FtpTransfer):
     """Writes a whole list of items; to be read back afterwards whatever the result.
 
     ``accepted``: the file was closed. ``unknown``: all was sent, and it may be applied now or at
-    anybody's next opening of a file. ``failed``: the old mission is on board. ``rejected``:
+    any station's next opening of a file. ``failed``: the old mission is on board. ``rejected``:
     nothing was begun; the item protocol may serve.
     """
 
@@ -294,7 +294,7 @@ class FtpUpload(_FtpTransfer):
         self,
         address: Address,
         items: tuple[MissionItem, ...],
-        most_items: int,
+        max_items: int,
         session: int,
         timing: TransferTiming,
     ) -> None:
@@ -302,7 +302,7 @@ class FtpUpload(_FtpTransfer):
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""
-        bad = None if address.mission_type else first_bad_item(items, most_items)
+        bad = None if address.mission_type else first_bad_item(items, max_items)
         if bad is not None:
             self.result = TransferResult("rejected", f"item {bad[0]}: {bad[1]}", seq=bad[0])
             return
@@ -320,7 +320,7 @@ class FtpUpload(_FtpTransfer):
             begin = end
 
     def _answered(self, request: Packet, reply: Packet) -> None:
-        pass  # an ACK says all: the whole piece is in the autopilot's buffer
+        pass  # an ACK is enough: the whole piece is in the autopilot's buffer
 
     def _ended(self, closed: bool) -> TransferResult:
         if closed:
@@ -344,7 +344,7 @@ class FtpDownload(_FtpTransfer):
         self._pieces: dict[int, bytes] = {}
 
     def _opened(self) -> None:
-        # The length the autopilot tells is a placeholder (1 MiB): the header has the count.
+        # The length that the autopilot reports is a placeholder (1 MiB): the header has the count.
         self._waiting.append(Packet(0, 0, ftp.READ, FIRST_PIECE_BYTES))
 
     def _answered(self, request: Packet, reply: Packet) -> None:

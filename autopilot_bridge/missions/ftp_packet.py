@@ -9,7 +9,7 @@ from autopilot_bridge.links.codec import Message
 
 _HEAD = struct.Struct("<H5BxI")
 _PAYLOAD_BYTES = 251
-MOST_DATA_BYTES = _PAYLOAD_BYTES - _HEAD.size  # 239
+MAX_DATA_BYTES = _PAYLOAD_BYTES - _HEAD.size  # 239
 
 TERMINATE, RESET, OPEN_TO_READ, READ, CREATE, WRITE = 1, 2, 4, 5, 6, 7
 BURST_READ = 15
@@ -64,7 +64,7 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """What a NAK says."""
+    """The meaning of a NAK."""
     code = packet.data[0] if packet.data else 0
     words = ERRORS.get(code, "it refused")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""

@@ -21,7 +21,7 @@ PATHS = {
     mavlink.MAV_MISSION_TYPE_FENCE: "@MISSION/fence.dat",
     mavlink.MAV_MISSION_TYPE_RALLY: "@MISSION/rally.dat",
 }
-MOST_ITEMS = 0xFFFE  # 65535 switches the autopilot's check of the length off
+MAX_ITEMS = 0xFFFE  # 65535 switches the autopilot's check of the length off
 
 # What ArduPilot 4.6 takes in a mission (AP_Mission.cpp): items with a place, and others.
 _WITH_PLACE = frozenset(
@@ -39,15 +39,15 @@ _YAW_MAY_BE_NAN = (16, 17, 21, 22, 84, 85)
 _ALTITUDE_LIMIT_M = 83_000.0
 
 
-def first_bad_item(items: Sequence[MissionItem], most_items: int) -> tuple[int, str] | None:
+def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, str] | None:
     """Place and defect of the first item of a mission that ArduPilot would not take, or None.
 
     To be asked before a file is sent: a file is applied item by item after the old mission is
     gone, and stops without a word at an item refused.
     """
     for seq, item in enumerate(items):
-        if seq >= most_items:
-            return seq, f"the autopilot holds {most_items} items"
+        if seq >= max_items:
+            return seq, f"the autopilot holds {max_items} items"
         if defect := _defect(item, len(items)):
             return seq, defect
     return None
@@ -79,8 +79,8 @@ def encode_mission_file(
     items: Sequence[MissionItem], mission_type: int, target: tuple[int, int]
 ) -> bytes:
     """The file that replaces a whole list. Raises BridgeError for what does not fit the format."""
-    if len(items) > MOST_ITEMS:
-        raise BridgeError(f"mission file: {len(items)} items, the format holds {MOST_ITEMS}")
+    if len(items) > MAX_ITEMS:
+        raise BridgeError(f"mission file: {len(items)} items, the format holds {MAX_ITEMS}")
     parts = [HEADER.pack(MAGIC, mission_type, 0, 0, len(items))]
     for seq, item in enumerate(items):
         params = (item.param1, item.param2, item.param3, item.param4)

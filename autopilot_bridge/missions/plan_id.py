@@ -24,7 +24,7 @@ def mission_id_of(items: Sequence[MissionItem], stack: Stack) -> int | None:
     """The id after an upload of these items by MISSION_ITEM_INT; None where a stack has no ids.
 
     ``items`` as they are sent (a mission, a fence or rally points). The id can be compared with
-    what a codec's message tells; there 0 means none, so 0 is no proof of an empty list.
+    what a codec's message has; there 0 means none, so 0 is no proof of an empty list.
     """
     if stack.name != "px4":
         return None

@@ -86,7 +86,7 @@ def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
                 "version": 2,
                 "firmwareType": stack.autopilot if stack else mavlink.MAV_AUTOPILOT_GENERIC,
                 "vehicleType": stack.mav_type if stack else mavlink.MAV_TYPE_GENERIC,
-                "globalPlanAltitudeMode": 0,  # mixed: each item tells its own
+                "globalPlanAltitudeMode": 0,  # mixed: each item has its own
                 "cruiseSpeed": 18,
                 "hoverSpeed": 8,
                 "plannedHomePosition": list(plan.home or (0.0, 0.0, 0.0)),

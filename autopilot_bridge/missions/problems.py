@@ -12,8 +12,8 @@ Kind = Literal["refused", "dangerous", "dropped", "changed"]
 class Problem:
     """One thing wrong with a mission for one stack.
 
-    ``refused``: the autopilot says no. ``dangerous``: it says yes and flies something else.
-    ``dropped``: it says yes and never does it. ``changed``: it keeps another value. ``index`` is
+    ``refused``: the autopilot rejects it. ``dangerous``: it accepts it and flies something else.
+    ``dropped``: it accepts it and never does it. ``changed``: it keeps another value. ``index`` is
     None for the mission as a whole.
     """
 

@@ -68,9 +68,9 @@ def is_for(message: Message, own: tuple[int, int]) -> bool:
 class TransferResult:
     """How a transfer ended.
 
-    ``rejected``: the autopilot said no (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
+    ``rejected``: the autopilot refused (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
     it asked for). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
-    ``cancelled``: it was asked to end. ``holds`` says which mission the vehicle has now, and
+    ``cancelled``: its end was requested. ``holds`` is the mission that the vehicle has now, and
     ``items`` are its items where they were read.
     """
 
@@ -83,7 +83,7 @@ class TransferResult:
 
 
 def rejected(code: int, seq: int | None) -> TransferResult:
-    """The result for a MISSION_ACK that says no."""
+    """The result for a MISSION_ACK that refuses."""
     words = REASONS.get(code, "the autopilot refused")
     where = "" if seq is None else f" at item {seq}"
     return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)

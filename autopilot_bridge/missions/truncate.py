@@ -1,8 +1,8 @@
 """Cuts the end off a mission that is being flown, sans-IO; for ArduPilot.
 
 counted --request for item 0--> refusing --any MISSION_ACK but "busy"--> ended
-MISSION_COUNT cuts the list at once; item 0 is answered with a command no autopilot knows, so the
-transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is told by
+MISSION_COUNT cuts the list at once; item 0 is answered with a command that no autopilot has, so the
+transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is found by
 reading it back.
 """
 
@@ -10,13 +10,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message, item_message
-from autopilot_bridge.missions.download import Asking
+from autopilot_bridge.missions.download import RequestRepeater
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, rejected
 
 UNKNOWN_COMMAND = MissionItem(65535, mavlink.MAV_FRAME_GLOBAL, 0, 0, 0.0)
 
 
-class Truncate(Asking):
+class Truncate(RequestRepeater):
     """Leaves the first ``count`` items, home included."""
 
     def __init__(self, address: Address, count: int, timing: TransferTiming) -> None:
@@ -25,7 +25,7 @@ class Truncate(Asking):
 
     def start(self, now_us: int) -> list[Message]:
         """Announce a mission of that length."""
-        return self._ask(
+        return self._send_request(
             mavlink.MAVLink_mission_count_message(
                 *self._address.target, self._count, self._address.mission_type
             ),

@@ -9,7 +9,7 @@ sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer 
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
 sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
 any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
-cancelling: nothing is sent any more; PX4 forgets the transfer when told, ArduPilot after 8 s
+cancelling: nothing is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -52,11 +52,11 @@ class MissionUpload(Exchange):
         self._first = first
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
-        self._asked: int | None = None
+        self._requested_seq: int | None = None
         self._sent = -1  # the last item sent
         self._ahead = ahead
         self._plan_id = plan_id
-        self._told_id: int | None = None  # by MISSION_CURRENT since all was sent
+        self._reported_id: int | None = None  # by MISSION_CURRENT since all was sent
         self._all_sent = False
         self._doubt: TransferResult | None = None  # a refusal that may not be one
 
@@ -75,7 +75,7 @@ class MissionUpload(Exchange):
         kind = message.get_type()
         if kind == "MISSION_CURRENT" and self._all_sent:
             if self._is_from_target(message):
-                self._told_id = getattr(message, IDS[self._address.mission_type])
+                self._reported_id = getattr(message, IDS[self._address.mission_type])
             return []
         if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
             return []
@@ -93,11 +93,11 @@ class MissionUpload(Exchange):
         self._state = "sending"
         self._tries = 0
         self._doubt = None
-        before = -1 if self._asked is None else self._asked
+        before = -1 if self._requested_seq is None else self._requested_seq
         if not before < seq <= self._sent + 1:  # asked for again
             self._ahead = 0
             self._sent = seq - 1
-        self._asked = seq
+        self._requested_seq = seq
         self._deadline_us = now_us + self._timing.timeout_us
         first, self._sent = self._sent + 1, max(self._sent, min(seq + self._ahead, self._last))
         self._all_sent |= self._sent == self._last
@@ -129,13 +129,13 @@ class MissionUpload(Exchange):
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
             return  # ArduPilot says so of a duplicate and carries on
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
-            self.result = TransferResult("cancelled", "cancelled", code, self._asked)
+            self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
         if code == mavlink.MAV_MISSION_ERROR and self._state == "sending":
-            self._doubt = rejected(code, self._asked)
+            self._doubt = rejected(code, self._requested_seq)
             self._deadline_us = now_us + self._timing.timeout_us
         elif code != mavlink.MAV_MISSION_ACCEPTED:
-            self.result = rejected(code, self._asked)
+            self.result = rejected(code, self._requested_seq)
         elif self._all_sent or not self.items:
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
 
@@ -149,7 +149,7 @@ class MissionUpload(Exchange):
         if self._doubt is not None:
             self.result = self._doubt
             return []
-        if self._all_sent and self._plan_id and self._told_id == self._plan_id:
+        if self._all_sent and self._plan_id and self._reported_id == self._plan_id:
             words = "accepted: the acknowledgement got lost, the autopilot tells the plan's id"
             self.result = TransferResult("accepted", words, items=self.items)
             return []
@@ -164,6 +164,8 @@ class MissionUpload(Exchange):
             self.result = TransferResult("failed", "the autopilot did not answer MISSION_COUNT")
         else:
             self.result = TransferResult(
-                "failed", f"the autopilot fell silent after item {self._asked}", seq=self._asked
+                "failed",
+                f"the autopilot fell silent after item {self._requested_seq}",
+                seq=self._requested_seq,
             )
         return []

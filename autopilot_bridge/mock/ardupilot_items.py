@@ -41,7 +41,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def fence_fault(items: list[MissionItem]) -> tuple[int, str] | None:
-    """What is wrong with a whole fence: severity and words of the text told."""
+    """What is wrong with a whole fence: severity and words of the text sent."""
     left = 0
     for item in items:
         if item.command in VERTICES:

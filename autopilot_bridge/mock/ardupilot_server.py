@@ -82,12 +82,12 @@ class ArduPilotServer(MissionServer):
         return self._heard(answers)
 
     def forget_transfers(self) -> None:
-        """After a reboot nobody is asked for items any more."""
+        """After a reboot no items are requested any more."""
         self._receiving.clear()
         self._queue.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
-        """Take over a file's items one by one, up to the first refused; nobody is told.
+        """Take over a file's items one by one, up to the first refused; no message is sent.
 
         A mission being flown is not cleared: a shorter file leaves the old items behind its own.
         A fence is taken over when it is whole.
@@ -156,7 +156,7 @@ class ArduPilotServer(MissionServer):
                 return []
 
     def _scold(self, words: str) -> list[Message]:
-        """A text told once."""
+        """A text that is sent once."""
         if words in self._scolded:
             return []
         self._scolded.add(words)

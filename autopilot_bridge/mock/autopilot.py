@@ -11,7 +11,7 @@ from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.battery import Battery
-from autopilot_bridge.mock.command_server import CommandServer, asked_of
+from autopilot_bridge.mock.command_server import CommandServer, command_request_of
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.intervals import Intervals
@@ -31,7 +31,7 @@ LIMITS = {
     ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
 }
 # A process that was held up does not try to make up for more than this at once.
-MOST_STEPS_AT_ONCE = 4000
+MAX_STEPS_AT_ONCE = 4000
 
 
 class MockAutopilot:
@@ -91,7 +91,7 @@ class MockAutopilot:
 
     @property
     def positions(self) -> bool:
-        """Whether there is a GPS position to tell."""
+        """Whether there is a GPS position to report."""
         return self.flight.gps
 
     @positions.setter
@@ -105,7 +105,7 @@ class MockAutopilot:
 
     @property
     def battery_percent(self) -> float | None:
-        """Charge left; None: not told."""
+        """Charge left; None: not reported."""
         return self.flight.battery_percent
 
     @battery_percent.setter
@@ -138,26 +138,26 @@ class MockAutopilot:
         return min(timer for timer in timers if timer is not None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Fly up to now and say what is due."""
+        """Fly up to now and send what is due."""
         if self._boot_us is None:
             self._boot_us = now_us
         while (due_us := self.missions.next_timer()) is not None and due_us <= now_us:
             self._send(*self.missions.handle_timer(now_us))
-            self._take_over()
+            self._apply_mission()
         replies = self.ftp.handle_timer(now_us)
         if replies:
             self._send(*replies)
-            self._take_over()
+            self._apply_mission()
         due = (now_us - self._boot_us) // STEP_US - self._steps
-        for _ in range(min(due, MOST_STEPS_AT_ONCE)):
+        for _ in range(min(due, MAX_STEPS_AT_ONCE)):
             self._steps += 1
             self.flight.step(self._now_s())
             if self._gripper is not None:
                 self._answer(mavlink.MAV_CMD_DO_GRIPPER, self._gripper.ended(self._now_us()))
             self.telemetry.report(self.flight, self._steps)
 
-    def say(self, message: Message) -> None:
-        """Send any message, such as an acknowledgement nobody waits for."""
+    def send_message(self, message: Message) -> None:
+        """Send any message, such as an acknowledgement that no request expects."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
@@ -193,9 +193,9 @@ class MockAutopilot:
             self.flight.return_m = self.parameters.return_m
         elif kind.startswith("MISSION_") and hasattr(message, "target_component"):
             self._send(*self.missions.receive(message, now_us))
-            self._take_over()
+            self._apply_mission()
 
-    def _take_over(self) -> None:
+    def _apply_mission(self) -> None:
         """What the vehicle flies after its list of items has changed."""
         flight, missions = self.flight, self.missions
         flight.items = tuple(missions.items)
@@ -214,7 +214,7 @@ class MockAutopilot:
             # PX4 reports it within the second, or at once if it begins elsewhere than commanded.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:
-            self.telemetry.tell_current(self.flight)
+            self.telemetry.send_current(self.flight)
 
     def _begin_anew(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""
@@ -230,7 +230,7 @@ class MockAutopilot:
         flight, missions = self.flight, self.missions
         if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())
-            self.telemetry.tell_texts(self.flight)
+            self.telemetry.send_texts(self.flight)
             self._send(text(2, "Auto mission changed, restarted command"))
         elif missions.cut:
             self._send(text(2, "Auto mission changed but failed to restart command"))
@@ -244,29 +244,29 @@ class MockAutopilot:
             self._send(text(2, "WPM: WP CURR CMD: Not in list\t"))
 
     def _make_current(self, seq: int) -> None:
-        asked = max(seq, 1 if self.stack.item_0_is_home else 0)
-        self.flight.make_current(asked, self._now_s())
-        self.telemetry.tell_current(self.flight, asked)
-        self.telemetry.tell_texts(self.flight)
+        requested = max(seq, 1 if self.stack.item_0_is_home else 0)
+        self.flight.make_current(requested, self._now_s())
+        self.telemetry.send_current(self.flight, requested)
+        self.telemetry.send_texts(self.flight)
 
     def _command(self, message: Message) -> None:
-        asked = asked_of(message)
-        asker = (message.get_srcSystem(), message.get_srcComponent())
-        if self._gripper is not None and asked.command == mavlink.MAV_CMD_DO_GRIPPER:
-            action = round(asked.params[1])
-            self._answer(asked.command, self._gripper.obey(action, asker, self._now_us()))
+        request = command_request_of(message)
+        requester = (message.get_srcSystem(), message.get_srcComponent())
+        if self._gripper is not None and request.command == mavlink.MAV_CMD_DO_GRIPPER:
+            action = round(request.params[1])
+            self._answer(request.command, self._gripper.execute(action, requester, self._now_us()))
             return
-        result = self._commands.obey(asked, self.flight, self._now_s())
-        if asked.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
-            self._make_current(int(asked.params[0]))
-        self._answer(asked.command, [(asker, result)])
+        result = self._commands.execute(request, self.flight, self._now_s())
+        if request.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:
+            self._make_current(int(request.params[0]))
+        self._answer(request.command, [(requester, result)])
 
     def _answer(self, command: int, answers: list[Answer]) -> None:
-        for asker, result in answers:
-            self._send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker))
+        for requester, result in answers:
+            self._send(mavlink.MAVLink_command_ack_message(command, result, 0, 0, *requester))
 
     def _move_gripper(self, action: int, at_us: int) -> None:
-        self.flight.payload.obey(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
+        self.flight.payload.execute(mavlink.MAV_CMD_DO_GRIPPER, (1.0, float(action)), at_us)
 
     def _send(self, *messages: Message) -> None:
         self._outgoing.extend(self._codec.encode(message) for message in messages)

@@ -12,7 +12,7 @@ CAPACITY_MAH = 5000.0
 
 @dataclass(slots=True)
 class Battery:
-    """``percent`` None: no battery is told of. ``endurance_s`` None: it does not drain."""
+    """``percent`` None: no battery is reported. ``endurance_s`` None: it does not drain."""
 
     percent: float | None = None
     endurance_s: float | None = None
@@ -44,12 +44,12 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """Falls evenly with the charge; full where no battery is told of."""
+        """Falls evenly with the charge; full where no battery is reported."""
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 
     def low_text(self, ardupilot: bool) -> tuple[int, str]:
-        """Severity and words of what the stack tells when it acts."""
+        """Severity and text that the stack sends when it acts."""
         if not ardupilot:
             return 2, "Low battery\t"
         used_mah = CAPACITY_MAH * (1.0 - (self.percent or 0.0) / 100.0)

@@ -1,4 +1,4 @@
-"""A mock's body: how it moves and where it stands; ``flight_model.py`` says what it is to do."""
+"""A mock's body: how it moves and where it stands; ``flight_model.py`` decides where to."""
 
 import math
 from dataclasses import dataclass, field, replace

@@ -37,12 +37,12 @@ _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 def custom_mode_of(stack: Stack, mode: Mode) -> int:
-    """The number that the heartbeat tells."""
+    """The number in the heartbeat."""
     return 0 if mode == "idle" else stack.mode_number(_NAMES[mode])
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class CommandRequest:
     """COMMAND_LONG or COMMAND_INT in the same words; ``frame`` is None for the former."""
 
     command: int
@@ -58,22 +58,22 @@ class Asked:
         return self.frame is not None and round(self.lat_deg * 1e7) == NO_PLACE
 
 
-def asked_of(message: Message) -> Asked:
+def command_request_of(message: Message) -> CommandRequest:
     """What a COMMAND_LONG or COMMAND_INT asks for."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)
-        return Asked(message.command, params, *place, None)
-    return Asked(
+        return CommandRequest(message.command, params, *place, None)
+    return CommandRequest(
         message.command, params, message.x / 1e7, message.y / 1e7, message.z, message.frame
     )
 
 
-Handler = Callable[[Asked, FlightModel, float], int]  # the MAV_RESULT
+Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
 
 
 class CommandServer:
-    """Obeys commands; what is to be told besides the acknowledgement goes to ``tell``."""
+    """Executes commands; messages besides the acknowledgement go to ``send``."""
 
     def __init__(
         self,
@@ -81,34 +81,34 @@ class CommandServer:
         missions: MissionServer,
         intervals: Intervals,
         parameters: ParameterServer,
-        tell: Callable[[Message], None],
+        send: Callable[[Message], None],
     ) -> None:
         self._stack = stack
         self._missions = missions
         self._intervals = intervals
         self._parameters = parameters
-        self._tell = tell
+        self._send = send
         self._px4 = stack.name == "px4"
         self._plane = stack.vehicle == "plane"
         self._handlers = self._handlers_of_stack()
 
-    def obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+    def execute(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
         """Do it; the MAV_RESULT. Another mode by order ends PX4's failsafe."""
         before = flight.mode
-        result = self._obey(asked, flight, now_s)
+        result = self._execute(request, flight, now_s)
         if self._px4 and flight.mode != before:
             flight.failsafe = False
         return result
 
-    def _obey(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        handler = self._handlers.get(asked.command)
+    def _execute(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        handler = self._handlers.get(request.command)
         if handler is not None:
-            return handler(asked, flight, now_s)
-        if asked.command not in rules_of(self._stack).bare:
+            return handler(request, flight, now_s)
+        if request.command not in rules_of(self._stack).bare:
             return UNSUPPORTED
-        params = (*asked.params, asked.lat_deg, asked.lon_deg, asked.z)
-        done = flight.payload.obey(asked.command, params, round(now_s * 1e6))
-        servo = asked.command == mavlink.MAV_CMD_DO_SET_SERVO
+        params = (*request.params, request.lat_deg, request.lon_deg, request.z)
+        done = flight.payload.execute(request.command, params, round(now_s * 1e6))
+        servo = request.command == mavlink.MAV_CMD_DO_SET_SERVO
         return ACCEPTED if done else FAILED if servo else UNSUPPORTED
 
     def _handlers_of_stack(self) -> dict[int, Handler]:
@@ -122,7 +122,7 @@ class CommandServer:
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
             mavlink.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
-            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda asked, flight, now_s: ACCEPTED,
+            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda request, flight, now_s: ACCEPTED,
         }
         if self._px4:
             handlers[mavlink.MAV_CMD_DO_ORBIT] = self._orbit
@@ -134,13 +134,13 @@ class CommandServer:
         return handlers
 
     def _change_to(self, mode: Mode) -> Handler:
-        return lambda asked, flight, now_s: self._change(flight, mode, now_s)
+        return lambda request, flight, now_s: self._change(flight, mode, now_s)
 
-    def _set_current(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        return ACCEPTED if 0 <= asked.params[0] < len(flight.items) else DENIED
+    def _set_current(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        return ACCEPTED if 0 <= request.params[0] < len(flight.items) else DENIED
 
-    def _arm(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        arm = asked.params[0] > 0.5
+    def _arm(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        arm = request.params[0] > 0.5
         if not arm and flight.airborne:
             return DENIED
         copter_auto = not self._px4 and not self._plane and flight.mode == "mission"
@@ -149,10 +149,10 @@ class CommandServer:
         flight.armed = arm
         return ACCEPTED
 
-    def _set_mode(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        wanted = int(asked.params[1])
+    def _set_mode(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        wanted = int(request.params[1])
         if self._px4:
-            wanted = wanted << 16 | int(asked.params[2]) << 24
+            wanted = wanted << 16 | int(request.params[2]) << 24
         mode = _MODES.get(self._stack.mode_name(wanted))
         if mode is None:
             return DENIED
@@ -166,9 +166,9 @@ class CommandServer:
     def _without_position(self, mode: Mode) -> int:
         """A change of mode that a blind vehicle refuses."""
         if self._px4:
-            self._tell(text(2, f"Switching to {mode.title()} is currently not available\t"))
+            self._send(text(2, f"Switching to {mode.title()} is currently not available\t"))
             return REJECTED
-        self._tell(text(4, f"Mode change to {mode.upper()} failed: requires position"))
+        self._send(text(4, f"Mode change to {mode.upper()} failed: requires position"))
         return FAILED
 
     def _change(self, flight: FlightModel, mode: Mode, now_s: float) -> int:
@@ -179,54 +179,54 @@ class CommandServer:
                 return DENIED
             reason = self._missions.infeasible()
             if reason is not None:
-                self._tell(text(2, reason + "\t"))
+                self._send(text(2, reason + "\t"))
                 return REJECTED
         flight.set_mode(mode, now_s)
         return ACCEPTED
 
-    def _takeoff(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+    def _takeoff(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
         if self._px4:
             flight.set_mode("takeoff", now_s)
-            flight.fly_around(_here(flight), asked.z, DEFAULT_RADIUS_M)
+            flight.fly_around(_here(flight), request.z, DEFAULT_RADIUS_M)
             return ACCEPTED
-        frame_taken = asked.frame in (None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
+        frame_taken = request.frame in (None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
         if not self._plane and not frame_taken:
             return DENIED
         if self._plane or flight.mode != "guided" or not flight.armed or flight.airborne:
             return FAILED
-        flight.fly_around(_here(flight), flight.frame.altitude_m + asked.z, DEFAULT_RADIUS_M)
+        flight.fly_around(_here(flight), flight.frame.altitude_m + request.z, DEFAULT_RADIUS_M)
         return ACCEPTED
 
-    def _land_start(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
+    def _land_start(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
         commands = [item.command for item in flight.items]
         if not self._plane or mavlink.MAV_CMD_DO_LAND_START not in commands:
-            self._tell(text(4, "Unable to start landing sequence"))
+            self._send(text(4, "Unable to start landing sequence"))
             return FAILED
         flight.set_mode("mission", now_s)
         flight.go_to(commands.index(mavlink.MAV_CMD_DO_LAND_START), now_s)
         return ACCEPTED
 
-    def _reposition(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        _, flags, radius_m, direction = asked.params
-        place = flight.frame.local_of(asked.lat_deg, asked.lon_deg)
+    def _reposition(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        _, flags, radius_m, direction = request.params
+        place = flight.frame.local_of(request.lat_deg, request.lon_deg)
         if flight.blind:
             return self._without_position("hold" if self._px4 else "guided")
         if self._px4:
             if int(flags) != mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
                 return UNSUPPORTED
             flight.set_mode("hold", now_s)
-            if asked.x_is_none and math.isnan(asked.z):
+            if request.x_is_none and math.isnan(request.z):
                 flight.fly_around(_here(flight), flight.motion.altitude_m, DEFAULT_RADIUS_M)
             elif flight.armed:
-                flight.fly_around(place, asked.z, DEFAULT_RADIUS_M)
+                flight.fly_around(place, request.z, DEFAULT_RADIUS_M)
             return ACCEPTED
-        valid = abs(asked.lat_deg) <= 90.0 and abs(asked.lon_deg) <= 180.0
-        if not valid or asked.frame not in (None, *_ARDUPILOT_FRAMES):
+        valid = abs(request.lat_deg) <= 90.0 and abs(request.lon_deg) <= 180.0
+        if not valid or request.frame not in (None, *_ARDUPILOT_FRAMES):
             return DENIED
         if not int(flags) & 1 and flight.mode != "guided":
             return FAILED if self._plane else DENIED
-        altitude_m = asked.z
-        if asked.frame in RELATIVE_FRAMES:
+        altitude_m = request.z
+        if request.frame in RELATIVE_FRAMES:
             altitude_m += flight.frame.altitude_m
         flight.set_mode("guided", now_s)
         keeps = math.isnan(radius_m) or radius_m <= 0.0
@@ -234,11 +234,13 @@ class CommandServer:
         flight.fly_around(place, altitude_m, flight.radius_m if keeps else signed_m)
         return ACCEPTED
 
-    def _orbit(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        radius_m, speed_m_s, _, _ = asked.params
-        nowhere = asked.x_is_none or math.isnan(asked.lat_deg + asked.lon_deg)
-        place = _here(flight) if nowhere else flight.frame.local_of(asked.lat_deg, asked.lon_deg)
-        altitude_m = flight.motion.altitude_m if math.isnan(asked.z) else asked.z
+    def _orbit(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        radius_m, speed_m_s, _, _ = request.params
+        nowhere = request.x_is_none or math.isnan(request.lat_deg + request.lon_deg)
+        place = (
+            _here(flight) if nowhere else flight.frame.local_of(request.lat_deg, request.lon_deg)
+        )
+        altitude_m = flight.motion.altitude_m if math.isnan(request.z) else request.z
         if self._plane:
             flight.set_mode("hold", now_s)
         else:
@@ -246,7 +248,7 @@ class CommandServer:
                 flight.orbit_m_s = 1.0
             if not math.isnan(speed_m_s):
                 flight.orbit_m_s = speed_m_s
-            keeps = flight.mode == "orbit" and asked.x_is_none and math.isnan(radius_m)
+            keeps = flight.mode == "orbit" and request.x_is_none and math.isnan(radius_m)
             flight.set_mode("orbit", now_s)
             if keeps:
                 return ACCEPTED
@@ -255,8 +257,8 @@ class CommandServer:
             flight.fly_around(place, altitude_m, signed_m)
         return ACCEPTED
 
-    def _change_speed(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        kind, speed_m_s = asked.params[:2]
+    def _change_speed(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        kind, speed_m_s = request.params[:2]
         if self._px4:
             if speed_m_s > 0.0:
                 self._set_speed(flight, speed_m_s)  # an orbiting multirotor keeps its own
@@ -267,7 +269,7 @@ class CommandServer:
             least, most = map(self._parameters.value, ("AIRSPEED_MIN", "AIRSPEED_MAX"))
             if kind != 0.0 or not least <= speed_m_s <= most:
                 return FAILED
-            self._tell(text(6, f"Set airspeed {int(speed_m_s)} m/s"))
+            self._send(text(6, f"Set airspeed {int(speed_m_s)} m/s"))
         elif speed_m_s <= 0.0:
             return FAILED
         self._set_speed(flight, speed_m_s)
@@ -276,9 +278,9 @@ class CommandServer:
     def _set_speed(self, flight: FlightModel, speed_m_s: float) -> None:
         flight.limits = replace(flight.limits, airspeed_m_s=speed_m_s)
 
-    def _set_interval(self, asked: Asked, flight: FlightModel, now_s: float) -> int:
-        message_id, interval_us = int(asked.params[0]), asked.params[1]
-        if not self._intervals.knows(message_id):
+    def _set_interval(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        message_id, interval_us = int(request.params[0]), request.params[1]
+        if not self._intervals.has_message(message_id):
             return ACCEPTED if message_id in mavlink.mavlink_map else FAILED
         self._intervals.set(message_id, interval_us)
         return ACCEPTED

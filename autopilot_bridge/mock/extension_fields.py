@@ -1,4 +1,4 @@
-"""Fields on the wire that the installed dialect does not know: PX4's opaque ids."""
+"""Extension fields that the installed dialect lacks: PX4's opaque ids."""
 
 import struct
 

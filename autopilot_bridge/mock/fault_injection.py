@@ -13,7 +13,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
 from autopilot_bridge.mock.faults import Faults, Span
 
-GROUND = (255, 190)  # as whom the mock takes the station it is tried with
+GROUND = (255, 190)  # the ids of the station under test
 SECOND_GROUND = (254, 190)
 OTHER_COMPONENT = int(mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 SECOND = 1_000_000
@@ -117,12 +117,12 @@ class FaultyMock:
         for datagram in self.mock.data_to_send():
             if self._second_speaks:
                 self._second.receive_data(datagram, now_us)
-            self._tell(datagram, now_us)
+            self._send_down(datagram, now_us)
         for datagram in self._late.receive(now_us):
             self._down.send(datagram, now_us)
         self._outgoing += self._down.receive(now_us)
 
-    def _tell(self, datagram: bytes, now_us: int) -> None:
+    def _send_down(self, datagram: bytes, now_us: int) -> None:
         if self._within(self.faults.silence, now_us):
             return
         number = int.from_bytes(datagram[7:10], "little")
@@ -147,8 +147,8 @@ class FaultyMock:
         """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
-            self.mock.say(_ack(target, error, mission_type))
-        self._tell(self._other.encode(_ack(GROUND, error, 0)), now_us)
+            self.mock.send_message(_ack(target, error, mission_type))
+        self._send_down(self._other.encode(_ack(GROUND, error, 0)), now_us)
 
     def _upload(self, now_us: int) -> None:
         self._second.upload(self._detour(), now_us)

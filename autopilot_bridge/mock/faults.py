@@ -25,7 +25,7 @@ class Faults:
     delay_s: float = 0.0
     jitter_s: float = 0.0
     late_ack_s: float = 0.0  # how much later than all else MISSION_ACKs arrive
-    silence: list[Span] = field(default_factory=list)  # hears and says nothing
+    silence: list[Span] = field(default_factory=list)  # receives and sends nothing
     gps_loss: list[Span] = field(default_factory=list)
     reboot: list[float] = field(default_factory=list)
     battery_low: list[float] = field(default_factory=list)

@@ -32,7 +32,7 @@ NEAR_M = 5.0  # a copter that flies on is there
 STOP_WITHIN_M = 2.0  # one that stays
 GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
 GLIDES_BY = 0.7  # and flies by so much of its airspeed
-# How long a copter flies on without satellites before it lands where it believes to be, as the
+# How long a copter flies on without satellites before it lands at its estimated position, as the
 # stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
 # From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
@@ -56,7 +56,7 @@ class Target:
 class FlightModel(Body):
     """Moves one vehicle through its mission. ``current`` is a wire sequence number.
 
-    ``reached`` and ``texts`` are for the telemetry to tell and clear.
+    ``reached`` and ``texts`` are for the telemetry to send and clear.
     """
 
     battery: Battery = field(default_factory=Battery)
@@ -116,7 +116,7 @@ class FlightModel(Body):
 
     @property
     def battery_percent(self) -> float | None:
-        """Charge left; None: not told."""
+        """Charge left; None: not reported."""
         return self.battery.percent
 
     @battery_percent.setter
@@ -166,7 +166,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Have it sink, whatever it is told, until the engine runs again; it reports nothing."""
+        """Make it sink, whatever is commanded, until the engine runs again; it reports nothing."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -178,7 +178,7 @@ class FlightModel(Body):
             self.limits = self._powered
 
     def change_cruise(self, airspeed_m_s: float) -> None:
-        """What it flies unless told otherwise."""
+        """The airspeed that it flies unless another is commanded."""
         self._cruise_m_s = airspeed_m_s
         self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
 
@@ -197,8 +197,8 @@ class FlightModel(Body):
         plane = self.stack.vehicle == "plane"
         if plane and kind != 0:
             return True
-        least = self.limits.least_airspeed_m_s if plane else 0.1
-        if not least <= speed_m_s <= self.limits.most_airspeed_m_s:
+        least = self.limits.min_airspeed_m_s if plane else 0.1
+        if not least <= speed_m_s <= self.limits.max_airspeed_m_s:
             return False
         self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
         return True
@@ -278,10 +278,10 @@ class FlightModel(Body):
             case mavlink.MAV_CMD_CONDITION_DISTANCE:
                 self._wait_within_m = item.param1
             case command:
-                self.payload.obey(command, params_of(item), round(now_s * 1e6))
+                self.payload.execute(command, params_of(item), round(now_s * 1e6))
 
     def _name(self, seq: int) -> None:
-        """ArduPilot tells of each item it begins in AUTO, by name."""
+        """ArduPilot sends a text with the name of each item it begins in AUTO."""
         names, command = stack_constants_of(self.stack).mission_names, self.items[seq].command
         if names and self.mode == "mission":
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
@@ -329,7 +329,7 @@ class FlightModel(Body):
 
     def _advance(self, now_s: float) -> None:
         assert self.target is not None
-        self.reached.append(self._told_reached())
+        self.reached.append(self._reached_seq())
         ended, flown = self.target, self.current
         self._hold_at = (*self._place(ended), self.motion.altitude_m)
         self.go_to(flown + 1, now_s)
@@ -343,8 +343,8 @@ class FlightModel(Body):
             self.set_mode("rtl", now_s)  # ArduPlane goes home after its last item
             self.texts.append((6, "Mission complete, changing mode to RTL"))
 
-    def _told_reached(self) -> int:
-        """PX4 tells of the DO items after a waypoint in the waypoint's place."""
+    def _reached_seq(self) -> int:
+        """PX4 reports the DO items after a waypoint instead of the waypoint."""
         seq = self.current
         if not self.stack.item_0_is_home:
             while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:

@@ -87,7 +87,7 @@ class FtpServer:
         return last if same else None
 
     def _replies(self, request: Packet, now_us: int) -> list[Packet]:
-        """One reply; a burst is read to the end of the file, which is told by the last."""
+        """One reply; a burst is read to the end of the file, which the last reply marks."""
         replies = [self._reply(request, now_us)]
         while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
             offset = replies[-1].offset + replies[-1].size
@@ -142,14 +142,14 @@ class FtpServer:
         if mission_type == MAV_MISSION_TYPE_MISSION and held:  # as seen: home's place
             held = tuple(with_unheld(item, held[0].x, held[0].y, held[0].z) for item in held)
         whole = encode_mission_file(held, mission_type, (1, 1))
-        most = min(request.size, ftp.MOST_DATA_BYTES)
+        most = min(request.size, ftp.MAX_DATA_BYTES)
         if request.opcode == ftp.BURST_READ and request.size == 0:
-            most = ftp.MOST_DATA_BYTES  # read: a burst of size 0 means the largest pieces
+            most = ftp.MAX_DATA_BYTES  # read: a burst of size 0 means the largest pieces
         data = whole[request.offset : request.offset + most]
         return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
 
     def _write(self, request: Packet, reply: Packet) -> Packet:
-        if request.size > ftp.MOST_DATA_BYTES:
+        if request.size > ftp.MAX_DATA_BYTES:
             return _refusal(reply, ftp.INVALID_SIZE)
         if self.session is None:
             return _refusal(reply, ftp.NOT_FOUND)

@@ -1,4 +1,4 @@
-"""How often the mock sends which message: each stack's own rates until somebody asks for others.
+"""How often the mock sends which message: each stack's own rates until others are requested.
 
 Seen in SITL without any request: ArduPlane sends all at 1 Hz, ArduCopter nothing but HEARTBEAT and
 texts, PX4 what its link's profile holds.
@@ -58,7 +58,7 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all others, also after a restart: what nobody listens to costs time."""
+        """Switch off all others, also after a restart: unused messages cost time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 
@@ -66,7 +66,7 @@ class Intervals:
         """As after a restart."""
         self._every = dict(self._default)
 
-    def knows(self, message_id: int) -> bool:
+    def has_message(self, message_id: int) -> bool:
         """Whether the mock has this message."""
         return message_id in self._every
 

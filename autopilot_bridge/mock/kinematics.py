@@ -15,11 +15,11 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the airframe can do; ``airspeed_m_s`` is what it flies unless told otherwise."""
+    """What the airframe can do; ``airspeed_m_s`` is flown unless another is commanded."""
 
     airspeed_m_s: float = 18.0
-    least_airspeed_m_s: float = 9.0  # fixed wing
-    most_airspeed_m_s: float = 30.0
+    min_airspeed_m_s: float = 9.0  # fixed wing
+    max_airspeed_m_s: float = 30.0
     bank_deg: float = 40.0
     climb_m_s: float = 4.0
     sink_m_s: float = 4.0
@@ -197,11 +197,11 @@ def step_copter(
     if wind.speed_m_s > 0.0:
         air_north, air_east = north_m_s - wind.north_m_s, east_m_s - wind.east_m_s
         motion.airspeed_m_s = math.hypot(air_north, air_east)
-        if motion.airspeed_m_s > limits.most_airspeed_m_s:  # blown off
-            share = limits.most_airspeed_m_s / motion.airspeed_m_s
+        if motion.airspeed_m_s > limits.max_airspeed_m_s:  # blown off
+            share = limits.max_airspeed_m_s / motion.airspeed_m_s
             north_m_s = air_north * share + wind.north_m_s
             east_m_s = air_east * share + wind.east_m_s
-            motion.airspeed_m_s = limits.most_airspeed_m_s
+            motion.airspeed_m_s = limits.max_airspeed_m_s
             north, east, distance = north_m_s, east_m_s, math.hypot(north_m_s, east_m_s)
             speed = distance
     if distance > 1e-6:

@@ -1,4 +1,4 @@
-"""In which order a mission's items come, and what their numbers say: pure functions."""
+"""The order of a mission's items, and the meaning of their numbers: pure functions."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 
 DEFAULT_RADIUS_M = 80.0  # WP_LOITER_RAD is 60, NAV_LOITER_RAD 80
-MOST_JUMPS = 255  # without a NAV item between them, as in ArduPilot
+MAX_JUMPS = 255  # without a NAV item between them, as in ArduPilot
 TAKEOFFS = (mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_TAKEOFF)
 LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 LOITERS = (
@@ -31,7 +31,7 @@ def next_of(
     """
     met: list[int] = []
     taken = 0
-    while 0 <= seq < len(items) and taken < MOST_JUMPS:
+    while 0 <= seq < len(items) and taken < MAX_JUMPS:
         item = items[seq]
         if item.command == mavlink.MAV_CMD_DO_JUMP:
             if item.param2 < 0 or jumps.get(seq, 0) < item.param2:
@@ -48,7 +48,7 @@ def next_of(
 
 
 def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
-    """Signed radius of a loiter item, negative anticlockwise; the default one where none is said.
+    """Signed radius of a loiter item, negative anticlockwise; the default where the item has none.
 
     ArduPilot keeps of a LOITER_TIME's radius only the sign.
     """

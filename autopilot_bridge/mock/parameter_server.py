@@ -1,4 +1,4 @@
-"""A few parameters of each stack, told and set as the real ones do."""
+"""A few parameters of each stack, reported and set as the real ones do."""
 
 from dataclasses import dataclass
 
@@ -98,7 +98,7 @@ class ParameterServer:
         return []
 
     def _index(self, name: str) -> int:
-        # ArduPilot tells no index but in the list.
+        # ArduPilot sends an index only in the list.
         return list(self._held).index(name) if self._bytewise else NO_INDEX
 
     def _hash(self) -> list[Message]:

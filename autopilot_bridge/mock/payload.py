@@ -27,15 +27,15 @@ class Payload:
     stack: Stack
     outputs: list[Output] = field(default_factory=list)
     servos_us: list[int] = field(default_factory=list)
-    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words, to be told
+    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and text, to be sent
 
     def __post_init__(self) -> None:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
 
-    def obey(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
+    def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
         """Carry out a DO command of a mission or a COMMAND_LONG (params 1 to 7); False: not one.
 
-        Whether the stack takes it at all is for the caller to say.
+        The caller decides whether the stack accepts it at all.
         """
         if command != 187:
             params = tuple(value if math.isfinite(value) else 0.0 for value in params)
@@ -96,38 +96,38 @@ DENIED = int(mavlink.MAV_RESULT_DENIED)
 CANCELLED = 6
 GRAB, RELEASE = int(mavlink.GRIPPER_ACTION_GRAB), int(mavlink.GRIPPER_ACTION_RELEASE)
 
-Asker = tuple[int, int]
-Answer = tuple[Asker, int]
+Requester = tuple[int, int]
+Answer = tuple[Requester, int]
 
 
 class Px4Gripper:
-    """``move`` is told the action and when. It stands closed at first."""
+    """``move`` is called with the action and the time. It is closed at first."""
 
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
         self._stands: int | None = GRAB  # None: it moves
-        self._under_way: tuple[int, Asker, int] | None = None  # action, who asked, its end
+        self._under_way: tuple[int, Requester, int] | None = None  # action, who asked, its end
 
-    def obey(self, action: int, asker: Asker, now_us: int) -> list[Answer]:
-        """What is answered to whom."""
+    def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
+        """The answers, each with the ids of its requester."""
         answers: list[Answer] = []
         if self._under_way is not None:
             before, who, _ = self._under_way
             if before == action:
-                return [(asker, REJECTED)]
+                return [(requester, REJECTED)]
             answers.append((who, CANCELLED))
         if action not in (GRAB, RELEASE):
-            return [*answers, (asker, DENIED)]
+            return [*answers, (requester, DENIED)]
         if self._stands == action:
-            return [*answers, (asker, ACCEPTED)]
+            return [*answers, (requester, ACCEPTED)]
         self._move(action, now_us)
-        self._stands, self._under_way = None, (action, asker, now_us + TAKES_US)
-        return [*answers, (asker, IN_PROGRESS)]
+        self._stands, self._under_way = None, (action, requester, now_us + TAKES_US)
+        return [*answers, (requester, IN_PROGRESS)]
 
     def ended(self, now_us: int) -> list[Answer]:
         """What has come to its end by now."""
         if self._under_way is None or now_us < self._under_way[2]:
             return []
-        action, asker, _ = self._under_way
+        action, requester, _ = self._under_way
         self._stands, self._under_way = action, None
-        return [(asker, ACCEPTED)]
+        return [(requester, ACCEPTED)]

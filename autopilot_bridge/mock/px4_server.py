@@ -65,7 +65,7 @@ class Manager:
 
 
 def critical(words: str) -> Message:
-    """A text as PX4 sends it: the tab says that an event goes with it."""
+    """A text as PX4 sends it: the tab means that an event goes with it."""
     return text(CRITICAL, words + "\t")
 
 
@@ -112,7 +112,7 @@ class Px4Server(MissionServer):
         return self._heard(answers)
 
     def forget_transfers(self) -> None:
-        """After a reboot nobody is asked for items any more."""
+        """After a reboot no items are requested any more."""
         self._managers.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:

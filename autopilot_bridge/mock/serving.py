@@ -1,4 +1,4 @@
-"""Several mocks on one link, told apart by their system ids."""
+"""Mocks on a link: several with different system ids, keys of signing, simulation time."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 
 
 class MockGroup:
-    """Takes the place of one mock on a link: all hear everything, all may speak."""
+    """Takes the place of one mock on a link: all receive everything, and all may send."""
 
     def __init__(self, peers: Sequence[MockAutopilot | FaultyMock]) -> None:
         self.peers = peers
@@ -55,10 +55,10 @@ class SigningServer:
         """Take in whole frames."""
         if _ID in data:
             for frame in filter(is_secret, frames_of(data)):
-                self._take(frame)
+                self._learn_key(frame)
         self._peer.receive_data(data, now_us)
 
-    def _take(self, frame: bytes) -> None:
+    def _learn_key(self, frame: bytes) -> None:
         for message in self._codec.decode_frames([frame]):
             ids = {mock.system_id for mock in self._mocks}
             armed = any(mock.flight.armed for mock in self._mocks)
@@ -101,7 +101,7 @@ async def serve(
     peer = mock
     if learns is not None and isinstance(mock, MockGroup):
         peer = SigningServer(
-            mock, lambda key: connection.go_on_with(None if key is None else learns(key))
+            mock, lambda key: connection.change_signing(None if key is None else learns(key))
         )
     connection = Connection(link, peer, simulation_us, rate=speedup, signing=signing)
     async with connection:

@@ -16,7 +16,7 @@ class StackConstants:
     rerequest_us: int  # a silent uploader is asked again
     gives_up_us: int  # a silent uploader, counted from the last item
     most: tuple[int, int, int]  # items of a mission, a fence, a list of rally points
-    mission_names: dict[int, str]  # how "Mission: 2 WP" calls the commands; empty: not told
+    mission_names: dict[int, str]  # how "Mission: 2 WP" calls the commands; empty: no texts
 
 
 _NAMES = {

@@ -1,4 +1,4 @@
-"""What the mock tells by itself, without being asked."""
+"""What the mock sends without a request."""
 
 import math
 from collections.abc import Callable
@@ -48,44 +48,44 @@ class TelemetrySender:
         self._missions = missions
         self._intervals = intervals
         self._send = send
-        self._told_current: object = None
+        self._sent_current: object = None
         self._reached = self._reached_again = 0
 
     def forget(self) -> None:
-        """A new mission or a reboot: what was reached is not told again."""
+        """A new mission or a reboot: what was reached is not sent again."""
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
         """All that is due after the step with this number."""
-        self._tell_reached(flight, steps)
-        self.tell_texts(flight)
+        self._send_reached(flight, steps)
+        self.send_texts(flight)
         if steps % HEARTBEAT_EVERY_STEPS == 1:
             self._heartbeat(flight)
-            self.tell_current(flight)
-        elif self._told_current != (flight.current, *self._missions.progress()):
-            self.tell_current(flight)
+            self.send_current(flight)
+        elif self._sent_current != (flight.current, *self._missions.progress()):
+            self.send_current(flight)
         if flight.gps and self._intervals.due(POSITION, steps):
             self._position(flight, steps)
         self._instruments(flight, steps)
         if steps % HOME_EVERY_STEPS == 1:
             self._home(flight)
 
-    def tell_texts(self, flight: FlightModel) -> None:
-        """What the vehicle has to say: items begun, what was switched, mishaps."""
+    def send_texts(self, flight: FlightModel) -> None:
+        """Texts of the vehicle: items begun, outputs switched, mishaps."""
         for severity, words in flight.texts:
             self._send(text(severity, words))
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: FlightModel) -> None:
         """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
-        self._told_current = (seq, *self._missions.progress())
+        self._sent_current = (seq, *self._missions.progress())
         if flight.current != seq:
-            self.tell_current(flight)
+            self.send_current(flight)
 
-    def tell_current(self, flight: FlightModel, asked: int | None = None) -> None:
-        """MISSION_CURRENT; ``asked`` is the item just asked for, though it be passed over."""
+    def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
+        """MISSION_CURRENT; ``requested`` is the item just asked for, though it be passed over."""
         total, ids = self._missions.progress()
-        self._told_current = (flight.current, total, ids)
+        self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"
         active = flight.mode == "mission" and flight.armed
         if not flight.items or self._missions.infeasible() is not None:
@@ -96,12 +96,12 @@ class TelemetrySender:
             state = mavlink.MISSION_STATE_NOT_STARTED
         mode = 1 if active else 2 if px4 else 0
         current = mavlink.MAVLink_mission_current_message(
-            flight.current if asked is None else asked, total, state, mode
+            flight.current if requested is None else requested, total, state, mode
         )
         self._send(with_extension(current, *ids))
 
-    def _tell_reached(self, flight: FlightModel, steps: int) -> None:
-        """MISSION_ITEM_REACHED; PX4 tells it ten more times, once a second."""
+    def _send_reached(self, flight: FlightModel, steps: int) -> None:
+        """MISSION_ITEM_REACHED; PX4 sends it ten more times, once a second."""
         for seq in flight.reached:
             self._send(mavlink.MAVLink_mission_item_reached_message(seq))
             self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0

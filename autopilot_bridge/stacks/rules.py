@@ -41,18 +41,18 @@ class Rules:
     bare_xyz: dict[int, str]  # which of x, y, z a command without position keeps
     frames_read: dict[int, int]  # frame sent: frame read back
     whole_cm: bool  # altitudes are cut to centimetres
-    most_altitude_m: float
+    max_altitude_m: float
     nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None: all may
-    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 says what NaN would
-    trusting: bool  # bad numbers are accepted, so that nobody but us refuses them
+    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 means what NaN would
+    trusting: bool  # bad numbers are accepted, so only our own check refuses them
     zero_is_here: bool  # latitude = longitude = 0 means where the vehicle is
     not_run: frozenset[int] = frozenset()  # accepted, then passed over in flight
     never_valid: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
     one_trailing_do: bool = False  # only the first item after the last NAV item runs
     allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)  # of param 1
-    most_fence: int | None = None
-    most_rally: int | None = None
-    most_vertices: int | None = None
+    max_fence: int | None = None
+    max_rally: int | None = None
+    max_vertices: int | None = None
     whole_m_rally: bool = False  # rally altitudes are cut to metres
 
 
@@ -131,7 +131,7 @@ _ARDUPLANE = Rules(
     bare_xyz={202: "xyz", 203: "xy", 205: "z", 1000: "xz", 42702: "xy", 42703: "x"},
     frames_read=TWIN | {2: 0},
     whole_cm=True,
-    most_altitude_m=83_000.0,
+    max_altitude_m=83_000.0,
     nan_ok={16: (4,), 17: (4,), 21: (4,), 22: (4,), 84: (4,), 85: (3, 4)},
     zero_is_default={
         16: (1, 2, 3),
@@ -146,7 +146,7 @@ _ARDUPLANE = Rules(
     zero_is_here=True,
     not_run=frozenset((92, 115, 191, 193, 194, 213, 222, 42600, 42703)),
     one_trailing_do=True,
-    most_vertices=255,
+    max_vertices=255,
     whole_m_rally=True,
 )
 _ARDUCOPTER = replace(
@@ -185,7 +185,7 @@ _PX4 = Rules(
     bare_xyz={},  # all kept, in the one frame they may have
     frames_read={0: 5, 3: 6},
     whole_cm=False,
-    most_altitude_m=float("inf"),
+    max_altitude_m=float("inf"),
     nan_ok=None,
     zero_is_default={},
     trusting=True,
@@ -198,8 +198,8 @@ _PX4 = Rules(
         (80, False): (0, 1, 2),
         (201, False): (0, 1, 2),
     },
-    most_fence=64,
-    most_rally=32,
+    max_fence=64,
+    max_rally=32,
 )
 
 _RULES = {
@@ -211,7 +211,7 @@ _RULES = {
 
 SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
 
-# What to do instead, where there is something to say.
+# What to do instead, where there is an alternative.
 INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",

@@ -39,7 +39,7 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 class Stack:
     """One autopilot on one kind of vehicle: what it does differently, as data.
 
-    Get one by ``stack_named``; the comments at the fields say what each means.
+    Get one by ``stack_named``; the comments at the fields have their meaning.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Stack:
     items_ahead: int  # items that may be sent before they are asked for
     rerequest_us: int  # how soon a silent uploader is asked again
     cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
-    most_items: int
+    max_items: int
     mission_mode: int
     hold_mode: int
     rtl_mode: int
@@ -62,7 +62,7 @@ class Stack:
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """The word for a mode number; a number not known here is told as it is."""
+        """The word for a mode number; an unknown number stays a number."""
         for name, number in self.modes:
             if number == custom_mode:
                 return name
@@ -98,7 +98,7 @@ _PX4_PLANE = Stack(
     items_ahead=8,
     rerequest_us=280_000,
     cancels_after_us=0,
-    most_items=5000,
+    max_items=5000,
     mission_mode=_AUTO | 4 << 24,
     hold_mode=_AUTO | 3 << 24,
     rtl_mode=_AUTO | 5 << 24,
@@ -118,7 +118,7 @@ _ARDUPLANE = Stack(
     items_ahead=0,
     rerequest_us=1_000_000,
     cancels_after_us=8_000_000,
-    most_items=655,
+    max_items=655,
     mission_mode=10,
     hold_mode=12,
     rtl_mode=11,
@@ -133,7 +133,7 @@ STACKS = (
         _ARDUPLANE,
         vehicle="copter",
         mav_type=mavlink.MAV_TYPE_QUADROTOR,
-        most_items=650,
+        max_items=650,
         mission_mode=3,
         hold_mode=17,  # BRAKE: LOITER sinks without a pilot
         rtl_mode=6,
@@ -170,7 +170,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """The stack that a HEARTBEAT tells of, or None for what is none of them."""
+    """The stack of a HEARTBEAT's autopilot and type, or None if it is none of them."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
     vehicle = "plane" if mav_type in PLANE_TYPES else "copter"

@@ -99,7 +99,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Battery(Status):
-    """State of a battery, told when it changes; None where the autopilot does not know."""
+    """State of a battery, reported when it changes; None where it is unknown."""
 
     at_us: int
     battery_id: int
@@ -110,7 +110,7 @@ class Battery(Status):
 
 @dataclass(frozen=True, slots=True)
 class Health(Status):
-    """What is switched on and not healthy, in words, told when it changes; () is all well."""
+    """What is switched on and not healthy, in words, reported when it changes; () is all well."""
 
     at_us: int
     unhealthy: tuple[str, ...]
@@ -118,7 +118,7 @@ class Health(Status):
 
 @dataclass(frozen=True, slots=True)
 class GpsFix(Status):
-    """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, told on change."""
+    """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, reported on change."""
 
     at_us: int
     fix: str

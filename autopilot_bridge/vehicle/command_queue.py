@@ -30,7 +30,7 @@ class CommandQueue:
         self._report = report
         self._last_id = 0
         self._queue: list[tuple[int, CommandSequence]] = []
-        self._begun = False
+        self._active = False
 
     def add(
         self,
@@ -63,19 +63,19 @@ class CommandQueue:
             self._report(CommandFinished(now_us, sequence.name, False, reason, command_id))
         self._queue.clear()
         self._modes.clear()
-        self._begun = False
+        self._active = False
 
-    def leave_mode(self, why: str, now_us: int) -> list[Message]:
+    def release_mode(self, why: str, now_us: int) -> list[Message]:
         """Autopilot or pilot took over: end commands that would change the mode or arm."""
         kept = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:
-                self._begun &= number > 0
+                self._active &= number > 0
                 self._report(CommandFinished(now_us, sequence.name, False, why, command_id))
             else:
                 kept.append((command_id, sequence))
         self._queue = kept
-        return self.begin_next(now_us)
+        return self.start_next(now_us)
 
     def _sent(self, messages: list[Message], now_us: int) -> list[Message]:
         """Note which modes were commanded, if anything was sent."""
@@ -83,28 +83,28 @@ class CommandQueue:
             self._commanded_modes.ask(self._modes[self._queue[0][0]], now_us)
         return messages
 
-    def begin_next(self, now_us: int) -> list[Message]:
+    def start_next(self, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
-        if self._begun or not self._queue:
+        if self._active or not self._queue:
             return []
-        self._begun = True
+        self._active = True
         messages = self._sent(self._queue[0][1].start(now_us), now_us)
         return messages + self._after(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Hand a message to what is under way."""
-        if not self._begun:
+        if not self._active:
             return []
         messages = self._sent(self._queue[0][1].receive(message, now_us), now_us)
         return messages + self._after(now_us)
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
-        return self._queue[0][1].next_timer() if self._begun else None
+        return self._queue[0][1].next_timer() if self._active else None
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Do what is due."""
-        if not self._begun:
+        if not self._active:
             return []
         messages = self._sent(self._queue[0][1].handle_timer(now_us), now_us)
         return messages + self._after(now_us)
@@ -115,9 +115,9 @@ class CommandQueue:
             return []
         command_id, ended = self._queue.pop(0)
         del self._modes[command_id]
-        self._begun = False
+        self._active = False
         self._report(CommandFinished(now_us, ended.name, *outcome, command_id))
-        return self.begin_next(now_us)
+        return self.start_next(now_us)
 
 
 class ParameterQueue:
@@ -130,7 +130,7 @@ class ParameterQueue:
         self._report = report
         self._last_id = 0
         self._queue: list[tuple[int, Request]] = []
-        self._begun = False
+        self._active = False
 
     def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
         """Queue the reading of one."""
@@ -149,27 +149,27 @@ class ParameterQueue:
         self._queue.append((self._last_id, request))
         return self._last_id
 
-    def begin_next(self, now_us: int) -> list[Message]:
+    def start_next(self, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
-        if self._begun or not self._queue:
+        if self._active or not self._queue:
             return []
-        self._begun = True
+        self._active = True
         return self._queue[0][1].start(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Hand a message to what is under way."""
-        if not self._begun:
+        if not self._active:
             return []
         messages = self._queue[0][1].receive(message, now_us)
         return messages + self._after(now_us)
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
-        return self._queue[0][1].next_timer() if self._begun else None
+        return self._queue[0][1].next_timer() if self._active else None
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Do what is due."""
-        if not self._begun:
+        if not self._active:
             return []
         messages = self._queue[0][1].handle_timer(now_us)
         return messages + self._after(now_us)
@@ -179,9 +179,9 @@ class ParameterQueue:
         if result is None:
             return []
         request_id, _ = self._queue.pop(0)
-        self._begun = False
+        self._active = False
         self._report(ParametersFinished(now_us, request_id, result))
-        return self.begin_next(now_us)
+        return self.start_next(now_us)
 
 
 def _bytewise(stack: Stack) -> bool:

@@ -3,7 +3,7 @@
 asked --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
 
-An acknowledgement tells only the number of the command, and it is the same for release and setting
+An acknowledgement has only the number of the command, which is the same for release and setting
 back. So each pulse of the dropper is sent by components of its own, to which it is answered.
 """
 
@@ -23,10 +23,10 @@ FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 # ArduPilot keeps the signatures of 16 streams (system, component, link).
 PULSES_APART = 4
 BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
-MOST_BACKS = 40
+MAX_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
-# PX4's gripper tells the former of a release when the setting back comes, and the latter of one
-# that a link has doubled: neither says that nothing fell.
+# PX4's gripper answers a release with the former when the setting back arrives, and with the latter
+# when a link has doubled it: neither means that nothing fell.
 CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
@@ -70,18 +70,18 @@ class DropSender:
     ) -> tuple[int, list[Message]]:
         """A number for the drop, and the release, to be sent at once; refused if it would be late.
 
-        ``lost``: nothing is heard of the vehicle. Raises BridgeError where the stack has no way.
+        ``lost``: the vehicle is silent. Raises BridgeError where the stack has no way.
         """
         release, back = drop(stack, dropper)
         self._last_id += 1
         last = self._pulses[-1] if self._pulses else None
         if lost:
-            self._tell(self._last_id, "refused", "the link is lost", now_us)
+            self._finish(self._last_id, "refused", "the link is lost", now_us)
             return self._last_id, []
         if last is not None and not last.backs:
             ago_s = (now_us - last.released_us) / 1e6
             reason = f"late: the dropper was set {ago_s:.2f} s ago and is not set back yet"
-            self._tell(self._last_id, "refused", reason, now_us)
+            self._finish(self._last_id, "refused", reason, now_us)
             return self._last_id, []
         component = FIRST_COMPONENT + 2 * (self._last_id % PULSES_APART)
         self._forget(component, now_us)
@@ -153,14 +153,14 @@ class DropSender:
         message.from_component = pulse.component + 1
         pulse.backs += 1
         pulse.back_due_us = now_us + BACK_EVERY_US
-        pulse.is_back = pulse.backs >= MOST_BACKS
+        pulse.is_back = pulse.backs >= MAX_BACKS
         return message
 
     def _end(self, pulse: _Pulse, outcome: DropOutcome, reason: str, now_us: int) -> None:
         pulse.waits = False
-        self._tell(pulse.drop_id, outcome, reason, now_us)
+        self._finish(pulse.drop_id, outcome, reason, now_us)
 
-    def _tell(self, drop_id: int, outcome: DropOutcome, reason: str, now_us: int) -> None:
+    def _finish(self, drop_id: int, outcome: DropOutcome, reason: str, now_us: int) -> None:
         self._report(DropFinished(now_us, drop_id, outcome, reason))
 
     def _tidy(self) -> None:

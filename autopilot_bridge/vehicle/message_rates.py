@@ -3,9 +3,9 @@
 asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
 when all were asked: what does not arrive is asked for again, a few times; so is what stops
 
-ArduCopter forgets its rates at a restart, and its heartbeat does not tell of that.
+ArduCopter forgets its rates at a restart, and its heartbeat does not show that.
 
-The acknowledgement does not say for which message it is, so one is asked for at a time.
+The acknowledgement does not name the message, so one is requested at a time.
 """
 
 from collections.abc import Mapping
@@ -114,15 +114,15 @@ class MessageRates:
         self._wanted = rates_for(stack, self._rates_hz)
         self._absent = set()
         self._rounds = 0
-        return self._ask_round(list(self._wanted), now_us)
+        return self._request_round(list(self._wanted), now_us)
 
-    def _ask_round(self, message_ids: list[int], now_us: int) -> list[Message]:
+    def _request_round(self, message_ids: list[int], now_us: int) -> list[Message]:
         self._waiting = message_ids
         self._unanswered.clear()
         self._tries = 0
-        return self._ask(now_us)
+        return self._send_request(now_us)
 
-    def _ask(self, now_us: int) -> list[Message]:
+    def _send_request(self, now_us: int) -> list[Message]:
         if not self._waiting:
             self._look_later(now_us)
             return []
@@ -136,7 +136,7 @@ class MessageRates:
         self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Note what arrives; go on after an acknowledgement, whatever it says."""
+        """Note what arrives; go on after an acknowledgement of any result."""
         message_id = message.get_msgId()
         if message_id in self._wanted:
             self._arrived.add(message_id)
@@ -147,7 +147,7 @@ class MessageRates:
     def _next(self, now_us: int) -> list[Message]:
         self._waiting.pop(0)
         self._tries = 0
-        return self._ask(now_us)
+        return self._send_request(now_us)
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
@@ -160,7 +160,7 @@ class MessageRates:
         if self._waiting:
             self._tries += 1
             if self._tries < TRIES:
-                return self._ask(now_us)
+                return self._send_request(now_us)
             self._unanswered.add(self._waiting[0])
             return self._next(now_us)
         return self._look(now_us)
@@ -171,6 +171,6 @@ class MessageRates:
         self._rounds = self._rounds + 1 if absent == self._absent else 0
         self._absent = absent
         if absent and self._rounds < ROUNDS:
-            return self._ask_round(sorted(absent), now_us)
+            return self._request_round(sorted(absent), now_us)
         self._look_later(now_us)
         return []

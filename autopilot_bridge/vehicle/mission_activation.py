@@ -77,24 +77,24 @@ class MissionActivation(Exchange):
         self._plan_id = plan_id
         self._before = before
         same_list = plan_id is not None and before.plan_id == plan_id
-        self._asks = plan_id is None or (same_list and before.seq != seq)
+        self._needs_command = plan_id is None or (same_list and before.seq != seq)
         # PX4 does not report again that a list is fit if it is begun elsewhere than at 0 (read:
         # 1.17 ``update_mission_state``).
         self._judged = plan_id is not None and not (before.unfit and seq > 0)
-        self._started_us = self._asked_us = 0
+        self._started_us = self._requested_us = 0
         self._tries = 0
         self._seen: int | None = None  # the newest number that is younger than the last command
         self._unfit_since_us: int | None = None
         self._others = 0
-        self._said = ""
+        self._warning_text = ""
 
     def start(self, now_us: int) -> list[Message]:
         """Send the command, or wait for MISSION_CURRENT."""
         self._started_us = now_us
-        return self._ask(now_us) if self._asks else self._wait(now_us)
+        return self._send_request(now_us) if self._needs_command else self._wait(now_us)
 
-    def _ask(self, now_us: int) -> list[Message]:
-        self._asked_us, self._seen = now_us, None
+    def _send_request(self, now_us: int) -> list[Message]:
+        self._requested_us, self._seen = now_us, None
         self._wait(now_us)
         target = self._address.target
         if self._plan_id is not None:
@@ -111,8 +111,8 @@ class MissionActivation(Exchange):
             return []
         match message.get_type():
             case "STATUSTEXT" if message.severity <= mavlink.MAV_SEVERITY_WARNING:
-                self._said = f": {message.text.strip()}"
-            case "COMMAND_ACK" if self._asks and self._plan_id is None:
+                self._warning_text = f": {message.text.strip()}"
+            case "COMMAND_ACK" if self._needs_command and self._plan_id is None:
                 self._acknowledged(message)
             case "MISSION_CURRENT" if self._shows_list(message):
                 self._look(message, now_us)
@@ -127,14 +127,16 @@ class MissionActivation(Exchange):
             self.result = TransferResult("accepted", f"item {self._seq} is current")
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
             words = result_words(message.result)
-            self.result = TransferResult("failed", f"the command to begin it: {words}{self._said}")
+            self.result = TransferResult(
+                "failed", f"the command to begin it: {words}{self._warning_text}"
+            )
 
     def _shows_list(self, message: Message) -> bool:
         """Whether MISSION_CURRENT is about the new list."""
         if self._plan_id is None:
             return True
-        told_id = message.mission_id
-        if told_id == self._plan_id or (not told_id and message.total == self._count):
+        reported_id = message.mission_id
+        if reported_id == self._plan_id or (not reported_id and message.total == self._count):
             self._others = 0
             return True
         self._others += 1
@@ -148,13 +150,13 @@ class MissionActivation(Exchange):
             self._unfit(now_us)
             return
         self._unfit_since_us = None
-        if not self._asks:
+        if not self._needs_command:
             if now_us - self._started_us >= SETTLED_US:
                 self.result = TransferResult("accepted", f"item {message.seq} is current")
             return
         if self._has_begun(message.seq):
             self.result = TransferResult("accepted", f"item {message.seq} is current")
-        elif now_us - self._asked_us >= ANSWERED_US:
+        elif now_us - self._requested_us >= ANSWERED_US:
             self._seen = message.seq
 
     def _has_begun(self, seq: int) -> bool:
@@ -173,12 +175,12 @@ class MissionActivation(Exchange):
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
-            words = f"the vehicle holds the mission and does not take it for one to fly{self._said}"
-            self.result = TransferResult("rejected", words)
+            words = "the vehicle holds the mission and does not take it for one to fly"
+            self.result = TransferResult("rejected", f"{words}{self._warning_text}")
 
-    def leave(self, why: str) -> None:
+    def stop_commands(self, why: str) -> None:
         """Send no command any more: autopilot or pilot took over. Without one, wait on."""
-        if self._asks and self.result is None:
+        if self._needs_command and self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -190,6 +192,6 @@ class MissionActivation(Exchange):
             missing = "no MISSION_CURRENT" if self._seen is None else "no message"
             self.result = TransferResult("failed", f"{missing} arrived that shows it")
             return []
-        if self._asks and self._seen is not None:
-            return self._ask(now_us)
+        if self._needs_command and self._seen is not None:
+            return self._send_request(now_us)
         return self._wait(now_us)

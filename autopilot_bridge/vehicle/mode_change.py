@@ -67,7 +67,7 @@ class ModeChange(Exchange):
         if custom_mode == self.wanted:
             self.result = TransferResult("accepted", "the mode is changed")
         elif custom_mode != self._before:
-            self.leave(changed_meanwhile(self._stack, custom_mode))
+            self.stop_commands(changed_meanwhile(self._stack, custom_mode))
         elif now_us >= self._again_us:
             self._again_us = now_us + self._timing.timeout_us
             values = [*self._params, *[0.0] * (7 - len(self._params))]
@@ -76,7 +76,7 @@ class ModeChange(Exchange):
             return [mavlink.MAVLink_command_long_message(*target, self._command, tries, *values)]
         return []
 
-    def leave(self, why: str) -> None:
+    def stop_commands(self, why: str) -> None:
         """Send no command any more: the autopilot or a pilot has taken over."""
         if self.result is None:
             self.result = TransferResult("failed", why)

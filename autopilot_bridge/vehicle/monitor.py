@@ -39,9 +39,9 @@ class VehicleMonitor:
     """``current`` and ``total`` are MISSION_CURRENT's: wire numbers, or None before the first."""
 
     def __init__(
-        self, heartbeat_timeout_us: int = 3_000_000, most_speed_m_s: float | None = None
+        self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Positions out of reach at ``most_speed_m_s`` are not used; None: all are."""
+        """Positions out of reach at ``max_speed_m_s`` are not used; None: all are."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
@@ -52,13 +52,13 @@ class VehicleMonitor:
         self.unfit = False  # the mission on board is none to fly, or there is none
         self.critical = False  # in failsafe, by its heartbeat
         self._heartbeat_timeout_us = heartbeat_timeout_us
-        self._heard_us: int | None = None
+        self._received_us: int | None = None
         self._lost = False
         self.position: Position | None = None
         self._telemetry = Telemetry()
         self._reached: int | None = None
         self._clock = BootClock()
-        self._reach = Reach(most_speed_m_s)
+        self._reach = Reach(max_speed_m_s)
         self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
         self._back_us = 0  # by how much times since boot went back, if they did
         self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
@@ -66,7 +66,7 @@ class VehicleMonitor:
 
     @property
     def hidden_items(self) -> int:
-        """Items the user does not know of: ArduPilot's home."""
+        """Items that users do not see: ArduPilot's home."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     @property
@@ -77,17 +77,17 @@ class VehicleMonitor:
 
     def next_timer(self) -> int | None:
         """When its silence counts as a lost link."""
-        if self._heard_us is None or self._lost:
+        if self._received_us is None or self._lost:
             return None
-        return self._heard_us + self._heartbeat_timeout_us
+        return self._received_us + self._heartbeat_timeout_us
 
     def handle_timer(self, now_us: int) -> list[ClientEvent]:
         """Tell of a link that is lost."""
         due_us = self.next_timer()
-        if due_us is None or self._heard_us is None or now_us < due_us:
+        if due_us is None or self._received_us is None or now_us < due_us:
             return []
         self._lost = True
-        return [LinkLost(now_us, now_us - self._heard_us)]
+        return [LinkLost(now_us, now_us - self._received_us)]
 
     def alarm_timer(self) -> int | None:
         """When to call ``end_alarms``."""
@@ -151,7 +151,7 @@ class VehicleMonitor:
         beyond_m = self._reach.beyond_m(place)
         verdict = self._reach.judge(place, self._clock.rate)
         if verdict == "beyond":
-            self._telemetry.take_back("GLOBAL_POSITION_INT")
+            self._telemetry.retract("GLOBAL_POSITION_INT")
             words = f"it cannot have flown {beyond_m:.0f} m from its last position; {NOT_USED}"
             return self._alarm("jump", words, place.at_us)
         self.position = place
@@ -182,7 +182,7 @@ class VehicleMonitor:
                         return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
-                # ArduPlane tells of item 0, its home, when it is where GUIDED sent it.
+                # ArduPlane reports item 0, its home, when it is where GUIDED sent it.
                 if message.seq != self._reached and message.seq >= self.hidden_items:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]
@@ -198,7 +198,7 @@ class VehicleMonitor:
             kind = f"autopilot {message.autopilot}, type {message.type}"
             words = f"a HEARTBEAT of another kind of vehicle ({kind}); {NOT_USED}"
             return [] if self.stack is None else self._alarm("value", words, now_us)
-        self._heard_us = now_us
+        self._received_us = now_us
         events: list[ClientEvent] = []
         if self.stack is None:
             self.stack = stack
@@ -214,4 +214,4 @@ class VehicleMonitor:
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))
-        return [*events, *self._telemetry.news(system_state(message, now_us))]
+        return [*events, *self._telemetry.changed(system_state(message, now_us))]

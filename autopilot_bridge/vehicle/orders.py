@@ -2,7 +2,7 @@
 
 ``ORDERS`` is the table. To add a command, add a row and the function of its steps. Read and flown:
 PX4 1.17, ArduPilot 4.6.2. A command that a stack does not have raises BridgeError. Altitudes are
-above mean sea level unless the name says otherwise.
+above mean sea level unless the name differs.
 """
 
 import math
@@ -20,10 +20,10 @@ from autopilot_bridge.vehicle.command_sequence import AnyStep, SetParameter
 NAN = math.nan
 CHANGE_MODE = float(mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 SAME_PLACE = Place(mavlink.MAV_FRAME_GLOBAL, 2**31 - 1, 2**31 - 1, NAN)
-PX4_MOST_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
-PLANE_MOST_RADIUS_M = 32767.0
+PX4_MAX_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
+PLANE_MAX_RADIUS_M = 32767.0
 
-PX4_MOST_ACTUATORS = 6
+PX4_MAX_ACTUATORS = 6
 SERVO_US = (500.0, 2500.0)  # pulses that servos take
 GRIPPER_RELEASE = float(mavlink.GRIPPER_ACTION_RELEASE)
 GRIPPER_GRAB = float(mavlink.GRIPPER_ACTION_GRAB)
@@ -151,9 +151,9 @@ def orbit(
             "ArduCopter 4.6 has no orbit command; fly LOITER_TURNS items or reposition around"
         )
     px4_copter = stack.name == "px4" and stack.vehicle == "copter"
-    most_m = PX4_MOST_ORBIT_RADIUS_M if px4_copter else PLANE_MOST_RADIUS_M
-    if not 1.0 <= abs(radius_m) <= most_m:
-        raise BridgeError(f"orbit of radius {radius_m} m: take 1 to {most_m:.0f} m, with its sign")
+    max_m = PX4_MAX_ORBIT_RADIUS_M if px4_copter else PLANE_MAX_RADIUS_M
+    if not 1.0 <= abs(radius_m) <= max_m:
+        raise BridgeError(f"orbit of radius {radius_m} m: take 1 to {max_m:.0f} m, with its sign")
     change = () if speed_m_s is None or px4_copter else change_speed(stack, speed_m_s)
     if stack.name == "ardupilot":
         anticlockwise = 1.0 if radius_m < 0.0 else 0.0
@@ -203,7 +203,7 @@ def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
                 Step(mavlink.MAV_CMD_DO_SET_SERVO, (number, dropper.rest)),
             )
         case "actuator":
-            _check_output(dropper, 1, PX4_MOST_ACTUATORS, (-1.0, 1.0))
+            _check_output(dropper, 1, PX4_MAX_ACTUATORS, (-1.0, 1.0))
             return (
                 Step(mavlink.MAV_CMD_DO_SET_ACTUATOR, _actuators(dropper.number, dropper.release)),
                 Step(mavlink.MAV_CMD_DO_SET_ACTUATOR, _actuators(dropper.number, dropper.rest)),
@@ -231,7 +231,7 @@ def _check_output(
 
 def _actuators(number: int, value: float) -> tuple[float, ...]:
     """Params 1 to 7 that set one of the first six and leave the others as they are."""
-    values = [NAN] * PX4_MOST_ACTUATORS
+    values = [NAN] * PX4_MAX_ACTUATORS
     values[number - 1] = value
     return (*values, 0.0)
 

@@ -5,7 +5,7 @@ read all: listed --PARAM_VALUE ...-- quiet --> missing indexes asked for, some a
 set: sent --PARAM_VALUE of that name--> ended; sent again on timeout
 
 A value travels in a float: PX4 puts the bytes of an int32 there, ArduPilot converts the number.
-Neither answers to a name it does not know.
+Neither answers to an unknown name.
 """
 
 import math
@@ -36,7 +36,7 @@ _FORMATS = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as the autopilot told it; ``kind`` is its MAV_PARAM_TYPE."""
+    """A parameter as the autopilot reported it; ``kind`` is its MAV_PARAM_TYPE."""
 
     name: str
     value: float
@@ -93,7 +93,7 @@ def parameter_of(message: Message, bytewise: bool) -> Parameter:
     return Parameter(message.param_id, decoded_value(message.param_value, kind, bytewise), kind)
 
 
-class _Asking:
+class _ParameterExchange:
     """What reading and setting share: source of messages, deadline, tries, result."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
@@ -128,7 +128,7 @@ class _Asking:
         return self._tries > self._timing.retries
 
 
-class ParameterRead(_Asking):
+class ParameterRead(_ParameterExchange):
     """Reads one parameter by name."""
 
     def __init__(
@@ -165,8 +165,8 @@ class ParameterRead(_Asking):
         return []
 
 
-class ParameterSet(_Asking):
-    """Sets one parameter: reads its type, sends the value, believes only what is told back."""
+class ParameterSet(_ParameterExchange):
+    """Sets one parameter: reads its type, sends the value, accepts only what is reported back."""
 
     def __init__(
         self,
@@ -241,7 +241,7 @@ def _same(told: float, wanted: float) -> bool:
     return abs(told - wanted) <= 1e-6 * max(abs(wanted), 1e-6)
 
 
-class ParametersRead(_Asking):
+class ParametersRead(_ParameterExchange):
     """Reads all parameters: the list, then what was lost of it; without those that are NaN."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
@@ -268,10 +268,10 @@ class ParametersRead(_Asking):
             self._end("accepted", "accepted")
         elif message.param_index in self._asked:
             self._asked.discard(message.param_index)
-            return [] if self._asked else self._ask_for_missing(now_us)
+            return [] if self._asked else self._request_missing(now_us)
         return []
 
-    def _ask_for_missing(self, now_us: int) -> list[Message]:
+    def _request_missing(self, now_us: int) -> list[Message]:
         assert self._count is not None
         self._deadline_us = now_us + QUIET_US
         missing = [index for index in range(self._count) if index not in self._found]
@@ -297,4 +297,4 @@ class ParametersRead(_Asking):
             return []
         if self._count is None:
             return self.start(now_us)
-        return self._ask_for_missing(now_us)
+        return self._request_missing(now_us)

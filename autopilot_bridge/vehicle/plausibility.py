@@ -36,7 +36,7 @@ KEPT = 4
 REBOOT_KEPT_US = 1_000_000
 CHANGED_KEPT_US = 3_000_000
 POINTS = 10  # that the line is fitted to
-MOST_SINCE = 64
+MAX_SINCE = 64
 BY_CHANCE = 2
 FITS = 60  # a simulation that fell behind may catch up within a minute
 FIRST_EVERY_US, EVERY_US = 100_000, 1_000_000
@@ -66,8 +66,8 @@ class _Base:
     messages: int = 1
 
     def goes_on(self, boot_us: int, now_us: int) -> bool:
-        most_us = self.boot_us + BURST_US + FASTEST * (now_us - self.at_us)
-        return self.boot_us - BACK_US <= boot_us <= most_us
+        max_us = self.boot_us + BURST_US + FASTEST * (now_us - self.at_us)
+        return self.boot_us - BACK_US <= boot_us <= max_us
 
     def runs(self) -> bool:
         """Whether it advances as a clock does, and is not one repeated value."""
@@ -81,7 +81,7 @@ class BootClock:
         self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
         self._since: list[tuple[int, int]] = []  # the same, of which the next point is made
         self._latest_us: int | None = None  # time since boot
-        self._heard_us = 0
+        self._received_us = 0
         self._rates: deque[float] = deque(maxlen=FITS)
         self._peak = 1.0  # the greatest of these rates but for two, which may be by chance
         self._slope = 1.0
@@ -97,7 +97,7 @@ class BootClock:
         """How far a time is ahead of where it should be; behind is negative."""
         if self._latest_us is None:
             return 0
-        return round(boot_us - self._latest_us - self.rate * (now_us - self._heard_us))
+        return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
         """Whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
@@ -105,10 +105,10 @@ class BootClock:
             self._begin(boot_us, now_us)
             return "kept"
         back_us = BACK_US * (1.0 if self._peak <= REAL else self._peak)
-        if self._latest_us - back_us <= boot_us <= max(self._most_us(now_us), self._latest_us):
+        if self._latest_us - back_us <= boot_us <= max(self._max_us(now_us), self._latest_us):
             self._other = None
             self._latest_us = max(self._latest_us, min(boot_us, self._expected_us(now_us)))
-            self._heard_us = now_us
+            self._received_us = now_us
             self._note(boot_us, now_us)
             return "kept"
         other = self._other
@@ -117,7 +117,7 @@ class BootClock:
             return "back" if boot_us < self._latest_us else "ahead"
         other.boot_us, other.at_us = max(other.boot_us, boot_us), now_us
         other.messages += 1
-        silent_us = other.first_us - self._heard_us
+        silent_us = other.first_us - self._received_us
         slack_us = SIMULATED_AHEAD_S * 1e6 * max(self._peak, 1.0)
         restarts = boot_us < self._latest_us
         restarts &= other.first_boot_us <= self.rate * silent_us + slack_us
@@ -132,10 +132,10 @@ class BootClock:
         self._rates.clear()
         self._since.clear()
         self._peak = 1.0
-        self._latest_us, self._heard_us, self._other = boot_us, now_us, None
+        self._latest_us, self._received_us, self._other = boot_us, now_us, None
         self._note(boot_us, now_us)
 
-    def _most_us(self, now_us: int) -> float:
+    def _max_us(self, now_us: int) -> float:
         """The greatest time since boot that is used now."""
         at_us, boot_us = self._line
         if len(self._points) < POINTS:
@@ -153,7 +153,7 @@ class BootClock:
     def _note(self, boot_us: int, now_us: int) -> None:
         points = self._points
         every_us = EVERY_US if len(points) == POINTS else FIRST_EVERY_US
-        if len(self._since) < MOST_SINCE:
+        if len(self._since) < MAX_SINCE:
             self._since.append((now_us, boot_us))
         if points and now_us - points[-1][0] < every_us:
             return
@@ -236,9 +236,9 @@ class Reach:
 
     def _near(self, before: Position, place: Position, passed_us: float) -> bool:
         assert self._speed_m_s is not None
-        most_m = self._speed_m_s * max(passed_us, 0.0) / 1e6 + MARGIN_M
+        max_m = self._speed_m_s * max(passed_us, 0.0) / 1e6 + MARGIN_M
         ground_m, up_m, up_relative_m = _apart_m(before, place)
-        return max(ground_m, abs(up_m), abs(up_relative_m)) <= most_m
+        return max(ground_m, abs(up_m), abs(up_relative_m)) <= max_m
 
 
 def _passed_us(before: Position, place: Position) -> int:

@@ -17,7 +17,7 @@ from autopilot_bridge.vehicle.client_events import AlarmEnded, RemoteChanged, Sa
 
 ENDED_AFTER_US = 10_000_000  # of silence of the other remote
 MOVED_FOR_US = 60_000_000  # how long the alarm stands of a vehicle that has moved
-MOST_RANKED = 8  # remotes that are remembered
+MAX_RANKED = 8  # remotes that are remembered
 SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
@@ -31,7 +31,7 @@ class RemoteBinding:
         self._timeout_us = timeout_us
         self._called = called
         self._signed = signed
-        self._heard_us = 0
+        self._received_us = 0
         self._ranked: list[str] = []  # remotes it was taken from, in the order found
         self._other: tuple[str, int] | None = None  # another remote that sends, and when it did
         self._raised: type[SourceAlarm] | None = None
@@ -49,14 +49,14 @@ class RemoteBinding:
             if not is_heartbeat:
                 return False
             self._bind(remote, now_us)
-        self._heard_us = now_us
+        self._received_us = now_us
         if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both send
             self._raise(SameSystemId(now_us, remote, self._other[0]))
             self._alarm_until_us = self._other[1] + ENDED_AFTER_US
         return True
 
     def _may_take_over(self, remote: str, now_us: int) -> bool:
-        if self.remote is None or now_us - self._heard_us >= self._timeout_us:
+        if self.remote is None or now_us - self._received_us >= self._timeout_us:
             return True
         if self._called in (remote, self.remote):
             return remote == self._called
@@ -66,10 +66,10 @@ class RemoteBinding:
     def _bind(self, remote: str, now_us: int) -> None:
         before, self.remote, self._other = self.remote, remote, None
         if remote not in self._ranked:
-            del self._ranked[MOST_RANKED - 1 :]
+            del self._ranked[MAX_RANKED - 1 :]
             self._ranked.append(remote)
-        if before is not None and now_us - self._heard_us < self._timeout_us:
-            self._other = (before, self._heard_us)
+        if before is not None and now_us - self._received_us < self._timeout_us:
+            self._other = (before, self._received_us)
         elif before is not None and not self._signed:
             self._raise(RemoteChanged(now_us, before, remote))
             self._alarm_until_us = now_us + MOVED_FOR_US

@@ -29,7 +29,7 @@ FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "stat
 
 
 def position(message: Message, at_us: int) -> Position | None:
-    """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot tells before its fix.
+    """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot sends before its fix.
 
     It drifts there by dead reckoning: 35 m in the first seconds of one in simulation.
     """
@@ -65,13 +65,13 @@ def speed(message: Message, at_us: int) -> Speed:
 def wind(message: Message, at_us: int) -> Wind | None:
     """WIND: where it comes from (ArduPilot); None while there is no estimate.
 
-    ArduCopter 4.6 without parameters of its drag tells a wind of exactly 0 all the time.
+    ArduCopter 4.6 without parameters of its drag sends a wind of exactly 0 all the time.
     """
     return Wind(at_us, message.direction % 360.0, message.speed) if message.speed else None
 
 
 def wind_from_vector(message: Message, at_us: int) -> Wind | None:
-    """WIND_COV (PX4); None where it says that it is not known."""
+    """WIND_COV (PX4); None where it is marked as unknown."""
     if math.isnan(message.wind_x) or math.isnan(message.wind_y):
         return None
     return wind_of_air(message.wind_x, message.wind_y, at_us)
@@ -163,7 +163,7 @@ TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
 class Changes:
-    """What was told last of states that are told on change."""
+    """The last value of each state that is reported on change."""
 
     def __init__(self) -> None:
         self._told: dict[tuple[str, int], ToldOnChange] = {}
@@ -178,7 +178,7 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle: late and doubled messages left out, states told on change."""
+    """The telemetry of one vehicle without late and doubled messages; states reported on change."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
@@ -194,10 +194,10 @@ class Telemetry:
         self._estimator = Estimator()
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
-        """What a message tells, if it is news."""
+        """The events of a message; none for repeated states."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
-            return self.news(self._estimator.receive(message, at_us))
+            return self.changed(self._estimator.receive(message, at_us))
         decoders = _DECODERS.get(kind, ())
         if not decoders or self._late(kind, message):
             return []
@@ -213,11 +213,11 @@ class Telemetry:
                 found.append(event)
         return found
 
-    def news(self, event: ToldOnChange) -> list[TelemetryEvent]:
+    def changed(self, event: ToldOnChange) -> list[TelemetryEvent]:
         """A state, if it has changed."""
         return [event] if self._changes.has(event) else []
 
-    def take_back(self, kind: str) -> None:
+    def retract(self, kind: str) -> None:
         """Forget the time of an unused message, so that later ones do not count as late."""
         self._boot_us[kind] = self._before_us
 

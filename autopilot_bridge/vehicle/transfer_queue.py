@@ -52,7 +52,7 @@ class TransferQueue:
         report: Callable[[Job, TransferResult, int], None],
         commanded_modes: CommandedModes,
     ) -> None:
-        """``report`` is told how each job ended, and when."""
+        """``report`` is called with each job's result and its time."""
         self._own = own
         self._commanded_modes = commanded_modes
         self._timing = timing
@@ -87,8 +87,8 @@ class TransferQueue:
         job.cancelled = True
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
-    def leave_mode(self) -> None:
-        """The mode is somebody else's from now on: no upload holds or flies on.
+    def release_mode(self) -> None:
+        """Another command has the mode from now on: no upload holds or resumes.
 
         One that changes the mode right now is given up.
         """
@@ -100,7 +100,7 @@ class TransferQueue:
         if isinstance(job.under_way, ModeChange) and job.under_way.result is None:
             job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
 
-    def taken(self, why: str) -> None:
+    def mode_overridden(self, why: str) -> None:
         """The autopilot or a pilot has taken over: the current upload no longer changes the mode.
 
         Uploads that have not begun yet check the mode when they begin.
@@ -108,11 +108,11 @@ class TransferQueue:
         job = self._job
         if job is None or job.action != "upload":
             return
-        job.taken = job.taken or why
+        job.override = job.override or why
         if isinstance(job.under_way, ModeChange | MissionActivation):
-            job.under_way.leave(why)
+            job.under_way.stop_commands(why)
 
-    def begin_next(self, state: VehicleState, now_us: int) -> list[Message]:
+    def start_next(self, state: VehicleState, now_us: int) -> list[Message]:
         """Begin what waits if nothing is under way."""
         if self._job is not None or not self._queue:
             return []
@@ -134,10 +134,10 @@ class TransferQueue:
         if job.action == "download":
             return self._read_file(address) if by_file else self._read_items(address)
         flying = job.kind == "mission" and state.in_mission
-        held = state.stack.most_items if state.total is None else state.total
+        held = state.stack.max_items if state.total is None else state.total
         job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
         if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
-            most, self._session = state.stack.most_items, next_session(self._session)
+            most, self._session = state.stack.max_items, next_session(self._session)
             upload = FtpUpload(address, job.wire_items, most, self._session, self._timing)
             return Phase.WRITING_FILE, upload
         return self._by_items(job, state)
@@ -254,7 +254,7 @@ class TransferQueue:
         job.uploaded = result
         holds = held_after(job.under_way, result, state.stack)
         if result.outcome == "accepted" and not job.check:
-            return self._begun(job, state)
+            return self._start_mission(job, state)
         if result.outcome == "accepted" or holds in ("one of both", "not known"):
             return self._read_items(self._address(job, state))  # never guess: read it back
         return replace(result, holds=holds)
@@ -269,7 +269,7 @@ class TransferQueue:
         if same_mission(job.wire_items, result.items, stack, MISSION_TYPES[job.kind]):
             if job.uploaded.outcome == "cancelled":
                 return replace(job.uploaded, items=job.items, holds="the new one")
-            return self._begun(job, state)
+            return self._start_mission(job, state)
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
@@ -289,13 +289,13 @@ class TransferQueue:
         if same_mission(job.wire_items, read.items, state.stack, mission_type):
             if job.old_tail:  # cut off by now, and the new mission has begun
                 return accepted(job)
-            return self._begun(job, state)
+            return self._start_mission(job, state)
         to_go_on = not untouched and not job.cancelled
         begun = read.items[: len(job.wire_items)]
         longer = job.kind == "mission" and same_mission(job.wire_items, begun, state.stack)
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
-            return self._begun(job, state)
+            return self._start_mission(job, state)
         if to_go_on:  # not applied, or in part: a command it does not know
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, state)
@@ -310,17 +310,17 @@ class TransferQueue:
         return replace(result, reason=words, holds="the old one")
 
     def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
-        if result.outcome == "accepted" or job.taken:
+        if result.outcome == "accepted" or job.override:
             return accepted(job)
         words = f"the vehicle holds the mission but did not fly on: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
-    def _begun(self, job: Job, state: VehicleState) -> Following:
+    def _start_mission(self, job: Job, state: VehicleState) -> Following:
         """Start the mission on board."""
-        if job.kind != "mission" or not job.items or job.looked:
+        if job.kind != "mission" or not job.items or job.reread:
             return accepted(job)
-        if job.taken and not state.stack.atomic_upload:
-            return self._not_begun(job, TransferResult("failed", job.taken))
+        if job.override and not state.stack.atomic_upload:
+            return self._not_started(job, TransferResult("failed", job.override))
         plan_id, seq = mission_id_of(job.wire_items, state.stack), self._seq(job)
         later = range(seq, len(job.wire_items))
         shown = next((at for at in later if job.wire_items[at].command <= LAST_NAV), seq)
@@ -333,24 +333,24 @@ class TransferQueue:
         assert isinstance(job.under_way, MissionActivation)
         stack, address = state.stack, self._address(job, state)
         if job.under_way.other_list and not job.cancelled:  # never guess: read it back
-            job.looked = True
+            job.reread = True
             return self._read_items(address)
         if result.outcome != "accepted":
-            return self._not_begun(job, result)
+            return self._not_started(job, result)
         if job.old_tail:
             return Phase.CUTTING_TAIL, Truncate(address, len(job.wire_items), self._timing)
-        if job.paused and not job.taken:
+        if job.paused and not job.override:
             change = self._mode_change(job, state, stack.hold_mode, stack.mission_mode)
             return Phase.RESUMING, change
         return accepted(job)
 
-    def _not_begun(self, job: Job, result: TransferResult) -> TransferResult:
+    def _not_started(self, job: Job, result: TransferResult) -> TransferResult:
         if job.old_tail:
             words = "the vehicle holds the mission followed by the end of the old one, and"
             words = f"{words} did not begin it: {result.reason}"
             return TransferResult("failed", words, holds="a mixture")
         if result.outcome == "rejected":
-            words = f"{result.reason}{lacks(job)}"
+            words = f"{result.reason}{likely_reason(job)}"
             return replace(result, reason=words, items=job.items, holds="the new one")
         words = f"the vehicle holds the mission but did not begin it: {result.reason}"
         return TransferResult(result.outcome, words, items=job.items, holds="the new one")
@@ -380,7 +380,7 @@ def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> Tra
     return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 
 
-def lacks(job: Job) -> str:
+def likely_reason(job: Job) -> str:
     """A likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
@@ -389,17 +389,19 @@ def lacks(job: Job) -> str:
 
 def accepted(job: Job) -> TransferResult:
     """The result of an upload that is held, and flown unless autopilot or pilot took over."""
-    words = f"accepted; {job.taken}, and its mode was not changed" if job.taken else "accepted"
+    words = (
+        f"accepted; {job.override}, and its mode was not changed" if job.override else "accepted"
+    )
     return TransferResult("accepted", words, 0, None, job.items, "the new one")
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Items as the user knows them: without home, jumps counted from the first."""
+    """Items as users have them: without home, jumps counted from the first."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """What the vehicle holds after an upload, as far as its end alone tells."""
+    """What the vehicle holds after an upload, as far as its end alone shows."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:

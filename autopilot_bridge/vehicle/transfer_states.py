@@ -89,7 +89,7 @@ UNSENT = (Phase.QUEUED, Phase.WRITING_FILE, *_BY_ITEMS)
 FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
     "old_tail": (Phase.STARTING, Phase.CUTTING_TAIL, Phase.READING_FILE, Phase.ENDED),
     "paused": (*_BY_ITEMS, Phase.READING_ITEMS, Phase.STARTING, Phase.RESUMING, Phase.ENDED),
-    "looked": (Phase.READING_ITEMS, Phase.ENDED),
+    "reread": (Phase.READING_ITEMS, Phase.ENDED),
 }
 
 
@@ -135,8 +135,8 @@ class Job:
     paused: bool = False  # it holds because of this job
     uploaded: TransferResult | None = None  # how the upload itself ended
     before: Onboard = NOTHING
-    looked: bool = False  # it was read back after it should have started
-    taken: str = ""  # why the mode is not changed any more; "" if it may be
+    reread: bool = False  # it was read back after it should have started
+    override: str = ""  # why the mode is not changed any more; "" if it may be
     cancelled: bool = False
     history: list[Phase] = field(default_factory=lambda: [Phase.QUEUED])
 

@@ -59,7 +59,7 @@ async def _told_and_tried(
         client.download(clock_us(), by_file=False)  # a question whose answer comes signed, or not
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
-        answered = answer.result.outcome == "accepted" and not connection.hears_signed
+        answered = answer.result.outcome == "accepted" and not connection.receives_signed
         if not answered:
             raise MissionServiceError(_why_not(line.link, system, connection, signing))
     return system

@@ -144,7 +144,7 @@ def _unended(line: Line, client: NativeClient, connection: Connection) -> str:
     if client.stack is None and refused:
         return f"{line.link}: no autopilot was believed within {line.timeout_s:g} s: {refused}"
     heard = "the transfer did not end" if client.stack else "no autopilot was heard"
-    if connection.hears_signed:
+    if connection.receives_signed:
         return f"{line.link}: {heard} within {line.timeout_s:g} s; {unheeded(line.link)}"
     return f"{line.link}: {heard} within {line.timeout_s:g} s; is it running, and is this its port?"
 

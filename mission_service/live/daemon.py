@@ -343,7 +343,7 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     return [
         (name, line)
         for name, link in links.items()
-        for line in link.refusals.news(link.connection.counts, link.connection.hears_signed)
+        for line in link.refusals.news(link.connection.counts, link.connection.receives_signed)
     ]
 
 

@@ -84,11 +84,11 @@ class Refusals:
         self._signing = signing
         self._told: set[str] = set()
 
-    def news(self, counts: Counts, hears_signed: bool) -> list[str]:
+    def news(self, counts: Counts, receives_signed: bool) -> list[str]:
         """What is new, a line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:
-            lines["unheeded"] = unheeded(self._link) if hears_signed else None
+            lines["unheeded"] = unheeded(self._link) if receives_signed else None
         else:
             lines["refused"] = refusal(counts, self._link, TELL_FROM_FRAMES)
             lead_s = self._signing.lead_s(self._system_id)

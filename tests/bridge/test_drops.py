@@ -219,7 +219,7 @@ def test_a_refusal_addressed_to_another_is_none_of_a_drops() -> None:
     denied = mavlink.MAV_RESULT_DENIED
     others = ((255, 190), (255, FIRST_COMPONENT + 3), (254, FIRST_COMPONENT + 2))
     for other in others:
-        mock.say(mavlink.MAVLink_command_ack_message(183, denied, 0, 0, *other))
+        mock.send_message(mavlink.MAVLink_command_ack_message(183, denied, 0, 0, *other))
     pair.run_for(0.5)
     assert outcomes(pair) == ["done"]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from autopilot_bridge.clients.mavsdk import MavsdkClient
-from autopilot_bridge.clients.mavsdk_library import judged
+from autopilot_bridge.clients.mavsdk_library import upload_result
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.stacks.stacks import stack_named
@@ -63,7 +63,7 @@ def test_what_mavsdk_says_is_judged_by_what_is_read_back(
     moved: tuple[MissionItem, ...] = (*sent[:-1], replace(sent[-1], x=sent[-1].x + 100))
     held = {"sent": sent, "other": moved, None: None}[read]
     shown = None if held is None else tuple(as_read_back(item, stack) for item in held)
-    result = judged(stack, hidden, sent, said, shown)
+    result = upload_result(stack, hidden, sent, said, shown)
     assert (result.outcome, result.holds) == (outcome, holds)
 
 

@@ -52,7 +52,7 @@ def test_a_stray_acknowledgement_ends_no_upload(target: tuple[int, int], mission
     pair.run_for(1.0)
     transfer_id = pair.client.upload(line_of(40), pair.now_us, by_file=False)
     pair.run_for(0.2)
-    pair.mock.say(mavlink.MAVLink_mission_ack_message(*target, 1, mission_type))
+    pair.mock.send_message(mavlink.MAVLink_mission_ack_message(*target, 1, mission_type))
     pair.run_for(0.1)
     assert pair.of(TransferFinished) == []
     assert pair.result_of(transfer_id).outcome == "accepted"

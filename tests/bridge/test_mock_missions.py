@@ -128,7 +128,7 @@ def test_too_many_items_find_no_space(stack: Stack) -> None:
     said = player.say(count(20_000))
     assert brief(said) == [("MISSION_ACK", 4)]
     if stack.name == "ardupilot":
-        assert texts(said) == [f"Only {stack.most_items} items are supported"]
+        assert texts(said) == [f"Only {stack.max_items} items are supported"]
 
 
 # What is kept -----------------------------------------------------------------------------------

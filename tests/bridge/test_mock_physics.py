@@ -141,7 +141,7 @@ def test_climb_sink_and_yaw_have_limits() -> None:
 
 
 def test_a_copter_holds_its_place_in_wind_up_to_its_highest_airspeed() -> None:
-    motion, limits = Motion(0.0, 0.0, 100.0), Limits(most_airspeed_m_s=15.0)
+    motion, limits = Motion(0.0, 0.0, 100.0), Limits(max_airspeed_m_s=15.0)
     for _ in range(80):
         step_copter(motion, (0.0, 0.0), 100.0, limits, stop=True, wind=Wind(0.0, 10.0))
     assert motion.north_m == 0.0

@@ -200,8 +200,8 @@ def test_a_simulation_may_fall_behind_and_catch_up(seed: int) -> None:
 class Vehicle:
     """A client fed with one vehicle's messages, at 4 positions a second."""
 
-    def __init__(self, most_speed_m_s: float | None = 60.0) -> None:
-        self.client = NativeClient(most_speed_m_s=most_speed_m_s)
+    def __init__(self, max_speed_m_s: float | None = 60.0) -> None:
+        self.client = NativeClient(max_speed_m_s=max_speed_m_s)
         self.now_us = 0
         self.boot_us = 0
         self.north_m = 0.0

@@ -17,7 +17,7 @@ from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, message_id_of
 from autopilot_bridge.links.signing import (
     EPOCH_US,
-    MOST_AHEAD_S,
+    MAX_AHEAD_S,
     TICKS_PER_S,
     Counts,
     Key,
@@ -159,13 +159,13 @@ def test_a_forged_frame_from_the_future_locks_nobody_out() -> None:
 
 
 def test_a_key_holder_whose_clock_is_wrong_moves_neither_our_clock_nor_a_stream() -> None:
-    ours, most = signing(), MOST_AHEAD_S * TICKS_PER_S
+    ours, most = signing(), MAX_AHEAD_S * TICKS_PER_S
     assert not ours.accepts(by_pymavlink("from the future", NOW + most + 1))
     assert ours.counts == Counts(ahead=1)
     assert ours.accepts(by_pymavlink("right again", NOW))
     assert ours.accepts(by_pymavlink("a lead like ArduPilot's", NOW + most, link_id=9))
     assert stamp_of(ours.sign(text("x"), 0)) == NOW
-    assert ours.lead_s() == MOST_AHEAD_S
+    assert ours.lead_s() == MAX_AHEAD_S
 
 
 # Restarts -------------------------------------------------------------------------------------

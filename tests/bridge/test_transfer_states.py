@@ -45,9 +45,9 @@ def test_contradictions_of_a_state_are_found() -> None:
     job.uploaded = TransferResult("accepted", "")
     with pytest.raises(AssertionError):
         job.validate_state()
-    job.uploaded, job.looked = None, True
-    with pytest.raises(AssertionError, match="looked"):
+    job.uploaded, job.reread = None, True
+    with pytest.raises(AssertionError, match="reread"):
         job.validate_state()
-    job.looked, job.under_way = False, CLEAR
+    job.reread, job.under_way = False, CLEAR
     with pytest.raises(AssertionError):
         job.validate_state()

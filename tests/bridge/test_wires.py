@@ -13,7 +13,7 @@ import pytest
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.transports import MOST_UNSENT_BYTES
+from autopilot_bridge.links.transports import MAX_UNSENT_BYTES
 from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S
 
@@ -255,7 +255,7 @@ def test_what_a_remote_does_not_read_is_dropped_in_whole_frames() -> None:
                 connection.flush()
             (stream,) = connection._transport._streams  # type: ignore[attr-defined]
             waiting = stream.out.get_write_buffer_size()
-            assert MOST_UNSENT_BYTES < waiting < MOST_UNSENT_BYTES + 300 * len(frame)
+            assert MAX_UNSENT_BYTES < waiting < MAX_UNSENT_BYTES + 300 * len(frame)
             closing = asyncio.create_task(stream.close())
             got = await reader.read(-1)
             await closing

@@ -24,7 +24,7 @@ def flown(
     def mock_of(*given: object) -> object:
         mock = ordinary(*given)  # type: ignore[arg-type]
         mock.flight.change_cruise(CRUISE_M_S)
-        mock.flight.limits = replace(mock.flight.limits, least_airspeed_m_s=least_m_s)
+        mock.flight.limits = replace(mock.flight.limits, min_airspeed_m_s=least_m_s)
         return mock
 
     monkeypatch.setattr(sim, "mock_of", mock_of)
