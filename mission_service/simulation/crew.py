@@ -1,4 +1,4 @@
-"""A crew for simulations: says GO, watches, and approves every plan. Never part of a live run."""
+"""A simulated crew: answers GO, stays present and approves each plan. Never in a live run."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ NAME = "simulated crew"
 
 
 class SimulatedCrew:
-    """``thinks_s`` go by before it approves; ``script`` are further events, in order of time."""
+    """Approves a plan ``thinks_s`` after its proposal; ``script`` has further events, in order."""
 
     def __init__(
         self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[CrewEvent] = ()
@@ -26,7 +26,7 @@ class SimulatedCrew:
         self._answers_us = 0
 
     def due(self, now_us: int, core: Core) -> list[CrewEvent]:
-        """What it does by now."""
+        """The crew's events that are due at mission time ``now_us``."""
         leader = core.leader
         assert isinstance(leader, BurnFlight)
         events: list[CrewEvent] = []
@@ -48,5 +48,5 @@ class SimulatedCrew:
             self._thinks_of, self._since_us = wanted, now_us
         if now_us - self._since_us < self._thinks_us:
             return []
-        self._since_us = now_us  # not every moment, if it does not count
+        self._since_us = now_us  # if it has no effect, approve again after the same time
         return [Approved(now_us, NAME, self._station, wanted)]
