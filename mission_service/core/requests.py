@@ -1,7 +1,8 @@
-"""What people may ask of the service (control socket, HTTP, MQTT) as events. Pure.
+"""Operators' requests (control socket, HTTP, MQTT) as events. Pure.
 
-A request is a JSON object: ``do`` says what, ``by`` who asks, ``station`` from where; further keys
-by what is asked. Unknown keys are refused: what is not understood is not done in part.
+A request is a JSON object: ``do`` names the request, ``by`` its operator, ``station`` the place of
+the operator; the further keys depend on ``do``. A request with an unknown key is refused as a
+whole.
 """
 
 from collections.abc import Callable, Collection
@@ -18,11 +19,11 @@ from mission_service.ground_distance import M_PER_DEG
 
 SLOWEST, FASTEST = 0.1, 100.0  # speeds of a replay
 LONGEST_S = 1e7  # times farther away are a mistake
-ELSEWHERE = "mqtt"  # "mqtt:west": whoever asks over MQTT is at no station, so never present
-LARGEST_M = 10_000.0  # and so are larger circles and longer lines
-LARGEST_FIRE_M = 500_000.0  # round fires that others have mapped
+ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT is no station, so never present
+LARGEST_M = 10_000.0  # larger circles and longer lines are a mistake
+LARGEST_FIRE_M = 500_000.0  # limit for mapped perimeters of fires
 
-# Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
+# Not blank, without control characters. The limits of numbers exclude NaN as well.
 Name = Annotated[
     str,
     Meta(
@@ -45,7 +46,7 @@ Places = Annotated[tuple[tuple[Latitude, Longitude], ...], Meta(min_length=1, ma
 class Request(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag=str.lower, tag_field="do"
 ):
-    """Something a person asks for."""
+    """A request of an operator."""
 
     by: Name
     station: Name
@@ -59,31 +60,31 @@ class Plan(Request, frozen=True):
 
 
 class Approve(Request, frozen=True):
-    """Approve the plan of this hash, all 64 digits."""
+    """Approve the plan with this hash of 64 digits."""
 
     hash: Hash
 
 
 class Reject(Request, frozen=True):
-    """Want no plan of this hash flown."""
+    """Reject the plan with this hash."""
 
     hash: Hash
 
 
 class Go(Request, frozen=True):
-    """GO to an item."""
+    """Answer an item of the checklist with GO."""
 
     item: Text
 
 
 class NoGo(Request, frozen=True, tag="no-go"):
-    """NO-GO to an item."""
+    """Answer an item of the checklist with NO-GO."""
 
     item: Text
 
 
 class Correct(Request, frozen=True):
-    """Draw where the fire is, ``in_s`` from now (negative: was)."""
+    """Correct the state of the fire at these points, ``in_s`` from now (negative: before now)."""
 
     state: Literal["burned", "burning", "unburned"]
     shape: Literal["point", "line", "polygon"]
@@ -92,14 +93,14 @@ class Correct(Request, frozen=True):
 
 
 class Lit(Request, frozen=True):
-    """A point or a line was lit ``ago_s`` ago."""
+    """Report a point or a line that the crew has lit ``ago_s`` ago."""
 
     points: Places
     ago_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] = 0.0
 
 
 class Erase(Request, frozen=True):
-    """Take marks away."""
+    """Erase the corrections in a circle."""
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -107,22 +108,22 @@ class Erase(Request, frozen=True):
 
 
 class Undo(Request, frozen=True):
-    """Take the last correction or erasure back."""
+    """Undo the last correction or erasure."""
 
 
 class Redo(Request, frozen=True):
-    """Let what was taken back hold again."""
+    """Redo the correction or erasure that was undone last."""
 
 
 class Wind(Request, frozen=True):
-    """The wind 6.1 m above the vegetation."""
+    """Set the wind 6.1 m above the vegetation from now on."""
 
     speed_m_s: Annotated[float, Meta(ge=0, le=100)]
     from_deg: Annotated[float, Meta(ge=0, le=360)]
 
 
 class Person(Request, frozen=True):
-    """Somebody is there; radius 0: no longer."""
+    """Report a person with a radius to keep clear; radius 0: the person has left."""
 
     name: Name
     lat_deg: Latitude
@@ -131,20 +132,21 @@ class Person(Request, frozen=True):
 
 
 class Unit(Request, frozen=True):
-    """The burn unit's corners."""
+    """Change the burn unit to the polygon of these corners."""
 
     points: Places
 
 
 class Present(Request, frozen=True):
-    """Somebody watches."""
+    """Report the presence of the operator; it is repeated every few seconds."""
 
 
 class OrderRequest(Request, frozen=True):
-    """An order to a vehicle; to all vehicles without a name.
+    """An order to one vehicle, or to all vehicles if none is named.
 
-    ``confirmed``: even if that ends a mode that autopilot or pilot selected, such as a failsafe.
-    Without it such an order is answered with a line that begins with ``confirm:``.
+    ``confirmed``: carry the order out even if it ends a mode that autopilot or pilot selected, such
+    as a failsafe. Without it, the reply to such an order contains a line that begins with
+    ``confirm:``.
     """
 
     vehicle: VehicleName = ""
@@ -152,15 +154,15 @@ class OrderRequest(Request, frozen=True):
 
 
 class Hold(OrderRequest, frozen=True):
-    """Loiter where it is until somebody says otherwise; all vehicles without a name."""
+    """Loiter at the present position until another order."""
 
 
 class Resume(OrderRequest, frozen=True):
-    """Fly on by the planner, after hold, return or abort."""
+    """Continue the planner's missions after hold, return or abort."""
 
 
 class Return(OrderRequest, frozen=True):
-    """Fly home."""
+    """Return home."""
 
 
 class Start(OrderRequest, frozen=True):
@@ -174,21 +176,21 @@ class Renew(Request, frozen=True):
 
 
 class Accept(Request, frozen=True):
-    """Let the mission of this hash go to the vehicle."""
+    """Accept the proposed mission with this hash: it is sent to the vehicle."""
 
     vehicle: OneVehicle
     hash: Hash
 
 
 class Refuse(Request, frozen=True):
-    """Want the mission of this hash not flown."""
+    """Refuse the proposed mission with this hash."""
 
     vehicle: OneVehicle
     hash: Hash
 
 
 class Settings(Request, frozen=True):
-    """Another α or first direction of the planner; all that is given holds from now on."""
+    """Change settings of the planner from now on; settings that are left out stay the same."""
 
     alpha: Annotated[float, Meta(ge=0, le=100)] | None = None
     reversal_margin: Annotated[float, Meta(ge=0, le=100)] | None = None
@@ -196,11 +198,11 @@ class Settings(Request, frozen=True):
 
 
 class Replay(Request, frozen=True):
-    """Pause or go on, at another speed or from another place; of replays alone, and no event."""
+    """Pause or continue a replay, change its speed or its position. It makes no event."""
 
     paused: bool | None = None
     speed: Annotated[float, Meta(ge=SLOWEST, le=FASTEST)] | Literal["max"] | None = None
-    seek_s: Seconds | None = None  # from the replay's begin
+    seek_s: Seconds | None = None  # from the beginning of the replay
 
 
 AnyRequest = (
@@ -227,12 +229,12 @@ AnyRequest = (
     | Refuse
     | Settings
 )
-# Whatever is flown, in burns alone, and in all but burns.
+# Requests of all runs, of burns only, and of all runs but burns.
 ALWAYS = ("status", "abort", "correct", "erase", "undo", "redo", "lit", "wind", "present")
 OF_BURNS = ("plan", "approve", "reject", "go", "no-go", "person", "unit")
 NOT_OF_BURNS = ("hold", "resume", "return", "start", "renew", "accept", "refuse", "settings")
 KNOWN = (*ALWAYS, *OF_BURNS, *NOT_OF_BURNS)
-OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # take the role approve
+OF_APPROVERS = ("approve", "reject", "go", "no-go", "present", "unit")  # require the role approve
 REPLAY = "replay"
 ORDERS: dict[type[Request], events.Order] = {
     Hold: "hold",
@@ -253,16 +255,17 @@ def event_of(
     words: Collection[str] = KNOWN,
     may_approve: bool | None = None,
 ) -> CrewEvent:
-    """The event that a request stands for, at mission time ``at_us``.
+    """Convert a request into its event at mission time ``at_us``.
 
-    ``may_approve``: whether its user has the role approve; None where an interface does not check
-    users: then the requests that need that role count as such a user's, and no others.
+    ``stations``: the stations that may send requests (none: every station). ``items``: the
+    checklist, if known. ``on_map``: whether a latitude and longitude are inside the landscape, as
+    all places of a request must be. ``vehicles``: the names of the vehicles, if known. ``words``:
+    the requests that this run accepts. ``may_approve``: whether the user has the role approve. None
+    is for interfaces that do not check users: requests that require the role then count as an
+    approver's, others do not.
 
-    ``stations`` are the places from which anything may be asked (none: from anywhere); ``items``
-    those of the GO list, where they are known; ``on_map`` whether the landscape has a latitude and
-    longitude: nothing can be told of other places; ``vehicles`` those there are; ``words`` what may
-    be asked for here. An abort is taken from anybody anywhere, whatever else the request says.
-    Raises RequestError in one line for all that is not right.
+    An abort is accepted from any operator and station, whatever else the request contains. Raises
+    RequestError in one line for an invalid request.
     """
     if not isinstance(request, dict):
         raise RequestError('a request is a JSON object, as {"do": "status"}')
@@ -301,12 +304,12 @@ def event_of(
 
 
 def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
-    """All that a request names; raises RequestError if a line through them is too long."""
+    """All places of a request; raises RequestError if a line through them is too long."""
     if isinstance(asked, Erase | Person):
         return ((asked.lat_deg, asked.lon_deg),)
     if not isinstance(asked, Correct | Lit | Unit):
         return ()
-    # Twice, and half of it: with the way back to the first corner.
+    # Half of the doubled line: counts half of the way back to the first corner too.
     way = shapely.LineString([(lon, lat) for lat, lon in asked.points * 2])
     length_m = M_PER_DEG * way.length / 2.0
     if length_m > (LARGEST_FIRE_M if isinstance(asked, Correct) else LARGEST_M):
@@ -389,7 +392,7 @@ def _told(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Whether a name from outside is the one the service itself acts under."""
+    """Whether a name in a request is the name that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

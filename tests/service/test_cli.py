@@ -93,7 +93,7 @@ def test_shipped_scenarios_check(name: str) -> None:
         (("mission", "upload", "OUT/none.plan"), "none.plan: cannot be read"),
         (("mission", "clear", "--link", "bus:1"), "udpin:HOST:PORT"),
         (("mock", "--home", "here"), "LAT,LON,ALTITUDE_AMSL_M"),
-        (("mock", "--system-id", "249", "--count", "3"), "250 is the last"),
+        (("mock", "--system-id", "249", "--count", "3"), "250 is the highest"),
         (("config", "check", "nowhere"), "nowhere: no such file"),
     ],
 )

@@ -127,7 +127,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     assert flight.picture.alarms["front/hawk"].severity == "severe"
     # Neither the service's own order at its end, nor an abort, nor an unconfirmed order ends it.
     (left,) = order(flight, "hold", by=SERVICE)
-    assert "left as it is" in left
+    assert "stays in mode" in left
     flight.run(5.0)
     flight.tell(Aborted(flight.now_us, *ANN))
     flight.run(5.0)

@@ -1,4 +1,4 @@
-"""A prescribed burn: what a crew sees, approves and stops."""
+"""Routes of a prescribed burn: its state, approvals, the checklist and reports of the crew."""
 
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -13,7 +13,7 @@ from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, body, json, route, struct
 from mission_service.interfaces.api.states import Told
 
-# Whoever may let spheres fall also says who is there, what the unit is and what is GO.
+# Presence, the unit and the checklist permit drops: they require the role approve as well.
 WORDS: dict[str, tuple[Role, type[requests.Request], str, dict[str, Any]]] = {
     "plan": ("fly", requests.Plan, "Plan the next line.", {}),
     "approve": (
@@ -48,7 +48,7 @@ WORDS: dict[str, tuple[Role, type[requests.Request], str, dict[str, Any]]] = {
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/burn`` and a route for each of ``WORDS``."""
+    """Add ``/burn`` and a route for each of ``WORDS``."""
     shown = json({"schema": "burn/1", "at_us": 1830000000, "plan_hash": ""}, what="A burn.")
 
     @routes.get(f"{V1}/burn", **route("look", "Where a burn stands.", shown))

@@ -1,4 +1,4 @@
-"""What the perimeter planner compares, cell by cell, for people to see."""
+"""The importances that the perimeter planner compares, cell by cell, for display."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mission_service.runtime.picture import VehicleState
 
 
 def importance_of(hub: Hub, vehicle: VehicleState) -> Importance | None:
-    """The importances where the vehicle is now; None before its first lap, and of other rules."""
+    """Importances at the vehicle's position; None before its first lap and for other rules."""
     name = vehicle.vehicle
     planner = getattr(hub.core.leader, "planners", {}).get(name)
     here = hub.core.steering.presence[name].here

@@ -1,4 +1,4 @@
-"""Missions: what is on board, what would be sent now, and a person's word on it."""
+"""Routes of missions: on board, preview, renewal, acceptance and refusal."""
 
 import tempfile
 from collections.abc import Awaitable, Callable
@@ -39,7 +39,7 @@ WORDS: dict[str, tuple[type[requests.Request], str, dict[str, Any]]] = {
 
 
 def items_of(mission: Mission) -> Items:
-    """The items as they were sent. Raises ApiError 409 if they cannot be told again exactly."""
+    """The items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
     items = tuple(
         MissionItem(
             item.command,
@@ -57,9 +57,9 @@ def items_of(mission: Mission) -> Items:
 
 
 def preview_of(hub: Hub, name: str) -> Preview:
-    """What the vehicle would be sent now, or what waits for a word.
+    """The mission that is proposed or, if there is none, would be sent now.
 
-    Raises ApiError 409 if there is nothing.
+    Raises ApiError 409 if there is neither.
     """
     mission = hub.picture.missions[name]
     proposed, on_board = mission.proposed, mission.on_board
@@ -77,7 +77,7 @@ def preview_of(hub: Hub, name: str) -> Preview:
 
 
 def plan_file(items: Items, hub: Hub, name: str) -> bytes:
-    """A QGroundControl .plan file."""
+    """The items as a QGroundControl .plan file."""
     section = hub.core.vehicles[name].section
     home = home_of(section, hub.landscape)
     with tempfile.TemporaryDirectory() as folder:
@@ -87,7 +87,7 @@ def plan_file(items: Items, hub: Hub, name: str) -> bytes:
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/vehicles/NAME/mission``."""
+    """Add ``/vehicles/NAME/mission`` and the requests of ``WORDS``."""
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/mission",

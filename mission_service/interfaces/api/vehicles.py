@@ -1,4 +1,4 @@
-"""Vehicles: where they are, where they were, and orders to them."""
+"""Routes of vehicles: positions, tracks, importances and orders."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated
@@ -27,7 +27,7 @@ NAME = "All vehicles: `all`."
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/vehicles``."""
+    """Add ``/vehicles`` and the orders of ``ORDERS``."""
 
     @routes.get(
         f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState, examples.VEHICLE))

@@ -1,4 +1,4 @@
-"""What has come from a broker and is still to be handled."""
+"""The queue of received commands."""
 
 import asyncio
 from collections import deque
@@ -11,10 +11,10 @@ MOST_WAITING = 100
 
 
 class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Commands in the order they came, aborts before all others.
+    """Commands in the order of arrival, aborts before all others.
 
-    When full, what comes is dropped, and whoever sent it gets no answer and may ask again; an abort
-    takes the place of the last of the others.
+    When the queue is full, a new command is dropped without a reply; an abort replaces the last of
+    the other commands.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         return item
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Never full."""
+        """Add a message; never raises QueueFull."""
         if self.full():
             self.dropped += 1
             if not _is_abort(item) or self._aborts == len(self._queue):

@@ -1,10 +1,10 @@
-"""All topics of a site: what follows ``PREFIX/v1/SITE/``. Pure."""
+"""All topics of a site, without ``PREFIX/v1/SITE/``. Pure."""
 
 from typing import NamedTuple
 
 
 class Topic(NamedTuple):
-    """A topic, or one for each name that takes the place of ``{}``; what it carries, and how."""
+    """A topic (a name replaces ``{}``), the schema of its messages, and their delivery."""
 
     path: str
     schema: str
@@ -18,7 +18,7 @@ VEHICLE = Topic("vehicle/{}/state", "vehicle/1", 0, True)
 MISSION = Topic("vehicle/{}/mission", "mission/1", 0, True)
 FRONT = Topic("fire/front", "front/1", 0, True)
 ALARM = Topic("alarm", "alarms/1", 0, True)
-REPLAY = Topic("replay", "replay/1", 0, True)  # of replays alone
+REPLAY = Topic("replay", "replay/1", 0, True)  # only for replays
 EVENT = Topic("event", "event/1", 1, False)
 COMMAND = Topic("cmd/{}", "command/1", 1, False)
 REPLY = Topic("cmd/{}/reply", "reply/1", 1, False)
