@@ -63,7 +63,7 @@ def _lines(told: dict[str, Any]) -> list[str]:
         lines.append(
             f"    {vehicle['items_reached']} items reached, "
             f"{vehicle['gripper_releases']} releases by gripper, link lost "
-            f"{vehicle['links_lost']} times (at most {vehicle['longest_silence_s']} s)"
+            f"{vehicle['links_lost']} times (for at most {vehicle['longest_silence_s']} s)"
         )
         lines += [
             f"    {each['at_s']:8.1f} s  {each['mode'] or 'unknown mode'}"

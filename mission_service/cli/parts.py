@@ -109,4 +109,4 @@ def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any]
     from mission_service.runtime.logs import set_up
 
     set_up(form, level)  # type: ignore[arg-type]  # click has checked it
-    return lambda record, world: record.news.clear()  # the log takes them from the picture
+    return lambda record, world: record.news.clear()  # the log reads the picture's

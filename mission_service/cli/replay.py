@@ -19,11 +19,13 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
 
 @click.command()
 @click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
-@click.option("--scenario", metavar="SCENARIO", help="Fire and vehicles for logs, which have none.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+)
 @click.option("--planner", "rule", metavar="RULE", help="Planner rule (default: the scenario's).")
 @seconds_option("--at", "Mission time at which the logs begin.")
-@seconds_option("--from", "Begin of the replay, counted from the flight's beginning.")
-@seconds_option("--to", "End of the replay, counted as --from.")
+@seconds_option("--from", "Start of the replay, in seconds after the start of the flight.")
+@seconds_option("--to", "End of the replay, counted like --from.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for files.")
 @click.option("--verify", is_flag=True, help="Recompute a journal, stage by stage.")
 @click.option(

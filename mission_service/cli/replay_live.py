@@ -47,7 +47,7 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
     plain = plain_scenario(found, first.path.stem).model_dump(mode="json")
     loaded, settings = run_of(plain, first.path, asked.overrides)
     what = replaying(flight, found, loaded, asked.at_s or 0.0)
-    # Without a fire no vehicle is deployed.
+    # The plain scenario deploys its vehicles after the flight: there is no fire to fly to.
     never = what.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
     return what._replace(scenario=never), settings
 

@@ -11,7 +11,9 @@ from mission_service.cli.parts import JSON, OVERRIDE, folder, seconds_option
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
-@click.option("--scenario", metavar="SCENARIO", help="Fire and vehicles for logs, which have none.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+)
 @seconds_option("--at", "Mission time at which these logs begin.")
 @OVERRIDE
 @JSON

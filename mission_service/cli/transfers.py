@@ -114,9 +114,9 @@ def _run(
 def connected(
     client: VehicleClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
-    """The client's connection (not open yet), signed with a key, and the signings of all keys.
+    """Prepare a connection signed with ``signing_key``, and the signings of all given keys.
 
-    On exit, the .tlog file and the file of timestamps are closed.
+    The connection is not open yet. On exit, the .tlog file and the file of timestamps are closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None

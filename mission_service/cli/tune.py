@@ -27,7 +27,7 @@ def tune() -> None:
     "--workers",
     type=click.IntRange(1),
     default=os.cpu_count() or 1,
-    help="Processes on this machine [default: one per core].",
+    help="Number of processes on this machine [default: one per core].",
 )
 @click.option(
     "--out",

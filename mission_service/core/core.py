@@ -308,8 +308,8 @@ class Core:
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
         """Whether a vehicle on the ground may take off now.
 
-        Vehicles of other processes are not visible during their takeoff: each vehicle has its own
-        earliest time.
+        Vehicles of other processes are not visible during their takeoff, so each vehicle has its
+        own earliest takeoff time.
         """
         if self.scenario.only is not None:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)

@@ -184,7 +184,7 @@ class CrewOrders:
         return [say(vehicle, f"resumed by {by}")]
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
-        vehicle.due, vehicle.refusal = f"asked for by {by}", None
+        vehicle.due, vehicle.refusal = f"requested by {by}", None
         presence = vehicle.presence
         if not presence.position_good:
             return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
@@ -192,7 +192,7 @@ class CrewOrders:
         if presence.recalled or not led:
             words = f"mode {presence.mode}: a mission is sent once the planner controls it again"
             return [say(vehicle, words, warning=True)]
-        return self._withdrawn(vehicle, f"{by} asked for another mission")
+        return self._withdrawn(vehicle, f"{by} requested another mission")
 
     def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
         """Withdraw the mission that is proposed for a vehicle."""

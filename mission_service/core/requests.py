@@ -19,7 +19,7 @@ from mission_service.ground_distance import M_PER_DEG
 
 SLOWEST, FASTEST = 0.1, 100.0  # speeds of a replay
 LONGEST_S = 1e7  # times farther away are a mistake
-ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT is no station, so never present
+ELSEWHERE = "mqtt"  # as in "mqtt:west": never counts as presence at a station
 LARGEST_M = 10_000.0  # larger circles and longer lines are a mistake
 LARGEST_FIRE_M = 500_000.0  # limit for mapped perimeters of fires
 
@@ -309,7 +309,7 @@ def _places(asked: AnyRequest) -> tuple[tuple[float, float], ...]:
         return ((asked.lat_deg, asked.lon_deg),)
     if not isinstance(asked, Correct | Lit | Unit):
         return ()
-    # Half of the doubled line: counts half of the way back to the first corner too.
+    # Half the length of the doubled line: the line and half of its closing side.
     way = shapely.LineString([(lon, lat) for lat, lon in asked.points * 2])
     length_m = M_PER_DEG * way.length / 2.0
     if length_m > (LARGEST_FIRE_M if isinstance(asked, Correct) else LARGEST_M):

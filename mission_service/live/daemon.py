@@ -56,9 +56,9 @@ class Run:
     settings: ServiceSection = field(default_factory=ServiceSection)
     tlog_path: Path | None = None
     logs: bool = False  # write a log of announcements and alarms
-    channel: Channel | None = None  # to the vehicles of other processes
+    channel: Channel | None = None  # connects vehicles of several processes
     goes_on: bool = True  # resume an interrupted run
-    skip_unreadable: bool = False  # journal lines, on resuming
+    skip_unreadable: bool = False  # resume without unreadable journal lines
 
     @property
     def out(self) -> Path:
@@ -67,11 +67,11 @@ class Run:
 
 
 def unwatched() -> None:
-    """Default of ``watch``: check nothing."""
+    """The default of ``watch``: no check."""
 
 
 def untold(address: str) -> None:
-    """Default of ``address``: drop the address of the map."""
+    """The default of ``address``: no output."""
 
 
 async def serve(
@@ -83,9 +83,9 @@ async def serve(
     """Run until the end of the scenario, SIGINT or SIGTERM; returns the record and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless ``on_shutdown`` of the
-    settings orders another end. ``progress`` is called five times a second; so is ``watch``, which
-    may raise to end the run, for example because a child process died. ``address`` receives the
-    address of the map; it may contain a token and must not be logged.
+    settings orders another end. ``progress`` and ``watch`` are called five times a second;
+    ``watch`` may raise to end the run, for example because a child process died. ``address``
+    receives the address of the map; it may contain a token and must not be logged.
 
     Raises ScenarioError for vehicles that cannot share their link.
     """
@@ -244,7 +244,7 @@ def _begun(
 
 
 async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, down_s: float) -> None:
-    """Apply the journal of an interrupted run in a thread, while links stay open; resume it."""
+    """Resume an interrupted run: apply its journal in a thread, while links stay open."""
     began_us = clock_us()
     if cut_off.objects is not None:
         service.restore(cut_off.objects)

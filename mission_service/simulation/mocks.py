@@ -1,4 +1,4 @@
-"""The command ``mock``: mock autopilots, made from a scenario or from options, in one process."""
+"""The command ``mock``: a process of mock autopilots, from a scenario or from options."""
 
 import asyncio
 import contextlib
@@ -70,7 +70,7 @@ class Surroundings:
         return mock
 
     def fleet(self, mocks: list[MockAutopilot]) -> Fleet:
-        """Make a fleet of mocks with the faults. Raises BridgeError for an unknown fault."""
+        """Make a fleet of mocks with the given faults. Raises BridgeError for an unknown fault."""
         if not self.faults:
             return Fleet(mocks)
         return Fleet(
@@ -199,7 +199,7 @@ def listening(listen: str) -> str:
 
 
 def describe(fleet: Fleet, link: str, speedup: float) -> list[dict[str, Any]]:
-    """Describe each mock by a dictionary."""
+    """A dictionary for each mock: system id, stack, link, home and wind."""
     return [
         {
             "system_id": mock.system_id,

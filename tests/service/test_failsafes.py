@@ -206,12 +206,12 @@ def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fl
     flight.run(3.0)
     wanted = flight.picture.missions["hawk"].proposed
     assert wanted is not None
-    assert "asked for by ann" in wanted.why
+    assert "requested by ann" in wanted.why
     flight.run(66.0)
     again = flight.picture.missions["hawk"].proposed
     assert again is not None
     assert again.mission_id != wanted.mission_id
-    assert "asked for by ann" in again.why
+    assert "requested by ann" in again.why
     withdrawn = [line for line in flight.over() if isinstance(line, WithdrawMission)]
     assert wanted.mission_id in [line.mission_id for line in withdrawn]
 

@@ -26,7 +26,7 @@ from mission_service.interfaces.api.access.callers import Caller, Callers, clien
 from mission_service.interfaces.api.access.guard import HEADERS
 from mission_service.interfaces.api.answers import error_body
 
-REQUEST_WITHIN_S = 10.0  # from the connection's start or the first byte to the last header
+REQUEST_WITHIN_S = 10.0  # for its headers, from its first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
 NO_ROOM_S = 0.05  # until the next attempt to accept a connection

@@ -21,7 +21,7 @@ from mission_service.runtime.clocks import wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.hub import Hub
 
-FIRE_EVERY = 10  # rounds
+FIRE_EVERY = 10  # rounds between two fronts
 ROUNDS_UNTIL_STALE = 3
 ANSWER_S = 5.0  # limit for connecting and for sending an event
 LEAST_WAIT_S, MOST_WAIT_S = 1.0, 30.0

@@ -16,8 +16,8 @@ Who = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)]
 class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
     """Whether the service runs, and with which scenario.
 
-    If the connection is lost, the broker publishes the status with ``online`` false that was
-    prepared when the service connected; its times are of that moment.
+    If the connection is lost, the broker publishes a status with ``online`` false; its times are
+    those of the connection's start.
     """
 
     at_us: int
@@ -56,7 +56,7 @@ class Reply(msgspec.Struct, tag="reply/1", tag_field="schema"):
     at_us: int
     ok: bool
     error: str = ""
-    event: str = ""  # its type in the journal
+    event: str = ""  # type of its event in the journal
     said: tuple[str, ...] = ()
     confirm: bool = False  # not carried out: send it again with ``confirmed``
     again: bool = False  # a repeated reply: it was not carried out again

@@ -32,14 +32,14 @@ from mission_service.interfaces.mqtt.connection import (
 from mission_service.interfaces.mqtt.site import access_for
 from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 
-MOST_WAITING = 200  # messages to go out, besides states
+MOST_WAITING = 200  # queued messages, besides states and digests
 MOST_UNREAD = 2000
 READ_S = 0.02  # pause between two reads of the inbox
 TIME = "time"  # kind of a message: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
 BEHIND_US = 10_000_000  # a process that lags less is not corrected
 OVERTAKEN = ("/state", f"/{TIME}")  # kinds of which only the newest message counts
-AHEAD_US = 60_000_000  # clocks of other processes may be ahead of the sender's by this
+AHEAD_US = 60_000_000  # other processes may be so far ahead of a sender
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode
@@ -55,7 +55,7 @@ class Channel:
     access: Access = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """The topic of messages of one kind from one vehicle; both may be ``+``."""
+        """The topic of one vehicle's messages of one kind; ``+`` matches all vehicles or kinds."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 

@@ -1,4 +1,4 @@
-"""All topics of a site, without ``PREFIX/v1/SITE/``. Pure."""
+"""All topics of a site; their paths are below ``PREFIX/v1/SITE/``. Pure."""
 
 from typing import NamedTuple
 
