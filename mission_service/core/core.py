@@ -327,7 +327,7 @@ class Core:
         return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
 
     def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
-        """Whether the rest of its endurance is needed for the flight home, with the reserve."""
+        """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
             return not vehicle.sent_home

@@ -257,12 +257,12 @@ def event_of(
 ) -> CrewEvent:
     """Convert a request into its event at mission time ``at_us``.
 
-    ``stations``: the stations that may send requests (none: every station). ``items``: the
-    checklist, if known. ``on_map``: whether a latitude and longitude are inside the landscape, as
-    all places of a request must be. ``vehicles``: the names of the vehicles, if known. ``words``:
-    the requests that this run accepts. ``may_approve``: whether the user has the role approve. None
-    is for interfaces that do not check users: requests that require the role then count as an
-    approver's, others do not.
+    ``stations``: the stations that may send requests (empty: every station). ``items``: the
+    checklist, or None if unknown. ``on_map``: whether a latitude and longitude are inside the
+    landscape, as all places of a request must be. ``vehicles``: the names of the vehicles, or None
+    if unknown. ``words``: the requests that this run accepts. ``may_approve``: whether the user has
+    the role approve. Interfaces that do not check users pass None: then exactly the requests that
+    require this role count as an approver's.
 
     An abort is accepted from any operator and station, whatever else the request contains. Raises
     RequestError in one line for an invalid request.

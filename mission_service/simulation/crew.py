@@ -48,5 +48,5 @@ class SimulatedCrew:
             self._thinks_of, self._since_us = wanted, now_us
         if now_us - self._since_us < self._thinks_us:
             return []
-        self._since_us = now_us  # if it has no effect, approve again after the same time
+        self._since_us = now_us  # without effect, the next approval follows after ``thinks_s``
         return [Approved(now_us, NAME, self._station, wanted)]

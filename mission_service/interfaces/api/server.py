@@ -64,7 +64,7 @@ def url_of(section: HttpSection, listening: socket.socket) -> str:
 
 
 def tls_of(section: HttpSection) -> ssl.SSLContext | None:
-    """TLS 1.2 and later; None without a certificate. Raises MissionServiceError."""
+    """The TLS context (1.2 and later); None without a certificate. Raises MissionServiceError."""
     certificate, key = section.tls_certificate, section.tls_key
     if certificate is None or key is None:
         return None

@@ -194,7 +194,7 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
 
 
 def _id_in(payload: bytes) -> str | None:
-    """The id of a payload that may not be a command; None if it has none."""
+    """The id in a payload, whether that is a valid command or not; None if it has none."""
     if len(payload) > MOST_BYTES:
         return None
     try:

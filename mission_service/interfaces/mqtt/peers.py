@@ -39,7 +39,7 @@ TIME = "time"  # kind of a message: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
 BEHIND_US = 10_000_000  # a process that lags less is not corrected
 OVERTAKEN = ("/state", f"/{TIME}")  # kinds of which only the newest message counts
-AHEAD_US = 60_000_000  # other processes may be so far ahead of a sender
+AHEAD_US = 60_000_000  # mission time of other processes may be this far ahead of a sender's
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode

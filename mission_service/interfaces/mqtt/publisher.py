@@ -43,7 +43,7 @@ REPLAY_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
 MOST_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
-PACKET_BYTES = 2 * MOST_BYTES  # the broker drops larger ones; up to it a refusal is sent
+PACKET_BYTES = 2 * MOST_BYTES  # the broker drops larger ones; above MOST_BYTES they are refused
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
 
