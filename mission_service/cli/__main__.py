@@ -1,4 +1,4 @@
-"""``python -m mission_service.cli``."""
+"""Run the command line as ``python -m mission_service.cli``."""
 
 import sys
 

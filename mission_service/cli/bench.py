@@ -1,4 +1,4 @@
-"""``bench fire``: how fast the fire model is, in the closed loop and over a whole burn."""
+"""``bench fire``: computing times of the fire model, for whole burns and for short steps."""
 
 import resource
 import time
@@ -20,7 +20,10 @@ FOR_EVER_S = 1e12
 
 
 def landscape(cells: int, mixed: bool) -> Landscape:
-    """A square of one fuel, flat, or of patches of twelve fuels on hills; always the same."""
+    """A square landscape, flat with one fuel, or ``mixed``: hills with patches of twelve fuels.
+
+    Each call makes the same landscape.
+    """
     shape = (cells, cells)
     if not mixed:
         fuel, height_m = np.full(shape, 2, np.int16), np.zeros(shape, np.float32)
@@ -35,7 +38,7 @@ def landscape(cells: int, mixed: bool) -> Landscape:
 
 
 def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Time every case up to a size; cells a second, milliseconds a step, peak memory."""
+    """Time each case of up to ``largest`` cells a side: cells/s, ms per step, peak memory."""
     AnyAngleFire(landscape(50, True), WEATHER, [(25, 25, 0.0)]).advance(FOR_EVER_S)  # compiles
     burns = [
         _whole_burn(cells, mixed, progress)
@@ -53,7 +56,7 @@ def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Everything from the landscape on, Rothermel included."""
+    """Time one whole burn, including the spread rates (Rothermel) of all cells."""
     land = landscape(cells, mixed)
     began = time.perf_counter()
     fire = AnyAngleFire(land, WEATHER, [(cells // 2, cells // 2, 0.0)])
@@ -76,7 +79,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
 
 
 def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Ten seconds at a time, from when a tenth of the cells has burned, for three hours at most."""
+    """Time steps of 10 s for three hours, from when a tenth of the cells has burned."""
     fire = AnyAngleFire(landscape(cells, mixed), WEATHER, [(cells // 2, cells // 2, 0.0)])
     while np.count_nonzero(fire.burned()) < cells * cells / 10:
         fire.advance(fire.time_s + 600.0)
@@ -98,7 +101,7 @@ def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> di
     }
     progress(
         f"closed loop {found['cells']:>9} {found['fuel']:<8} {median:6.3f} ms for {STEP_S:g} s "
-        f"(median; 99 % {most:.3f} ms), {found['burned_cells_per_step']} cells burned in it"
+        f"(median; 99 % {most:.3f} ms), {found['burned_cells_per_step']} cells burned per step"
     )
     return found
 

@@ -1,4 +1,4 @@
-"""``mission-service experiment``: the papers' experiments. Heavy imports wait for a command."""
+"""``mission-service experiment``: experiments of published papers. Heavy imports are lazy."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ OUT = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write the figures there, as PNG.",
+    help="Write the figures to this folder, as PNG.",
 )
 
 
@@ -22,14 +22,14 @@ def _progress(text: str) -> None:
 
 @click.group()
 def experiment() -> None:
-    """The papers' experiments, their results beside ours."""
+    """Repeat experiments of published papers and compare the results."""
 
 
 @experiment.command("islam-hu")
 @OUT
 @JSON
 def islam_hu(out: Path | None, as_json: bool) -> None:
-    """One vehicle on six fires, section VI of Islam & Hu: reversals over alpha, distance error."""
+    """Islam & Hu, section VI: one vehicle on six fires; reversals over alpha, distance error."""
     from mission_service.experiments.islam_hu.run import run
     from mission_service.experiments.islam_hu.tables import in_text
 
@@ -45,11 +45,11 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
     type=click.FloatRange(0.5, 100),
     default=1.5,
     show_default=True,
-    help="Of the vehicles, in m/s; at 1.5 costs are as high as the thesis's.",
+    help="Speed of the vehicles in m/s; at 1.5 the costs are as high as in the thesis.",
 )
 @JSON
 def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
-    """Teams of 2 to 6 on one fire, chapter 5 of Bent's thesis: tables 5.1 to 5.4."""
+    """Bent's thesis, chapter 5 (tables 5.1 to 5.4): teams of 2 to 6 vehicles on one fire."""
     from mission_service.experiments.bent.run import run
     from mission_service.experiments.bent.tables import in_text
 
@@ -61,7 +61,7 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
 @OUT
 @JSON
 def virtual_agents(out: Path | None, as_json: bool) -> None:
-    """Four or eight fixed wings over virtual agents, table 2 of that paper: six metrics."""
+    """Virtual agents, table 2: six metrics of flights with four or eight fixed-wing UAVs."""
     from mission_service.experiments.virtual_agents.run import run
     from mission_service.experiments.virtual_agents.tables import in_text
 
@@ -73,7 +73,7 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
 @OUT
 @JSON
 def beachly(out: Path | None, as_json: bool) -> None:
-    """Ignition lines in four scenarios, and corrections of a fire model: sections VI and VII."""
+    """Beachly et al., sections VI and VII: ignition lines, and corrections of a fire model."""
     from mission_service.experiments.beachly.run import run
     from mission_service.experiments.beachly.tables import in_text
 

@@ -1,4 +1,4 @@
-"""``mission-service fire`` and ``bench``: the fire model by itself. Heavy imports wait."""
+"""``mission-service fire`` and ``bench``: the fire model alone. Heavy imports are lazy."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from mission_service.cli.parts import JSON, OVERRIDE, echo, folder
 
 @click.group()
 def fire() -> None:
-    """The fire model by itself."""
+    """The fire model alone, without vehicles."""
 
 
 @fire.command("run")
@@ -26,14 +26,14 @@ def fire() -> None:
     type=click.FloatRange(min=1.0),
     default=3600.0,
     show_default=True,
-    help="Seconds between the fronts that are written.",
+    help="Seconds between two fronts in the output.",
 )
 @OVERRIDE
 @JSON
 def fire_run(
     scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
 ) -> None:
-    """Burn SCENARIO to its end: GeoTIFFs, fronts as GeoJSON, a map and a summary in DIR."""
+    """Burn SCENARIO to its end; write GeoTIFFs, fronts (GeoJSON), a map and a summary to DIR."""
     from mission_service.config.scenario import load_scenario
     from mission_service.fire.setup import notes_on
     from mission_service.simulation.fire_alone import run_fire
@@ -52,9 +52,13 @@ def fire_run(
 @fire.command("info")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--crs", help="The CRS of rasters that have none, e.g. EPSG:32611.")
-@click.option("--nodata", type=float, help="The value of cells without data, if not in the file.")
+@click.option("--nodata", type=float, help="The value of cells without data, if no file states it.")
 @click.option(
-    "--unit", "units", multiple=True, metavar="LAYER=UNIT", help="e.g. slope=degrees (repeatable)."
+    "--unit",
+    "units",
+    multiple=True,
+    metavar="LAYER=UNIT",
+    help="The unit of a layer, e.g. slope=degrees (repeatable).",
 )
 @JSON
 def fire_info(
@@ -64,7 +68,7 @@ def fire_info(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """What is in a landscape or a file of shapes, and what is wrong with it (exit code 1 then).
+    """Describe a landscape or a file of shapes; exit code 1 if it has problems.
 
     FILE is a raster or a file of shapes, or LAYER=FILE for each layer of a landscape: fuel,
     elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
@@ -80,14 +84,14 @@ def fire_info(
 
 @click.group()
 def bench() -> None:
-    """How fast it is on this machine."""
+    """Measure computing times on this machine."""
 
 
 @bench.command("fire")
 @click.option("--largest", type=click.IntRange(min=200), default=4000, show_default=True)
 @JSON
 def bench_fire(largest: int, as_json: bool) -> None:
-    """The fire model: whole burns of 200², 1000² and 4000² cells, and steps of ten seconds."""
+    """Time the fire model: whole burns of 200², 1000² and 4000² cells, and steps of 10 s."""
     from mission_service.cli.bench import bench_fire as run_bench
 
     found = run_bench(largest, (lambda line: None) if as_json else click.echo)

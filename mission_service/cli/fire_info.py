@@ -1,4 +1,4 @@
-"""``fire info``: from the words of a command line to a description of files."""
+"""``fire info``: parse the arguments and describe the files that they name."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ HOW = "give one file by itself, or the layers of a landscape, each as LAYER=FILE
 def describe_files(
     words: tuple[str, ...], crs: str | None, nodata: float | None, units: tuple[str, ...]
 ) -> Description:
-    """Describe one file, or LAYER=FILE words that make a landscape.
+    """Describe one file, or the landscape of LAYER=FILE arguments.
 
-    Raises MissionServiceError for words that are neither.
+    ``units`` are LAYER=UNIT arguments. Raises MissionServiceError for arguments of another form.
     """
     pairs = _pairs(units, "--unit", "write it as LAYER=UNIT")
     if len(words) == 1 and "=" not in words[0]:

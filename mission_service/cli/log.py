@@ -1,4 +1,4 @@
-"""``mission-service log``: what logged flights tell. Heavy imports wait."""
+"""``mission-service log``: describe and export logged flights. Heavy imports are lazy."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ import click
 from mission_service.cli.parts import JSON, folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MOST_MISSIONS = 10  # each with a line of its own
+MOST_MISSIONS = 10  # with one line each; more are summarised in one line
 
 LOGS = click.argument(
     "logs",
@@ -22,14 +22,14 @@ LOGS = click.argument(
 
 @click.group()
 def log() -> None:
-    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg, our journals."""
+    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg, and journals of this service."""
 
 
 @log.command("info")
 @LOGS
 @JSON
 def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
-    """What flew in each LOG, and what is damaged in it."""
+    """Describe the vehicles, missions and modes in each LOG, and its damaged parts."""
     from mission_service.replay.flights.flown import info_of
     from mission_service.replay.flights.journal_log import open_flight
 
@@ -62,8 +62,8 @@ def _lines(told: dict[str, Any]) -> list[str]:
         lines += [f"    back to an earlier item at {back}"] if back else []
         lines.append(
             f"    {vehicle['items_reached']} items reached, "
-            f"{vehicle['gripper_releases']} releases by gripper, {vehicle['links_lost']} times no "
-            f"link (at most {vehicle['longest_silence_s']} s)"
+            f"{vehicle['gripper_releases']} releases by gripper, link lost "
+            f"{vehicle['links_lost']} times (for at most {vehicle['longest_silence_s']} s)"
         )
         lines += [
             f"    {each['at_s']:8.1f} s  {each['mode'] or 'unknown mode'}"
@@ -97,10 +97,10 @@ def _missions(missions: list[dict[str, Any]]) -> list[str]:
     type=click.Choice([*DEFAULT_FORMATS, "parquet", "mcap"]),
     default=DEFAULT_FORMATS,
     show_default=True,
-    help="What to write (repeatable). parquet and mcap need mission-service[export].",
+    help="Format to write (repeatable). parquet and mcap need mission-service[export].",
 )
 def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> None:
-    """Tracks as GeoJSON and KML, tables as CSV or Parquet, missions as .plan, all as MCAP."""
+    """Export tracks (GeoJSON, KML), tables (CSV, Parquet), missions (.plan), or all data (MCAP)."""
     from mission_service.replay.flights.exports import check_libraries, export
     from mission_service.replay.flights.journal_log import open_flight
 

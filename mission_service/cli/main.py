@@ -1,4 +1,4 @@
-"""The command line. Heavy imports wait until a command needs them."""
+"""The command line. A command imports heavy modules only when it runs."""
 
 import json
 from functools import partial
@@ -34,7 +34,7 @@ from mission_service.runtime.clocks import now_text
 
 
 class Guarded(click.Group):
-    """A group whose commands end known errors in one line and exit code 1."""
+    """A group of commands that reports a known error in one line with exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
         from autopilot_bridge.errors import BridgeError
@@ -88,9 +88,9 @@ def demo(
     log_level: str,
     as_json: bool,
 ) -> None:
-    """Mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
+    """Run mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
 
-    SCENARIO is a file or a shipped one by name (default: demo).
+    SCENARIO is a file or the name of a shipped scenario (default: demo).
     """
     from mission_service.config.scenario import flying, load_run
     from mission_service.config.service import HttpSection
@@ -99,7 +99,7 @@ def demo(
     from mission_service.simulation.demo import run_demo
 
     loaded, settings = load_run(scenario, overrides)
-    if settings.http is None:  # a demo has a map, whatever the scenario
+    if settings.http is None:  # a demo always serves a map
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
     report = reporter(log, log_level, as_json)
     journal = folder(out) / "journal.jsonl"
@@ -114,7 +114,7 @@ def demo(
 @OVERRIDE
 @JSON
 def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Fly SCENARIO (a file, or a shipped one by name) in virtual time."""
+    """Fly SCENARIO (a file, or the name of a shipped scenario) in virtual time."""
     from mission_service.config.scenario import flying, load_scenario
     from mission_service.runtime.outputs import write_outputs
     from mission_service.simulation.sim import simulate
@@ -129,18 +129,25 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @main.command()
 @click.argument("config")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
-@click.option("--vehicle", metavar="NAME", help="Fly only this one; other processes fly the rest.")
+@click.option(
+    "--vehicle", metavar="NAME", help="Fly only this vehicle; other processes fly the others."
+)
 @click.option(
     "--broker",
     metavar="HOST[:PORT]",
-    help='Talk to the vehicles of other processes over this MQTT broker (rule = "formation").',
+    help="Exchange messages with other processes' vehicles over this MQTT broker "
+    '(rule = "formation").',
 )
-@click.option("--prefix", default="mission-service", show_default=True, help="Of MQTT topics.")
-@click.option("--anew", is_flag=True, help="Do not go on with the run that was stopped in OUT.")
+@click.option(
+    "--prefix", default="mission-service", show_default=True, help="Prefix of MQTT topics."
+)
+@click.option(
+    "--anew", is_flag=True, help="Start a new run; do not resume the interrupted run in OUT."
+)
 @click.option(
     "--skip-unreadable",
     is_flag=True,
-    help="Resume without journal lines that cannot be read or handled; each is announced.",
+    help="On resuming, skip journal lines that cannot be read or applied; each is announced.",
 )
 @OVERRIDE
 @TLOG
@@ -163,12 +170,12 @@ def run(
     log_level: str,
     as_json: bool,
 ) -> None:
-    """Run the live daemon for CONFIG next to its autopilots until the end or Ctrl-C.
+    """Run the live daemon for CONFIG until the end of the scenario or Ctrl-C.
 
-    After a kill or SIGTERM it resumes where it was when it is started again. The journal of
-    any other run in OUT is kept under another name.
+    After a kill or SIGTERM, the same command resumes the run. The journal of any other run in OUT
+    is kept under another name.
 
-    With --vehicle and --broker each vehicle of a formation has a process of its own.
+    With --vehicle and --broker, each vehicle of a formation has its own process.
     """
     import asyncio
 
@@ -208,48 +215,52 @@ def run(
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
 @click.option(
     "--vehicle",
-    help="plane or copter; with SCENARIO the name of its vehicle (default: all, each on its own "
-    "link, or the first with --link or --listen).",
+    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all, each on "
+    "its own link; with --link or --listen only the first).",
 )
-@click.option("--count", type=click.IntRange(1, 250), default=1, help="Vehicles on the link.")
-@click.option("--system-id", type=click.IntRange(1, 250), default=1, help="Of the first one.")
-@click.option("--home", default="36.6,-84.2,300", help="LAT,LON,ALTITUDE_AMSL_M")
-@click.option("--link", help="Default: udpout:127.0.0.1:14550, with SCENARIO the vehicle's own.")
-@click.option("--listen", help="Instead of --link: wait for callers at HOST:PORT, udpin or tcpin.")
+@click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
+@click.option(
+    "--system-id", type=click.IntRange(1, 250), default=1, help="System id of the first vehicle."
+)
+@click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
+@click.option(
+    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the link of the vehicle there."
+)
+@click.option("--listen", help="Instead of --link: listen at HOST:PORT (UDP), udpin or tcpin.")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
-@click.option("--wind", default="0,0", help="FROM_DEG,SPEED_M_S of a steady wind, e.g. 240,5.")
+@click.option("--wind", default="0,0", help="A steady wind as FROM_DEG,SPEED_M_S, e.g. 240,5.")
 @click.option(
     "--battery",
     "battery_minutes",
     type=click.FloatRange(0.1, 10_000),
     metavar="MINUTES",
-    help="A battery for so many minutes in the air; at 15 % it returns home.",
+    help="Battery capacity in minutes of flight; at 15 % the vehicle returns home.",
 )
 @click.option(
     "--terrain",
     "terrain_amsl_m",
     type=click.FloatRange(-500, 9000),
     metavar="AMSL_M",
-    help="Height of the ground everywhere; who flies below it has crashed.",
+    help="Height of the flat ground; a vehicle that flies below it crashes.",
 )
 @click.option(
     "--fault",
     "faults",
     multiple=True,
     metavar="FAULT",
-    help="Something to go wrong (repeatable), e.g. reboot@30; see docs/autopilots.md.",
+    help="Inject a fault (repeatable), e.g. reboot@30; see docs/autopilots.md.",
 )
 @click.option(
     "--param",
     "parameters",
     multiple=True,
     metavar="NAME=VALUE",
-    help="A parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
+    help="Set a parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of faults by chance.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of random faults.")
 @SIGNING_KEY
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
-@click.option("--until-eof", is_flag=True, hidden=True)  # how ``demo`` runs them
+@click.option("--until-eof", is_flag=True, hidden=True)  # used by ``demo``
 def mock(
     scenario: str | None,
     stack: str,
@@ -270,11 +281,11 @@ def mock(
     as_json: bool,
     until_eof: bool,
 ) -> None:
-    """Mock autopilots as a process of their own, until Ctrl-C.
+    """Run mock autopilots in a process of their own, until Ctrl-C.
 
-    With SCENARIO they are its vehicles standing at their homes; with --count there are several
-    without a scenario, with system ids in a row. They sign when they have a key, from here, from
-    SCENARIO or by SETUP_SIGNING.
+    With SCENARIO, they are its vehicles, standing at their homes. Without SCENARIO, --count sets
+    their number, and their system ids are consecutive. A mock signs its frames when it has a key:
+    from --signing-key, from SCENARIO or by SETUP_SIGNING.
     """
     from dataclasses import replace
 
@@ -321,7 +332,7 @@ def mock(
     required=True,
     help="The .plan file to write.",
 )
-@click.option("--vehicle", help="Which vehicle of the scenario (default: the first).")
+@click.option("--vehicle", help="Name of the vehicle (default: the first of SCENARIO).")
 @OVERRIDE
 def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str, ...]) -> None:
     """Write the first mission of SCENARIO as a QGroundControl .plan file."""
@@ -333,12 +344,14 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 
 @main.command("decide")
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--planner", "rule", metavar="RULE", help="Instead of the rule of the journal.")
+@click.option(
+    "--planner", "rule", metavar="RULE", help="Planner rule (default: that of the journal)."
+)
 @JSON
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
-    """Run the planners alone on a journal's positions and observations.
+    """Run only the planners on a journal's positions and observations.
 
-    With the journal's own rule the decisions must be those recorded, or the exit code is 1.
+    With the journal's own rule, the exit code is 1 if a decision differs from the recorded one.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 
@@ -350,7 +363,7 @@ def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
 
 @main.group()
 def config() -> None:
-    """Scenario files."""
+    """Check scenario files."""
 
 
 @config.command("check")
@@ -358,7 +371,7 @@ def config() -> None:
 @OVERRIDE
 @JSON
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Check FILE and everything it names."""
+    """Check FILE and all files that it names."""
     from mission_service.config.scenario import load_scenario
     from mission_service.fire.simulated import check
 
@@ -388,7 +401,8 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
         if vehicle["orders"]:
             orders = vehicle["orders"]
-            done = f"{orders.get('Orbit', 0)} orbits, {orders.get('ChangeSpeed', 0)} speeds ordered"
+            orbits, speeds = orders.get("Orbit", 0), orders.get("ChangeSpeed", 0)
+            done = f"{orbits} orbits and {speeds} speed changes ordered"
         uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
         flown = vehicle["missions"]["flown"]
         click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")

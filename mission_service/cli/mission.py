@@ -1,4 +1,4 @@
-"""``mission-service mission`` and ``signing``: one autopilot on one link, by hand."""
+"""``mission-service mission`` and ``signing``: transfers to one autopilot on one link."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ TIMEOUT = click.option(
 
 @click.group()
 def mission() -> None:
-    """Move missions to and from one autopilot."""
+    """Transfer missions to and from one autopilot."""
 
 
 @mission.command("upload")
@@ -36,9 +36,9 @@ def mission() -> None:
 @SIGNING_KEY
 @JSON
 def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
-    """Upload PLAN_FILE and say what the autopilot made of it. Does not start the flight.
+    """Upload PLAN_FILE and print the autopilot's result. Does not start the flight.
 
-    Fence and rally points that the autopilot has stay where the plan has none.
+    If the plan has no fence or no rally points, the autopilot keeps its own.
     """
     from autopilot_bridge.missions.planfile import read_any
     from mission_service.cli.transfers import upload
@@ -54,14 +54,14 @@ def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
 @SIGNING_KEY
 @JSON
 def mission_download(output: Path, as_json: bool, **line: Any) -> None:
-    """Write mission, fence and rally points to a .plan file, or the mission to a .waypoints one."""
+    """Download mission, fence and rally points to a .plan file, or the mission to .waypoints."""
     from mission_service.cli.transfers import download
 
     echo(download(output, _line(line)), as_json)
 
 
 @mission.command("clear")
-@click.option("--all", "everything", is_flag=True, help="The fence and the rally points too.")
+@click.option("--all", "everything", is_flag=True, help="Also remove fence and rally points.")
 @LINK
 @TIMEOUT
 @TLOG
@@ -82,14 +82,14 @@ def _line(line: dict[str, Any]) -> Any:
 
 @click.group()
 def signing() -> None:
-    """MAVLink 2 signing: give a vehicle its key, or take it away."""
+    """MAVLink 2 signing: set or remove the key of a vehicle."""
 
 
 KEY_NEEDED = click.option(
-    "--signing-key", required=True, metavar="file:PATH|env:NAME", help="Where the key is."
+    "--signing-key", required=True, metavar="file:PATH|env:NAME", help="Source of the key."
 )
 SYSTEM = click.option(
-    "--system-id", type=click.IntRange(1, 250), help="Of the vehicle (default: the first heard)."
+    "--system-id", type=click.IntRange(1, 250), help="System id (default: the first vehicle found)."
 )
 
 
@@ -97,18 +97,18 @@ SYSTEM = click.option(
 @LINK
 @KEY_NEEDED
 @click.option(
-    "--old-key", metavar="file:PATH|env:NAME", help="Where the key is that the vehicle has now."
+    "--old-key", metavar="file:PATH|env:NAME", help="Source of the key that the vehicle has now."
 )
 @SYSTEM
 @TIMEOUT
 @TLOG
 @JSON
 def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **line: Any) -> None:
-    """Tell the vehicle the key, and see that it signs.
+    """Set the vehicle's key and check that it signs its frames.
 
-    The key travels in clear text: use a link nobody listens to, such as a USB cable. The vehicle
-    must be disarmed. Then it must answer a question that is signed, or the exit code is 1. The
-    key is not recorded.
+    The key is sent in clear text: use a link that cannot be intercepted, such as a USB cable. The
+    vehicle must be disarmed. If it does not answer a signed request with signed frames, the exit
+    code is 1. The key is not recorded.
     """
     from mission_service.cli.signing_setup import set_up
 
@@ -123,7 +123,7 @@ def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **
 @TLOG
 @JSON
 def signing_off(system_id: int | None, as_json: bool, **line: Any) -> None:
-    """Have the vehicle that has the key sign no more, and see that it answers without."""
+    """Remove the vehicle's key and check that it answers unsigned requests."""
     from mission_service.cli.signing_setup import turn_off
 
     echo(turn_off(_line(line), system_id), as_json)

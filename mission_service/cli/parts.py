@@ -1,4 +1,4 @@
-"""What the files of the command line share."""
+"""Options and functions that the command line's files share."""
 
 import json
 import math
@@ -13,9 +13,9 @@ import click
 def seconds(
     context: click.Context, parameter: click.Parameter, value: float | None
 ) -> float | None:
-    """A time that is not negative, nor infinite, for an option; raises BadParameter."""
+    """Check an option's value: a finite time of 0 s or more; raises BadParameter."""
     if value is not None and not 0.0 <= value < math.inf:
-        raise click.BadParameter(f"{value:g}: seconds from 0 on")
+        raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
 
 
@@ -32,23 +32,23 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as
 SIGNING_KEY = click.option(
     "--signing-key",
     metavar="file:PATH|env:NAME",
-    help="Where the key is with which frames are signed and checked (MAVLink 2 signing).",
+    help="Source of the key that signs and verifies frames (MAVLink 2 signing).",
 )
 TLOG = click.option(
     "--tlog",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Add the link's traffic to this .tlog recording.",
+    help="Append the traffic of the links to this .tlog file.",
 )
 
 LOG = click.option(
     "--log",
     type=click.Choice(["text", "json"]),
-    help="Log to stderr, news and alarms too, instead of showing the run.",
+    help="Log to stderr, with announcements and alarms, instead of the progress display.",
 )
 
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
-    """An option in seconds from 0 on; its name is --NAME, its parameter NAME_s."""
+    """An option ``--NAME`` in seconds, 0 or more; the command's parameter is ``NAME_s``."""
     key = f"{name.removeprefix('--')}_s"
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
@@ -62,7 +62,7 @@ LOG_LEVEL = click.option(
 
 
 def folder(out: Path) -> Path:
-    """A folder that files can be written to, made if need be; raises MissionServiceError."""
+    """Return ``out`` as a writable folder, created if missing; raises MissionServiceError."""
     from tempfile import TemporaryFile
 
     from mission_service.errors import MissionServiceError
@@ -71,9 +71,9 @@ def folder(out: Path) -> Path:
     try:
         out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
     except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be made: {error.strerror}") from None
+        raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
     try:
-        with TemporaryFile(dir=out):  # told now, not after an hour of burning
+        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
             pass
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
@@ -81,7 +81,7 @@ def folder(out: Path) -> Path:
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result, as JSON or a line a key."""
+    """Print a result as JSON, or as one line per key."""
     if as_json:
         click.echo(json.dumps(result))
     else:
@@ -89,7 +89,7 @@ def echo(result: dict[str, Any], as_json: bool) -> None:
 
 
 def tell_address(out: Path, address: str) -> None:
-    """Where the map is. The token in it is for a person's eyes, not for a log."""
+    """Print the address of the map; its token is printed only on a terminal, never into a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:
@@ -101,7 +101,7 @@ def tell_address(out: Path, address: str) -> None:
 
 
 def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any], None]:
-    """What shows a run: a log, set up here, if there is to be one; else lines and a status."""
+    """The function that shows progress: a log if ``form`` is given, else lines and a status."""
     if form is None:
         from mission_service.runtime.progress import LiveReport
 
@@ -109,4 +109,4 @@ def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any]
     from mission_service.runtime.logs import set_up
 
     set_up(form, level)  # type: ignore[arg-type]  # click has checked it
-    return lambda record, world: record.news.clear()  # they are logged from the picture
+    return lambda record, world: record.news.clear()  # the log reads the picture's

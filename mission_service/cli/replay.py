@@ -1,4 +1,4 @@
-"""``mission-service replay``: logged flights and journals. Heavy imports wait."""
+"""``mission-service replay``: logged flights and journals. Heavy imports are lazy."""
 
 import json
 import math
@@ -19,31 +19,33 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
 
 @click.command()
 @click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
-@click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, and who watches it.")
-@click.option("--planner", "rule", metavar="RULE", help="Another rule than the scenario's.")
-@seconds_option("--at", "Mission time at which logs begin.")
-@seconds_option("--from", "Only from here on, since the flight's beginning.")
-@seconds_option("--to", "Only to here, as --from.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="For all files.")
-@click.option("--verify", is_flag=True, help="Recompute what a journal has, stage by stage.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+)
+@click.option("--planner", "rule", metavar="RULE", help="Planner rule (default: the scenario's).")
+@seconds_option("--at", "Mission time at which the logs begin.")
+@seconds_option("--from", "Start of the replay, in seconds after the start of the flight.")
+@seconds_option("--to", "End of the replay, counted like --from.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for files.")
+@click.option("--verify", is_flag=True, help="Recompute a journal, stage by stage.")
 @click.option(
     "--stage",
     "stages",
     type=click.Choice(STAGE_NAMES),
     multiple=True,
-    help="With --verify: only this one (repeatable; default: all).",
+    help="With --verify: only this stage (repeatable; default: all).",
 )
 @click.option(
     "--what-if",
     "changes",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Fly a journal again in the simulator with another key of [planner] (repeatable; more may "
-    "follow as words); planner=RULE is the rule.",
+    help="Repeat a journal's run in the simulator with another value of a [planner] key "
+    "(repeatable; more may follow as arguments); planner=RULE sets the rule.",
 )
-@click.option("--speed", metavar="X", help="Play it on the map and MQTT: 0.1 to 100 times, or max.")
-@click.option("--listen", metavar="HOST:PORT", help="With --speed: where the map is.")
-@click.option("--until-end", is_flag=True, help="With --speed: end there, instead of pausing.")
+@click.option("--speed", metavar="X", help="Play on the map and MQTT: 0.1 to 100 times, or max.")
+@click.option("--listen", metavar="HOST:PORT", help="With --speed: address of the map.")
+@click.option("--until-end", is_flag=True, help="With --speed: exit at the end; else pause.")
 @OVERRIDE
 @LOG
 @LOG_LEVEL
@@ -67,32 +69,32 @@ def replay(
     log_level: str,
     as_json: bool,
 ) -> None:
-    """Replay logged flights: what was flown, and what a scenario's planner would have done.
+    """Replay logged flights: the flown paths, and what a scenario's planner would have decided.
 
-    A LOG is a .tlog, .bin or .ulg, or a journal (or its run's folder), which has a scenario of its
-    own. Those of one NAME are of one vehicle. With --out a report, its pictures and the journal of
-    what the core made of it are left there.
+    A LOG is a .tlog, .bin or .ulg file, or a journal (or the folder of its run), which contains its
+    scenario. Logs with the same NAME are of one vehicle. --out is the folder for the report, its
+    pictures and the journal of the replay.
 
-    --speed 10: it is shown on the map and over MQTT as a live run is, to be paused and sought in,
-    until Ctrl-C. What the service would have seen and decided beside it is shown; nothing can be
-    ordered.
+    --speed 10: show the flight on the map and over MQTT as a live run, until Ctrl-C, with the
+    observations and decisions that the service would have made. The replay can be paused and
+    positioned; orders are refused.
 
-    --verify: exit code 1 where anything in a journal differs. file: every line's checksum. fire:
-    what cameras saw, in the fire burned again. planner: decisions on the recorded observations.
-    core: all commands, bit for bit.
+    --verify: recompute a journal; exit code 1 if anything differs. file: checksum of each line.
+    fire: observations of the cameras, in the fire burned again. planner: decisions on the recorded
+    observations. core: all commands, bit for bit.
 
-    --what-if planner=predictive alpha=1.5 --out DIR: a journal's scenario flown again by mock
-    autopilots, and both runs in figures and on one page.
+    --what-if planner=predictive alpha=1.5 --out DIR: mock autopilots fly a journal's scenario
+    again; one page compares both runs.
     """
     if verify and changes:
-        raise click.UsageError("either --verify or --what-if")
+        raise click.UsageError("give either --verify or --what-if")
     if stages and not verify:
         raise click.UsageError("--stage is for --verify")
     of_logs = scenario or rule or at_s is not None or from_s or to_s is not None or overrides
     if (verify or changes) and (of_logs or speed):
-        raise click.UsageError("--verify and --what-if take a whole journal as it is")
+        raise click.UsageError("--verify and --what-if take a whole journal, without these options")
     if verify and (len(words) > 1 or out is not None):
-        raise click.UsageError("--verify takes one journal, and leaves no files")
+        raise click.UsageError("--verify takes one journal and writes no files")
     if speed is None and (listen or until_end or log):
         raise click.UsageError("--listen, --until-end and --log are for --speed")
     from mission_service.replay.flights.batch import called
@@ -164,7 +166,7 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
     from mission_service.replay.what_if import in_text, what_if, with_settings
     from mission_service.runtime.progress import SimProgress
 
-    scenario, _ = with_settings(Recorded(journal), words)  # before anything is made
+    scenario, _ = with_settings(Recorded(journal), words)  # checked before files are written
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
         found = what_if(journal, words, folder(out), now_text(), progress)
     _side_by_side(journal, out)

@@ -1,4 +1,4 @@
-"""``mission-service replay --speed``: a logged flight on the map. Heavy imports wait."""
+"""``mission-service replay --speed``: a logged flight on the map. Heavy imports are lazy."""
 
 import contextlib
 import json
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def speed_of(text: str) -> "Speed":
-    """The speed that is written so. Raises BadParameter."""
+    """Parse a speed: 0.1 to 100 times real time, or ``max``. Raises BadParameter."""
     from mission_service.errors import RequestError
     from mission_service.runtime.play_head import checked_speed
 
@@ -28,9 +28,9 @@ def speed_of(text: str) -> "Speed":
 
 
 def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection]":
-    """What is played, and how the service is run. Raises MissionServiceError and BridgeError.
+    """The replay and the settings of its interfaces. Raises MissionServiceError and BridgeError.
 
-    Without a scenario it is level ground around the flight.
+    Without a scenario, the landscape is level ground around the flight.
     """
     from mission_service.config.scenario import run_of
     from mission_service.replay.flights.beside import replaying, scenario_asked
@@ -47,7 +47,7 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
     plain = plain_scenario(found, first.path.stem).model_dump(mode="json")
     loaded, settings = run_of(plain, first.path, asked.overrides)
     what = replaying(flight, found, loaded, asked.at_s or 0.0)
-    # Nobody is sent to a fire that there is not.
+    # The plain scenario deploys its vehicles after the flight: there is no fire to fly to.
     never = what.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
     return what._replace(scenario=never), settings
 
@@ -63,9 +63,10 @@ def play(
     log_level: str,
     as_json: bool,
 ) -> None:
-    """Play logged flights on the map and over MQTT, as a live run is seen; until Ctrl-C.
+    """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
-    What the service would have seen and decided beside them is shown. Nothing can be ordered.
+    The interfaces show the observations and decisions that the service would have made. Orders are
+    refused.
     """
     import asyncio
     from functools import partial
@@ -95,7 +96,7 @@ def play(
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """The settings with a map, on a port of its own unless they say which."""
+    """Settings with a map at the address ``listen``, else as configured, else on a free port."""
     from pydantic import ValidationError
 
     from mission_service.config.service import HttpSection

@@ -1,4 +1,4 @@
-"""``mission-service report``: runs told of on one page, side by side. Heavy imports wait."""
+"""``mission-service report``: one page that compares runs. Heavy imports are lazy."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,9 @@ from mission_service.cli.parts import JSON, OVERRIDE, folder, seconds_option
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
-@click.option("--scenario", metavar="SCENARIO", help="The fire beside logs, which have none.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+)
 @seconds_option("--at", "Mission time at which these logs begin.")
 @OVERRIDE
 @JSON
@@ -23,10 +25,10 @@ def report(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write report.html, its pictures and figures.json into OUT.
+    """Write report.html, its pictures and figures.json to OUT.
 
-    A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. Each has a
-    column in the table.
+    A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. Each RUN has
+    a column in the table.
     """
     from mission_service.replay.flights.batch import called, distinct, story_beside, story_of
     from mission_service.replay.flights.beside import Asked, replaying, scenario_asked

@@ -1,4 +1,4 @@
-"""Give a vehicle its key or take it away, and see whether it then does as told."""
+"""Set or remove the signing key of a vehicle, and check the effect."""
 
 from typing import Any, TypeVar
 
@@ -14,22 +14,22 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.signed import refusal
 
 OWN = (255, 190)
-TIMING = TransferTiming(retries=3)  # who signs with another key never answers
+TIMING = TransferTiming(retries=3)  # a vehicle with another key never answers
 Event = TypeVar("Event", Connected, TransferFinished)
 
 
 def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, Any]:
-    """Tell the vehicle the key of the line, then read its mission over signed frames.
+    """Set the vehicle's key to that of ``line``, then read its mission over signed frames.
 
-    ``old_key`` is where the key is that it has now. Raises MissionServiceError if the vehicle does
-    not answer signed.
+    ``old_key`` is the source of the key that it has now. Raises MissionServiceError if the vehicle
+    does not answer with signed frames.
     """
     assert line.signing_key is not None
     return _change(line, old_key, line.signing_key, system_id)
 
 
 def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
-    """Take away the key of the line, then read the vehicle's mission over unsigned frames."""
+    """Remove the key of ``line``, then read the vehicle's mission over unsigned frames."""
     return _change(line, line.signing_key, None, system_id)
 
 
@@ -50,13 +50,13 @@ async def _told_and_tried(
     key: Key | None,
     signing: Signing | None,
 ) -> int:
-    """The system id of the vehicle, which has answered as it should."""
+    """Change the key and check the vehicle's answer; returns its system id."""
     async with connection:
         await _until(client, connection, Connected)
         system = client.target_system
         assert system is not None
         connection.set_up_signing(OWN, (system, AUTOPILOT), key, wall_us(), signing)
-        client.download(clock_us(), by_file=False)  # a question whose answer comes signed, or not
+        client.download(clock_us(), by_file=False)  # the answer shows whether it signs
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
         answered = answer.result.outcome == "accepted" and not connection.receives_signed
@@ -66,10 +66,10 @@ async def _told_and_tried(
 
 
 def _why_not(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
-    """What to say of a vehicle that does not do as told."""
+    """The error message for a vehicle that does not answer as required."""
     vehicle, counts = f"{link}: vehicle {system}", connection.counts
     if signing is None:
-        return f"{vehicle} still signs, or answers nothing; is this its key, and is it disarmed?"
+        return f"{vehicle} still signs, or does not answer; is this its key, and is it disarmed?"
     if counts.wrong:
         return f"{vehicle} signs with another key; give that one as --old-key"
     if counts.unsigned:
@@ -78,11 +78,11 @@ def _why_not(link: str, system: int, connection: Connection, signing: Signing | 
             "firmware not sign (PX4 before 1.18)?"
         )
     refused = refusal(counts, link)
-    return f"{vehicle} answers nothing that is signed" + (f": {refused}" if refused else "")
+    return f"{vehicle} does not answer with signed frames" + (f": {refused}" if refused else "")
 
 
 async def _until(client: NativeClient, connection: Connection, kind: type[Event]) -> Event:
-    """The next event of a kind."""
+    """Wait for the next event of type ``kind``."""
     while True:
         await connection.wait()
         while (event := client.next_event()) is not None:

@@ -1,4 +1,4 @@
-"""``mission-service token``: a token for somebody. Heavy imports wait for the command."""
+"""``mission-service token``: create a token for a user of the interfaces."""
 
 from pathlib import Path
 
@@ -14,20 +14,20 @@ ROLES = ("look", "correct", "fly", "approve")
     default="look",
     show_default=True,
     metavar="ROLE,...",
-    help=f"What it is for: {', '.join(ROLES)}. All may look, and abort.",
+    help=f"Roles: {', '.join(ROLES)}. Every token permits look and abort.",
 )
-@click.option("--station", default="", metavar="NAME", help="Where they are, for burns.")
+@click.option("--station", default="", metavar="NAME", help="Station of NAME, for burns.")
 @click.option(
     "--file",
     "path",
     type=click.Path(dir_okay=False, path_type=Path),
     required=True,
-    help="The tokens file it is added to (made if need be).",
+    help="The tokens file to add it to (created if missing).",
 )
 def token(name: str, roles: str, station: str, path: Path) -> None:
-    """Make a token for NAME, and print it once: only its SHA-256 sum is kept.
+    """Create a token for NAME and print it once: the file keeps only its SHA-256 sum.
 
-    A running service takes the file's tokens as soon as it changes. To take one back, remove its
+    A running service reads the file again as soon as it changes. To revoke a token, remove its
     lines.
     """
     from mission_service.interfaces.api.access.token_file import added

@@ -1,4 +1,4 @@
-"""Missions to and from one autopilot, for the command line: one transfer, then done."""
+"""Mission transfers to and from one autopilot, for the command line."""
 
 import asyncio
 import contextlib
@@ -23,12 +23,12 @@ from mission_service.runtime.signed import COMMAND_LINK_ID, refusal, signings, u
 
 Result = TypeVar("Result")
 Ask = Callable[[NativeClient, int], int]
-KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 judges a mission by its fence
+KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 checks a mission against its fence
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """The way to the autopilot: ``signing_key`` is where the key is, ``warn`` tells the user."""
+    """The link to the autopilot; ``signing_key`` is the source of the key, ``warn`` prints."""
 
     link: str
     timeout_s: float
@@ -40,8 +40,8 @@ class Line:
 def upload(plan: Plan, line: Line) -> dict[str, Any]:
     """Replace the autopilot's mission, and its fence and rally points where the plan has any.
 
-    The flight is not started. Raises MissionServiceError, before anything is sent, for items the
-    autopilot would not fly as they are meant.
+    Does not start the flight. Raises MissionServiceError, before anything is sent, for items that
+    the autopilot would not fly as planned.
     """
 
     def asks(stack: Stack) -> list[Ask]:
@@ -58,7 +58,7 @@ def upload(plan: Plan, line: Line) -> dict[str, Any]:
 
 
 def _fitted(plan: Plan, stack: Stack) -> dict[Kind, Items]:
-    """What is sent of a plan, in order."""
+    """The parts of a plan to upload, in this order; the mission is adapted to the stack."""
     parts: dict[Kind, Items] = {
         "fence": plan.fence,
         "rally": plan.rally,
@@ -72,7 +72,7 @@ def _upload_of(kind: Kind, items: Items) -> Ask:
 
 
 def download(output: Path, line: Line) -> dict[str, Any]:
-    """Write what the autopilot holds to a .plan file, or its mission to a QGC WPL file."""
+    """Download mission, fence and rally points to a .plan file, or the mission to QGC WPL."""
     kinds = KINDS[-1:] if output.suffix.lower() in WPL_SUFFIXES else KINDS
     client, results = _run(lambda _: [_download_of(kind) for kind in kinds], line)
     read = {kind: result.items or () for kind, result in zip(kinds, results, strict=True)}
@@ -103,7 +103,7 @@ def _clear_of(kind: Kind) -> Ask:
 def _run(
     asks: Callable[[Stack], list[Ask]], line: Line
 ) -> tuple[NativeClient, list[TransferResult]]:
-    """Ask one thing after another of the first autopilot heard; all must be accepted."""
+    """Run transfers one after another with the first autopilot found; all must be accepted."""
     client = NativeClient(target_system=None)
     with connected(client, line, line.signing_key) as (connection, _):
         results = within(line, client, connection, _transfers(client, asks, line, connection))
@@ -114,9 +114,9 @@ def _run(
 def connected(
     client: NativeClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
-    """A client's connection, not open yet, signed with a key; and the signings of all keys named.
+    """Prepare a connection signed with ``signing_key``, and the signings of all given keys.
 
-    The recording and the timestamps are closed after it.
+    The connection is not open yet. On exit, the .tlog file and the file of timestamps are closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None
@@ -131,7 +131,7 @@ def connected(
 def within(
     line: Line, client: NativeClient, connection: Connection, work: Coroutine[Any, Any, Result]
 ) -> Result:
-    """What some work on the connection comes to. Raises MissionServiceError when time is up."""
+    """Run ``work`` within the line's timeout and return its result; raises MissionServiceError."""
     try:
         return asyncio.run(asyncio.wait_for(work, line.timeout_s))
     except TimeoutError:
@@ -139,11 +139,11 @@ def within(
 
 
 def _unended(line: Line, client: NativeClient, connection: Connection) -> str:
-    """What to say of a link on which time is up."""
+    """The error message for a transfer that has timed out."""
     refused = refusal(connection.counts, line.link)
     if client.stack is None and refused:
-        return f"{line.link}: no autopilot was believed within {line.timeout_s:g} s: {refused}"
-    heard = "the transfer did not end" if client.stack else "no autopilot was heard"
+        return f"{line.link}: no autopilot was accepted within {line.timeout_s:g} s: {refused}"
+    heard = "the transfer did not end" if client.stack else "no autopilot was found"
     if connection.receives_signed:
         return f"{line.link}: {heard} within {line.timeout_s:g} s; {unheeded(line.link)}"
     return f"{line.link}: {heard} within {line.timeout_s:g} s; is it running, and is this its port?"

@@ -1,4 +1,4 @@
-"""``mission-service tune``: constants found by search. Heavy imports wait for a command."""
+"""``mission-service tune``: search for constants of planners. Heavy imports are lazy."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from mission_service.cli.parts import JSON
 
 @click.group()
 def tune() -> None:
-    """Constants found by search."""
+    """Search for constants of planners."""
 
 
 @tune.command("virtual-agents")
@@ -27,13 +27,13 @@ def tune() -> None:
     "--workers",
     type=click.IntRange(1),
     default=os.cpu_count() or 1,
-    help="Processes on this machine [default: one a core].",
+    help="Number of processes on this machine [default: one per core].",
 )
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Write the constants and the run that found them there, as JSON.",
+    help="Write the constants and the record of the search to this file, as JSON.",
 )
 @JSON
 def virtual_agents(
@@ -45,7 +45,7 @@ def virtual_agents(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """The constants of the virtual forces by a genetic algorithm, section 5.2.6."""
+    """Search the constants of the virtual forces by a genetic algorithm (paper, section 5.2.6)."""
     from mission_service.errors import MissionServiceError
     from mission_service.experiments import tuning
 

@@ -1,6 +1,6 @@
-"""The core: events in, commands out. No clock, no network, no randomness.
+"""The core: a state machine from events to commands. No clock, no network, no randomness.
 
-Simulation, live flight, replay and tests all run this and feed it from different sources.
+Simulation, live flight, replay and tests run the same core on events from different sources.
 """
 
 import math
@@ -63,12 +63,12 @@ START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
 WAITS = "on the ground: it waits for an operator to start it"
-# Orders that come all the time: only their refusal is worth a word.
+# Orders that are sent continually: only their refusal is announced.
 UNTOLD = ("orbit", "change speed")
 
 
 class Core:
-    """Folds events into vehicles' states and answers with what is to be done."""
+    """Applies events to the states of the vehicles and returns the commands that follow."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self.scenario = scenario
@@ -102,9 +102,9 @@ class Core:
         return way_of(self.scenario)
 
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
-        """Take in one event; returns the commands it causes, in order.
+        """Apply one event; returns the commands that it causes, in order.
 
-        Raises KeyError for a vehicle the scenario does not name.
+        Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
         commands = self._handle(event)
@@ -121,10 +121,11 @@ class Core:
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:
-        """Whether a command must not be sent: the last check, which the callers make as well.
+        """Whether a command must not be sent: the last check, besides those of the callers.
 
-        It would change a mode that the autopilot or the pilot selected, or start a vehicle without
-        an operator's order. An order that an operator has confirmed passes.
+        A command is withheld if it would change a mode that the autopilot or the pilot selected, or
+        if it would start a vehicle without an operator's order. An order that an operator has
+        confirmed is sent.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -148,7 +149,7 @@ class Core:
         return [*commands, *self.leader.heard(vehicle, event)]
 
     def _told(self, event: CrewEvent) -> list[AnyCommand]:
-        if isinstance(event, Resumed):  # nothing is known of the links, and of what was under way
+        if isinstance(event, Resumed):  # links and commands under way are unknown
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -170,7 +171,7 @@ class Core:
                 at_s = event.at_us / 1e6
                 told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
                 if vehicle.presence.airborne and not was.airborne:
-                    vehicle.start_again_at_s = None  # the start that was due was a takeoff
+                    vehicle.start_again_at_s = None  # the due start was this takeoff
                     told += self._found_in_air(vehicle, was)
                 return [*told, *self._moved(vehicle, at_s, decision)]
             case UploadFinished():
@@ -182,7 +183,7 @@ class Core:
                 then = "the mission on board ends in a loiter"
                 left = vehicle.presence.taken_over or vehicle.presence.recalled
                 if left or not self.leader.in_mission(vehicle.name):
-                    then = "it circles on where it is, or does what its autopilot is set to do then"
+                    then = "it keeps circling, or its autopilot carries out its failsafe"
                 words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
                 return [say(vehicle, words, warning=True)]
             case LinkRestored():
@@ -201,11 +202,11 @@ class Core:
                 vehicle.airspeed_m_s = event.airspeed_m_s
                 return []
             case MissionProgress(current_seq=seq) if seq > 0:
-                vehicle.takes_off = False  # the takeoff is behind it
+                vehicle.takes_off = False  # the takeoff item is completed
                 return []
             case SystemStateChanged() | FenceStatusChanged():
                 told = reported(vehicle, event)
-                if vehicle.presence.taken_over and not was.taken_over:  # the hold was a failsafe's
+                if vehicle.presence.taken_over and not was.taken_over:  # hold by a failsafe
                     told += self._taken_over(vehicle)
                 return told
             case _:
@@ -223,9 +224,9 @@ class Core:
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
         if vehicle.doubt is not None and not self._way.prescribed:
-            return []  # until its mission was read back
+            return []  # wait until its mission is read back
         if presence.in_failsafe and presence.mode == MISSION:
-            return []  # ArduPlane lands by its mission in one: another mission would end that
+            return []  # ArduPlane may land by its mission: a new one would end the landing
         if not presence.position_good:
             return []  # no decision by dead reckoning: it flies the mission on board
         commands: list[AnyCommand] = []
@@ -246,7 +247,7 @@ class Core:
     # To the fire and home ---------------------------------------------------------------------
 
     def _on_the_ground(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        """Start again after a refusal; one without a mission is sent one (again)."""
+        """Repeat a start that was refused; upload a mission to a vehicle that has none."""
         if self._start_is_due(vehicle, here.at_s):
             return self._start(vehicle, here.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
@@ -260,7 +261,7 @@ class Core:
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission; a takeoff waits for separation, and after a flight for an order."""
+        """Start the mission; a takeoff waits for separation, and after a landing for an order."""
         vehicle.start_again_at_s = None
         if vehicle.presence.taken_over:
             return []
@@ -273,7 +274,11 @@ class Core:
         return []
 
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Those that other processes fly are not seen while they take off: each has its time."""
+        """Whether a vehicle on the ground may take off now.
+
+        Vehicles of other processes are not visible during their takeoff, so each vehicle has its
+        own earliest takeoff time.
+        """
         if self.scenario.only is not None:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
             if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
@@ -281,7 +286,7 @@ class Core:
         return self.spacing.may_take_off(vehicle.name, at_s)
 
     def _deploy(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        """Send the vehicle to the fire, if there is anything to fly yet."""
+        """Upload the mission to the fire, if the guidance has a path already."""
         path = self.leader.first_path(vehicle, here)
         if path is None:
             return []
@@ -290,7 +295,7 @@ class Core:
         return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
 
     def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
-        """Whether the way home takes what is left of its time in the air."""
+        """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
             return not vehicle.sent_home
@@ -308,7 +313,7 @@ class Core:
         vehicle.end_intentions()
         vehicle.sent_home = vehicle.waits_for_crew = True
         flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
-        words = f"sent home after {flown_min:.0f} min in the air: its time is nearly over"
+        words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly used up"
         return [say(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
@@ -334,7 +339,7 @@ class Core:
         return back_under_control(vehicle) if was.taken_over else []
 
     def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
-        """What its mode means for a vehicle that has taken off, or is first seen in the air."""
+        """Handle the mode of a vehicle that has taken off, or is first reported in the air."""
         if vehicle.presence.taken_over:
             return self._taken_over(vehicle)
         if vehicle.presence.recalled and not was.recalled:
@@ -357,13 +362,13 @@ class Core:
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
-        # The mission on board begins in the air: a takeoff needs another one.
+        # The mission on board begins in the air: a takeoff needs a new one.
         vehicle.flown_line = vehicle.refusal = None
         self.spacing.forget(vehicle.name)
         return [*ended, say(vehicle, "landed")]
 
     def _held(self, vehicle: Vehicle, event: MissionHeld) -> list[AnyCommand]:
-        """What it has on board after the service was down; a burn trusts nothing of it."""
+        """Handle the mission read back after a restart of the service; a burn only announces it."""
         at_s, name, presence = event.at_us / 1e6, vehicle.name, vehicle.presence
         was, vehicle.doubt = vehicle.doubt, None
         if was is None:
@@ -384,7 +389,7 @@ class Core:
                 vehicle.hold_again_at_s = at_s
             return [
                 commands[0],
-                say(vehicle, "told to hold before: until it is resumed", warning=True),
+                say(vehicle, "an earlier order to hold applies until it is resumed", warning=True),
             ]
         if not presence.airborne:
             if vehicle.waits_for_crew:
@@ -393,17 +398,17 @@ class Core:
                 vehicle.start_again_at_s = at_s
             elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
                 vehicle.holding, vehicle.start_again_at_s = True, None
-            elif vehicle.started and not vehicle.start_again_at_s:  # landed or restarted, unseen
+            elif vehicle.started and not vehicle.start_again_at_s:  # landed or rebooted meanwhile
                 commands.append(say(vehicle, WAITS, warning=True))
         elif presence.taken_over:
             pass
         elif was.resumed and vehicle.read_back == "unknown":
-            vehicle.started = False  # it is sent another mission, and begins with that
+            vehicle.started = False  # it gets a new mission and starts that
         elif was.resumed:
             commands.append(StartMission(name))
         elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
             pass
-        elif was.starting or was.pending is not None:  # what holds it is our own doing
+        elif was.starting or was.pending is not None:  # it holds for a start or an upload
             if vehicle.flown_line is None:
                 vehicle.holding = True
             elif not any(isinstance(command, StartMission) for command in commands):
@@ -430,8 +435,8 @@ class Core:
         ]
         in_mission = vehicle.presence.flies and self.leader.in_mission(vehicle.name)
         if in_mission and vehicle.started:
-            # PX4 loiters by itself if what came is nothing it would fly. On ArduPilot what is on
-            # board may be half the old mission and half the new one.
+            # PX4 loiters by itself if the new mission is not feasible. ArduPilot may have parts of
+            # the old and of the new mission on board.
             vehicle.holding = True
             if not vehicle.atomic_upload:
                 commands.append(Hold(vehicle.name))
@@ -440,7 +445,7 @@ class Core:
     def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
         vehicle.flown_line, vehicle.accepted = pending.line, pending
         vehicle.takes_off = pending.takes_off
-        if vehicle.ordered:  # it was on its way when somebody said hold
+        if vehicle.ordered:  # the hold was ordered during the upload
             vehicle.hold_again_at_s = at_s
             return []
         if not vehicle.started and vehicle.section.autostart and not vehicle.presence.recalled:
@@ -476,10 +481,10 @@ class Core:
         return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
 
     def _may_start_again(self, vehicle: Vehicle) -> bool:
-        """Whether a start that was refused is still wanted.
+        """Whether a refused start is repeated.
 
-        Autopilots refuse to arm until they have a position: on the ground the start is repeated.
-        In the air it is repeated only for a vehicle that flies by its mission.
+        Autopilots refuse to arm until they have a position: on the ground the start is repeated. In
+        the air it is repeated only for a vehicle that flies by its mission.
         """
         presence = vehicle.presence
         if presence.taken_over or presence.recalled or vehicle.ordered:
@@ -494,7 +499,10 @@ class Core:
         return known and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
-        """A restarted autopilot may hold any mission or none; an order home stays in force."""
+        """Reset a vehicle whose autopilot was restarted; an order to return stays in force.
+
+        The restarted autopilot may have any mission on board, or none.
+        """
         ended = self._end_intentions(vehicle, "the autopilot was restarted")
         vehicle.deployed = vehicle.started = vehicle.going_home = False
         vehicle.sent_home &= vehicle.presence.recalled

@@ -1,4 +1,4 @@
-"""What people order of vehicles along a front or in formation: events to commands. Pure."""
+"""Operators' orders to vehicles along a front or in formation: events to commands. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,14 +22,14 @@ from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.state import Vehicle, say
 
 HOLD_AGAIN_S = 3.0
-UNANSWERED_S = 30.0  # the bridge repeats a hold for less time than that
+UNANSWERED_S = 30.0  # longer than the bridge repeats a hold
 START_AFTER_S = 2.0
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
 
 
 class CrewOrders:
-    """Orders by people; what they make of a vehicle is in its ``Vehicle``."""
+    """Applies operators' orders; their effect on a vehicle is kept in its ``Vehicle``."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class CrewOrders:
         self._approvals = approvals
 
     def take(self, event: CrewEvent) -> list[AnyCommand]:
-        """Orders to vehicles that follow a front or fly in formation."""
+        """Apply an operator's event; returns the commands that it causes."""
         match event:
             case Ordered():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
@@ -64,7 +64,7 @@ class CrewOrders:
                 return []
 
     def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
-        """Order the named vehicle, or all, among those that this process flies."""
+        """Apply ``order`` to the named vehicle, or to all, if this process flies them."""
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
@@ -80,7 +80,7 @@ class CrewOrders:
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
-            return [say(vehicle, f"left as it is (mode {vehicle.presence.mode})")]
+            return [say(vehicle, f"no order is sent: it stays in mode {vehicle.presence.mode}")]
         presence = vehicle.presence
         why = (
             "which its autopilot or pilot selected"
@@ -93,16 +93,16 @@ class CrewOrders:
         return [say(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
-        """Why an order cannot be carried out, confirmed or not; its mode is then as before."""
+        """The reason why an order cannot be carried out, even if confirmed; empty if it can."""
         presence, on_board = vehicle.presence, self._resumes_mission
         if order == "start" and vehicle.ordered:
-            return "told to hold: resume it first"
+            return "a hold is ordered: resume it first"
         if order == "resume" and on_board and presence.airborne and not presence.online:
-            return "not heard: resume it when it is"
+            return "its link is lost: resume it when the link is restored"
         return ""
 
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
-        """Hold; in a mode that its autopilot or pilot selected, only once that has ended."""
+        """Order a hold; a vehicle in a mode of its autopilot or pilot holds when that mode ends."""
         at_s, mode = event.at_us / 1e6, vehicle.presence.mode
         if self.steering.aborted(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
@@ -116,12 +116,12 @@ class CrewOrders:
     def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
         match order:
             case "hold":
-                return self._hold(vehicle, by, at_s, "told to hold")
+                return self._hold(vehicle, by, at_s, "hold ordered")
             case "return":
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
-                presence, words = vehicle.presence, f"told to return by {by}"
+                presence, words = vehicle.presence, f"return ordered by {by}"
                 vehicle.sent_home = True
                 if presence.airborne and presence.online:
                     return [say(vehicle, words), Return(vehicle.name)]
@@ -141,11 +141,11 @@ class CrewOrders:
                 self._call_off_return(vehicle)
                 if vehicle.flown_line is None or not vehicle.presence.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
-                    return [say(vehicle, f"start by {by}: as soon as it has a mission")]
+                    return [say(vehicle, f"start ordered by {by}: as soon as it has a mission")]
                 return [say(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
-        """Loiter until somebody says otherwise; told again until the autopilot has said yes."""
+        """Hold until another order; the command is repeated until the autopilot accepts it."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
         self._call_off_return(vehicle)
@@ -171,10 +171,10 @@ class CrewOrders:
             vehicle.doubt = replace(vehicle.doubt, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if on_board:
-            if vehicle.flown_line is None:  # it has no mission on board that can be trusted
+            if vehicle.flown_line is None:  # its mission on board is unknown
                 vehicle.deployed, vehicle.holding = False, True
                 return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
-            # Into its mission, which ends at the fire's edge: from there it is led again.
+            # Its mission ends at the fire's edge; the formation controls it from there.
             return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
         if vehicle.presence.airborne:  # by a new mission: the front has moved on
             vehicle.holding, vehicle.flown_line = True, None
@@ -184,18 +184,18 @@ class CrewOrders:
         return [say(vehicle, f"resumed by {by}")]
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
-        vehicle.due, vehicle.refusal = f"asked for by {by}", None
+        vehicle.due, vehicle.refusal = f"requested by {by}", None
         presence = vehicle.presence
         if not presence.position_good:
             return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
         led = not (presence.airborne and (presence.taken_over or vehicle.ordered))
         if presence.recalled or not led:
-            words = f"mode {presence.mode}: a mission is sent once the vehicle is led again"
+            words = f"mode {presence.mode}: a mission is sent once the planner controls it again"
             return [say(vehicle, words, warning=True)]
-        return self._withdrawn(vehicle, f"{by} asked for another mission")
+        return self._withdrawn(vehicle, f"{by} requested another mission")
 
     def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
-        """What is proposed for a vehicle cannot be accepted any more."""
+        """Withdraw the mission that is proposed for a vehicle."""
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
@@ -210,17 +210,23 @@ class CrewOrders:
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
             words = "no similar one is proposed until the front or the reason changes"
             return [say(vehicle, f"mission refused by {event.by}: {words}")]
-        return [say(vehicle, "no such mission is proposed; look again", warning=True)]
+        return [
+            say(
+                vehicle,
+                "no such mission is proposed; load the proposal again",
+                warning=True,
+            )
+        ]
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Order a hold again until the autopilot has accepted it, once the one before was answered."""
+    """Repeat a hold until the autopilot accepts it, each time after an answer to the last one."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, presence = vehicle.hold_under_way_s, vehicle.presence
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
     if not (presence.airborne or presence.armed):
-        return []  # it stands: nothing is to be held, and it is not started
+        return []  # it stands on the ground, disarmed: nothing to hold
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

@@ -138,7 +138,7 @@ def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
 
 
 def _places(asked: Request) -> tuple[tuple[float, float], ...]:
-    """All that a request names; raises RequestError if a line through them is too long."""
+    """All places of a request; raises RequestError if a line through them is too long."""
     lat_deg, lon_deg = getattr(asked, "lat_deg", None), getattr(asked, "lon_deg", None)
     if lat_deg is not None and lon_deg is not None:
         return ((lat_deg, lon_deg),)
@@ -161,7 +161,7 @@ def _named(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Whether a name from outside is the one the service itself acts under."""
+    """Whether a name in a request is the name that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

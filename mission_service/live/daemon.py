@@ -1,4 +1,4 @@
-"""The live service: vehicles on their links, interfaces beside them, one TaskGroup."""
+"""The live service: the links of the vehicles and the interfaces, in one TaskGroup."""
 
 import asyncio
 import contextlib
@@ -42,23 +42,23 @@ from mission_service.runtime.watchman import Watchman
 
 STATUS_EVERY_S = 0.2
 
-# A door to the hub: an interface that runs beside the vehicles until it is cancelled.
+# An interface: a coroutine that runs beside the vehicles until it is cancelled.
 Door = Callable[[Hub], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True)
 class Run:
-    """What is run, and where it leaves its files."""
+    """A run: its scenario, settings and files."""
 
     scenario: Scenario
     journal_path: Path
-    created: str  # wall-clock time in words
+    created: str  # wall-clock time as text
     settings: ServiceSection = field(default_factory=ServiceSection)
     tlog_path: Path | None = None
-    logs: bool = False  # news and alarms are logged
-    channel: Channel | None = None  # over which vehicles talk to those of other processes
-    goes_on: bool = True  # with a run that was cut off
-    skip_unreadable: bool = False  # lines of its journal
+    logs: bool = False  # write a log of announcements and alarms
+    channel: Channel | None = None  # connects vehicles of several processes
+    goes_on: bool = True  # resume an interrupted run
+    skip_unreadable: bool = False  # resume without unreadable journal lines
 
     @property
     def out(self) -> Path:
@@ -67,11 +67,11 @@ class Run:
 
 
 def unwatched() -> None:
-    """Nothing else has to go on."""
+    """The default of ``watch``: no check."""
 
 
 def untold(address: str) -> None:
-    """Nobody is there to open a map."""
+    """The default of ``address``: no output."""
 
 
 async def serve(
@@ -80,23 +80,23 @@ async def serve(
     watch: Callable[[], None] = unwatched,
     address: Callable[[str], None] = untold,
 ) -> tuple[Record, FireWorld]:
-    """Run until mission time reaches the scenario's end, or SIGINT or SIGTERM.
+    """Run until the end of the scenario, SIGINT or SIGTERM; returns the record and the fire.
 
-    The vehicles keep the mission on board, which ends in a loiter, unless the settings say what
-    they are told at the end. ``progress`` is called five times a second; ``watch`` may raise to end
-    the run (a child process that died, say); ``address`` is told where the map is: it holds a
-    token, and is for a person's eyes.
+    Vehicles keep the mission on board, which ends in a loiter, unless ``on_shutdown`` of the
+    settings orders another end. ``progress`` and ``watch`` are called five times a second;
+    ``watch`` may raise to end the run, for example because a child process died. ``address``
+    receives the address of the map; it may contain a token and must not be logged.
 
     Raises ScenarioError for vehicles that cannot share their link.
     """
     give_back_freed()
     scenario = run.scenario
-    sharing(scenario.flown)  # before anything is opened
+    sharing(scenario.flown)  # checked before a link is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
     way_of(scenario).warm_up(scenario, landscape)
     service: Service | None = None
-    early: list[tuple[str, str]] = []  # told before there is a service
+    early: list[tuple[str, str]] = []  # announcements before the service exists
 
     def tell(vehicle: str, text: str) -> None:
         if service is None:
@@ -105,7 +105,7 @@ async def serve(
             service.announce(vehicle, text)
 
     async with contextlib.AsyncExitStack() as stack:
-        # Ports and socket first: what is in use already must not cost an earlier run its journal.
+        # Ports and socket first: if one is in use, the journal of an earlier run is not touched.
         listening = stack.enter_context(claimed(run.out / NAME))
         doors = doors_of(run.settings, run.out, scenario.name, stack, address, run.logs)
         links = await open_links(
@@ -127,7 +127,7 @@ async def serve(
         service = Service(scenario, core, world, journal, record, gateways, say, picture)
         if cut_off is not None:
             await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
-            tell("service", f"goes on with the run of {run.journal_path}; approvals are void")
+            tell("service", f"resumes the run of {run.journal_path}; approvals are void")
             for why in cut_off.skips_now.values():
                 tell("service", f"journal line skipped: {why}")
             core, world, record = service.core, service.world, service.record
@@ -149,7 +149,7 @@ async def serve(
             run.journal_path,
         )
         hub.gauges["state_seconds"] = lambda: keeping.took_s
-        hub.not_ready = dict.fromkeys(links, "not heard yet")
+        hub.not_ready = dict.fromkeys(links, "no heartbeat yet")
         silence = Silence(links, clock_us())
         watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))
         stop = asyncio.Event()
@@ -180,7 +180,7 @@ async def serve(
                 await _told_to_stop(hub)
             for task in [*others, *tasks]:
                 task.cancel()
-        # Who is stopped by its supervisor goes on when it is started again.
+        # After SIGTERM, a supervisor's stop, the next start resumes the run.
         by_hand = signal.SIGTERM not in signals
         if is_over or (by_hand and core.leader.status()["complete"]):
             journal.end()
@@ -193,7 +193,7 @@ async def serve(
 def _journal_of(
     run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
 ) -> Journal:
-    """The journal to resume, or a new one; an earlier one is renamed."""
+    """The journal of the resumed run, or a new one; an earlier run's journal is renamed."""
     kept = None if cut_off else set_aside(run.journal_path)
     if kept is not None:
         tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
@@ -205,7 +205,7 @@ def _journal_of(
 
 
 def _load_for_corrections() -> None:
-    """What only the first correction needs, and takes long to load."""
+    """Import and compile the modules of the first correction of the fire: this takes long."""
     for name in ("firemodel.assimilation.corrected_cells", "contourpy", "rasterio.features"):
         import_module(name)
     from firemodel.assimilation.corrected_cells import warm_up
@@ -216,7 +216,7 @@ def _load_for_corrections() -> None:
 def _begun(
     scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
 ) -> tuple[Core, FireWorld, Record, Picture]:
-    """What a run begins with, or what its newest state has of them."""
+    """Core, fire, record and picture: new, or from the latest snapshot of a resumed run."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
         return kept["core"], kept["fire"].world, kept["record"], kept["picture"]
@@ -228,7 +228,7 @@ def _begun(
 
 
 async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, down_s: float) -> None:
-    """Mission time goes on from where it was; links live on while the past is told."""
+    """Resume an interrupted run: apply its journal in a thread, while links stay open."""
     began_us = clock_us()
     if cut_off.objects is not None:
         service.restore(cut_off.objects)
@@ -245,7 +245,7 @@ async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, dow
 def replay(cut_off: Unfinished, service: Service) -> None:
     """Apply the journal to a fresh core and all other folds; no command is carried out.
 
-    Starts over without a line that cannot be handled. Raises JournalError.
+    Starts over without a line that cannot be applied, if it may be skipped. Raises JournalError.
     """
     begun = Frozen(service.kept(), service.known)
     while True:
@@ -270,9 +270,9 @@ def doors_of(
     address: Callable[[str], None],
     logs: bool,
 ) -> list[Door]:
-    """The interfaces that the settings name; what is not named is not imported.
+    """The interfaces that the settings configure; other interfaces are not imported.
 
-    ``site`` is what others know the run by.
+    ``site`` is the name of the run in MQTT topics and Cursor on Target events.
     """
     from mission_service.runtime.notify import pulse
 
@@ -301,7 +301,7 @@ def doors_of(
 def desk_of(
     scenario: Scenario, service: Service, clock: MissionClock, links: dict[str, Link]
 ) -> Desk:
-    """Where people's requests are taken; what they lead to leaves at once."""
+    """The handler of operators' requests; the frames that a request causes are sent at once."""
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items
@@ -339,7 +339,7 @@ def desk_of(
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
-    """What was not believed on links since the last time."""
+    """Frames that links refused since the last call: pairs of vehicle and announcement."""
     return [
         (name, line)
         for name, link in links.items()
@@ -348,7 +348,7 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
 
 
 def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
-    """What shows only with time: who is silent or not believed, and how the fire burns on."""
+    """Check for silent links, refused frames and other alarms, and advance the fire."""
     now_us = clock_us()
     hub.service.clock_read(now_us)
     watchman.look(now_us)
@@ -370,9 +370,9 @@ def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
 
 
 async def _told_to_stop(hub: Hub) -> None:
-    """Order what the settings have vehicles do at the end; wait for their answers.
+    """Send the order that ``on_shutdown`` sets to the vehicles and wait for their answers.
 
-    One in a mode that its autopilot or pilot chose is left in it (``Steering.ordered``).
+    A vehicle in a mode that its autopilot or pilot selected stays in it (``Steering.ordered``).
     """
     settings = hub.settings
     if settings.on_shutdown == "leave" or hub.scenario.burn_flown is not None:
@@ -402,7 +402,7 @@ async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
 
 
 def stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
-    """Returns those that have come."""
+    """Set ``stop`` on SIGINT or SIGTERM; returns a set, to which received signals are added."""
     loop, come = asyncio.get_running_loop(), set[signal.Signals]()
 
     def comes(number: signal.Signals) -> None:

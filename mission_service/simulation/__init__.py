@@ -1,1 +1,1 @@
-"""Virtual time, mock autopilots as processes, the demo."""
+"""Simulation: virtual time, mock autopilots in processes of their own, the demo."""

@@ -1,4 +1,4 @@
-"""A crew for simulations: says GO, watches, and approves every plan. Never part of a live run."""
+"""A simulated crew: answers GO, stays present and approves each plan. Never in a live run."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ NAME = "simulated crew"
 
 
 class SimulatedCrew:
-    """``thinks_s`` go by before it approves; ``script`` are further events, in order of time."""
+    """Approves a plan ``thinks_s`` after its proposal; ``script`` has further events, in order."""
 
     def __init__(
         self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[CrewEvent] = ()
@@ -25,7 +25,7 @@ class SimulatedCrew:
         self._answers_us = 0
 
     def due(self, now_us: int, core: Core) -> list[CrewEvent]:
-        """What it does by now."""
+        """The crew's events that are due at mission time ``now_us``."""
         awaited = core.leader.awaited()
         events: list[CrewEvent] = []
         while self._script and self._script[0].at_us <= now_us:
@@ -45,5 +45,5 @@ class SimulatedCrew:
             self._thinks_of, self._since_us = wanted, now_us
         if now_us - self._since_us < self._thinks_us:
             return []
-        self._since_us = now_us  # not every moment, if it does not count
+        self._since_us = now_us  # without effect, the next approval follows after ``thinks_s``
         return [Approved(now_us, NAME, self._station, wanted)]

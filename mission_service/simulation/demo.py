@@ -1,4 +1,4 @@
-"""The demo: mock autopilots in processes of their own, the daemon here, UDP between them."""
+"""The demo: mock autopilots in child processes, the daemon in this process, UDP between them."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,10 @@ from mission_service.runtime.outputs import write_outputs
 def run_demo(
     run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Fly a scenario, by its name, with mock autopilots over UDP; returns the summary."""
+    """Fly the scenario ``name`` with mock autopilots over UDP; returns the summary.
+
+    Raises MissionServiceError if the process of a mock ends.
+    """
     scenario = run.scenario
     with contextlib.ExitStack() as stack:
         mocks = [
@@ -48,7 +51,7 @@ def run_demo(
 def _mock_process(
     scenario: str, section: VehicleSection, speedup: float
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """One mock autopilot that calls the port the daemon listens on; it does not outlive us."""
+    """Run one mock autopilot, connected to the daemon's port, until the end of this context."""
     command = [
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
         *(
@@ -78,7 +81,7 @@ def _mock_process(
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
-    """A vehicle of a scenario by name; the first one without a name."""
+    """The vehicle of this name, or the first one if ``name`` is None; raises ScenarioError."""
     if name is None:
         return scenario.vehicles[0]
     for section in scenario.vehicles:

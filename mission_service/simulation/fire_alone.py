@@ -1,4 +1,4 @@
-"""A fire by itself: burn a scenario to its end and write what it did."""
+"""Burn the fire of a scenario to its end, without vehicles, and write the results."""
 
 import json
 import math
@@ -16,15 +16,15 @@ from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.runtime.progress import fire_progress
 
-STEPS = 200  # of progress
+STEPS = 200  # progress reports of a run
 MOST_FRONTS = 10_000
 
 
 def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
     """Write rasters, fronts, map and summary into a folder; returns the summary.
 
-    Raises ScenarioError if nothing is to burn by the scenario's end, if there would be more fronts
-    than ``MOST_FRONTS``, or if the folder cannot be written to.
+    Raises ScenarioError if no fire starts before the scenario's end, if there would be more than
+    ``MOST_FRONTS`` fronts, or if the folder cannot be written to.
     """
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
     taken_over = scenario.fire.perimeter or scenario.fire.arrival
@@ -53,7 +53,7 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
-    """When fronts are written: every so often after the start, and at the end."""
+    """Times of the written fronts: every ``every_s`` after the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
     if count > MOST_FRONTS:
         raise ScenarioError(

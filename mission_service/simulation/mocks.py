@@ -1,4 +1,4 @@
-"""The command ``mock``: mock autopilots from a scenario or by hand, as a process of their own."""
+"""The command ``mock``: a process of mock autopilots, from a scenario or from options."""
 
 import asyncio
 import contextlib
@@ -27,12 +27,12 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.sim import mock_of
 
-FARTHER_DEG = 0.001  # of longitude, from one mock's home to the next one's
+FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the mocks fly in, as read from the command line."""
+    """Wind, battery, terrain, faults and parameters of mocks, from the command line."""
 
     wind: Wind = CALM
     battery_minutes: float | None = None
@@ -42,7 +42,7 @@ class Surroundings:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
-        """A mock in them. Raises MissionServiceError for a home under the ground."""
+        """Make a mock. Raises MissionServiceError for a home under ground or a wrong parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
         if ground_m is not None and altitude_m < ground_m:
@@ -68,7 +68,7 @@ class Surroundings:
         return mock
 
     def fleet(self, mocks: list[MockAutopilot]) -> MockGroup:
-        """The mocks with their faults. Raises BridgeError for faults that there are not."""
+        """Make a fleet of mocks with the given faults. Raises BridgeError for an unknown fault."""
         if not self.faults:
             return MockGroup(mocks)
         return MockGroup(
@@ -80,20 +80,20 @@ class Surroundings:
 
 
 def read_home(text: str) -> tuple[float, ...]:
-    """LAT,LON,ALTITUDE_AMSL_M."""
+    """Parse LAT,LON,ALTITUDE_AMSL_M (degrees, m). Raises MissionServiceError."""
     return _numbers(
         f"--home {text}", text, "LAT,LON,ALTITUDE_AMSL_M", (90.0, 180.0, 9000.0), (-90, -180, -500)
     )
 
 
 def read_wind(text: str) -> Wind:
-    """FROM,SPEED: degrees it comes from, m/s."""
+    """Parse FROM_DEG,SPEED_M_S: the direction that the wind comes from, and its speed."""
     from_deg, speed_m_s = _numbers(f"--wind {text}", text, "FROM_DEG,SPEED_M_S", (360.0, 60.0))
     return Wind(from_deg, speed_m_s)
 
 
 def read_parameters(texts: tuple[str, ...]) -> dict[str, float]:
-    """NAME=VALUE each."""
+    """Parse arguments NAME=VALUE. Raises MissionServiceError."""
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -124,10 +124,10 @@ def _numbers(
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: Surroundings
 ) -> MockGroup:
-    """Mocks with system ids in a row, a thousandth of a degree of longitude apart."""
+    """Make ``count`` mocks: consecutive system ids, homes 0.001° of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
-        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the last there is")
+        raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the highest")
     lat_deg, lon_deg, altitude_m = read_home(home)
     return around.fleet(
         [
@@ -144,7 +144,7 @@ def by_hand(
 
 @dataclass(frozen=True)
 class OnLink:
-    """Mocks on a link, and where their key is."""
+    """Mocks on one link; ``signing_key`` is the source of their key."""
 
     fleet: MockGroup
     link: str
@@ -154,9 +154,10 @@ class OnLink:
 def from_scenario(
     name: str, vehicle: str | None, link: str | None, around: Surroundings
 ) -> list[OnLink]:
-    """The mock of a scenario's vehicle, standing at its home.
+    """Make mocks of a scenario's vehicles, standing at their homes.
 
-    Without ``link`` it calls the vehicle's own; without ``vehicle`` either, all of them do.
+    Without ``link``, a mock connects to the link of its vehicle. Without ``vehicle``, it is the
+    first vehicle, or all vehicles if ``link`` is missing too.
     """
     scenario = flying(load_scenario(name))
     landscape = landscape_of(scenario)
@@ -184,7 +185,7 @@ def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundi
 
 
 def listening(listen: str) -> str:
-    """The link for ``--listen``: HOST:PORT (UDP) or a link that listens."""
+    """The link for ``--listen``: HOST:PORT (UDP), udpin or tcpin. Raises MissionServiceError."""
     kind = listen.partition(":")[0]
     link = listen if kind in ("udpin", "tcpin", "udpout", "tcp", "serial") else f"udpin:{listen}"
     address = parse_link(link)
@@ -196,7 +197,7 @@ def listening(listen: str) -> str:
 
 
 def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
-    """One mapping a vehicle."""
+    """A dictionary for each mock: system id, stack, link, home and wind."""
     return [
         {
             "system_id": mock.system_id,
@@ -221,10 +222,11 @@ def run(
     echo: Callable[[str], None],
     until_eof: bool = False,
 ) -> None:
-    """Fly until SIGINT or SIGTERM; says one line a vehicle once its link is open.
+    """Fly until SIGINT or SIGTERM; prints one line per mock once its link is open.
 
-    With ``until_eof`` also until the end of standard input, a pipe: whoever has the other end may
-    be killed. Signs with the keys named, or once SETUP_SIGNING has told one.
+    With ``until_eof`` it also ends when standard input, a pipe, is closed, so that it ends even if
+    the parent process is killed. A mock signs with its given key, or with the key of a
+    SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)
 

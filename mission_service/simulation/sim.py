@@ -1,4 +1,4 @@
-"""A scenario in virtual time: mock autopilots, real MAVLink frames, no clock but an event heap."""
+"""Fly a scenario in virtual time: mock autopilots, MAVLink frames, an event heap as the clock."""
 
 import heapq
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
 
 
 class Rig:
-    """One vehicle of the simulation: client and mock, joined by two memory links."""
+    """One simulated vehicle: client and mock autopilot, joined by two memory links."""
 
     def __init__(
         self, section: VehicleSection, scenario: Scenario, landscape: Landscape, clock: MissionClock
@@ -76,7 +76,7 @@ class Rig:
         self._down = memory_link(scenario.link, seed + 1)
 
     def next_timer(self) -> int | None:
-        """When this rig next has something to do."""
+        """Time of the next timer of client, mock and links (µs), or None."""
         timers = (
             self.mock.next_timer(),
             self.client.next_timer(),
@@ -86,7 +86,7 @@ class Rig:
         return min((timer for timer in timers if timer is not None), default=None)
 
     def advance(self, now_us: int, service: Service) -> None:
-        """Let everything happen that is due."""
+        """Handle all datagrams and timers that are due at ``now_us``."""
         if self._weather is not None:
             self._blow(self._weather.at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
@@ -102,14 +102,14 @@ class Rig:
             self._up.send(datagram, now_us)
 
     def _blow(self, entry: Weather) -> None:
-        """The mock flies in the wind that drives the fire."""
+        """Set the mock's wind to the wind that drives the fire."""
         if entry is not self._entry:
             self._entry = entry
             self.mock.flight.wind = Wind(entry.wind_from_deg, entry.wind_speed_m_s)
 
 
 class Simulation:
-    """Vehicles, service and fire of a scenario, joined; run it piece by piece."""
+    """The vehicles, the service and the fire of a scenario; can be run step by step."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class Simulation:
         progress: Progress = unshown,
         picture: Picture | None = None,
     ) -> None:
-        """A burn has a simulated crew if none is given; ``picture`` is kept up, if there is one."""
+        """Without ``crew``, a burn has a simulated crew. A given ``picture`` is kept up to date."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 
@@ -141,18 +141,18 @@ class Simulation:
         self._heap = [(0, index) for index in range(len(self.rigs))]
 
     def run(self, until_s: float) -> None:
-        """Until mission time has come so far."""
+        """Run until mission time ``until_s``."""
         end_us = round(until_s * 1e6)
         while self._heap and self.clock.now_us < end_us:
             self.step()
 
     @property
     def link_us(self) -> int:
-        """When something happens next, by the links' clock: it goes on while nothing is heard."""
+        """Time of the next step on the links' clock (µs); mission time may lag behind it."""
         return self._heap[0][0]
 
     def step(self) -> None:
-        """Let the next thing happen."""
+        """Handle the next timer of a vehicle, then the events of the crew."""
         now_us, index = heapq.heappop(self._heap)
         self.rigs[index].advance(now_us, self.service)
         if self._crew is not None:
@@ -174,10 +174,11 @@ def simulate(
     crew: Crew | None = None,
     until_s: float | None = None,
 ) -> tuple[Record, FireWorld]:
-    """Fly a scenario to its end (or ``until_s``) in virtual time, leaving a journal.
+    """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
 
-    ``created`` (wall-clock time in words) only goes into the journal's header. ``progress`` is
-    called about once a minute of mission time. ``crew`` says what people do by a mission time.
+    ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
+    called about once per minute of mission time. ``crew`` returns the crew's events that are due at
+    a mission time.
     """
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)

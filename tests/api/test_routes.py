@@ -466,9 +466,9 @@ def test_news_are_told_once(flying: World) -> None:
 def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         assert (await http.get("/readyz")).json()["ok"] is True
-        flying.hub.not_ready["hawk"] = "not heard yet"
+        flying.hub.not_ready["hawk"] = "no heartbeat yet"
         lacks = await http.get("/readyz")
-        assert (lacks.status_code, lacks.json()) == (503, {"error": "hawk: not heard yet"})
+        assert (lacks.status_code, lacks.json()) == (503, {"error": "hawk: no heartbeat yet"})
         assert (await http.get("/healthz")).status_code == 200
         flying.hub.not_ready.clear()
         flying.hub.stopping = True

@@ -127,7 +127,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         there.ask(do="abort")
 
     news = run(burned, tmp_path, second, killed=True)
-    assert any("goes on with the run" in text for text in news)
+    assert any("resumes the run" in text for text in news)
     told = events(path)
     assert [type(event) for event in told] == [Answered, Resumed, Present, Aborted]
     assert 100.0 <= told[1].down_s < 100.0 + PATIENCE_S

@@ -93,7 +93,7 @@ def test_shipped_scenarios_check(name: str) -> None:
         (("mission", "upload", "OUT/none.plan"), "none.plan: cannot be read"),
         (("mission", "clear", "--link", "bus:1"), "udpin:HOST:PORT"),
         (("mock", "--home", "here"), "LAT,LON,ALTITUDE_AMSL_M"),
-        (("mock", "--system-id", "249", "--count", "3"), "250 is the last"),
+        (("mock", "--system-id", "249", "--count", "3"), "250 is the highest"),
         (("config", "check", "nowhere"), "nowhere: no such file"),
     ],
 )
@@ -111,7 +111,7 @@ def test_a_vehicle_that_never_answers_is_told() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
     result = call("mission", "clear", "--link", link, "--timeout", "0.5")
     assert result.exit_code == 1
-    assert "no autopilot was heard within 0.5 s" in result.stderr
+    assert "no autopilot was found within 0.5 s" in result.stderr
 
 
 FENCE = (MissionItem(5003, 0, 363_700_000, -841_300_000, 0.0, 5000.0, autocontinue=0),)

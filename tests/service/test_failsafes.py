@@ -127,7 +127,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     assert flight.picture.alarms["front/hawk"].severity == "severe"
     # Neither the service's own order at its end, nor an abort, nor an unconfirmed order ends it.
     (left,) = order(flight, "hold", by=SERVICE)
-    assert "left as it is" in left
+    assert "stays in mode" in left
     flight.run(5.0)
     flight.tell(Aborted(flight.now_us, *ANN))
     flight.run(5.0)
@@ -206,12 +206,12 @@ def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fl
     flight.run(3.0)
     wanted = flight.picture.missions["hawk"].proposed
     assert wanted is not None
-    assert "asked for by ann" in wanted.why
+    assert "requested by ann" in wanted.why
     flight.run(66.0)
     again = flight.picture.missions["hawk"].proposed
     assert again is not None
     assert again.mission_id != wanted.mission_id
-    assert "asked for by ann" in again.why
+    assert "requested by ann" in again.why
     withdrawn = [line for line in flight.over() if isinstance(line, WithdrawMission)]
     assert wanted.mission_id in [line.mission_id for line in withdrawn]
 

@@ -141,6 +141,6 @@ def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
         record.closest = None
         simulation.run(800.0)
     words = [announced.text for _, announced in record.news if announced.vehicle == "crane"]
-    assert any("told to hold" in text for text in words)
+    assert any("hold ordered" in text for text in words)
     assert record.closest is not None
     assert record.closest.distance_m > 2 * 30.0, record.closest

@@ -167,7 +167,7 @@ def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
             assert caught.value.code == 503
             return caught.value.read().decode()
 
-        assert "hawk: not heard yet" in lacks()
+        assert "hawk: no heartbeat yet" in lacks()
         assert "journal" not in lacks()
         size = (out / "journal.jsonl").stat().st_size
         resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (size + 20, resource.RLIM_INFINITY))

@@ -110,7 +110,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert summary["alarms"]["link"] >= 1
     assert (summary["requests"], summary["service_restarts"]) == ({"Ordered": 1}, 0)
     # Started again it goes on with what it has counted.
-    went_on = said("goes on with the run of")
+    went_on = said("resumes the run of")
     with process(arguments, log) as daemon:
         wait_for(went_on, 60)
         daemon.send_signal(signal.SIGTERM)

@@ -63,7 +63,7 @@ def test_hold_resume_return_and_abort_are_obeyed_and_replay(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     assert flight.mode == "mission"
-    assert flight.tell(Ordered(flight.now_us, *ANN, "hawk", "hold")) == ["told to hold by ann"]
+    assert flight.tell(Ordered(flight.now_us, *ANN, "hawk", "hold")) == ["hold ordered by ann"]
     uploads = flight.picture.vehicles["hawk"].uploads_accepted
     flight.run(120.0)
     assert flight.mode == "hold"
@@ -167,7 +167,7 @@ def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
     assert first is not None
     assert flight.picture.missions["hawk"].on_board is None
     wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
-    assert flight.tell(wrong) == ["no such mission is proposed; look again"]
+    assert flight.tell(wrong) == ["no such mission is proposed; load the proposal again"]
     accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
     assert "accepted by ann" in flight.tell(accept)[0]
     flight.run(60.0)

@@ -187,7 +187,7 @@ def test_missions_over_a_signed_link(tmp_path: Path) -> None:
             "mission", "clear", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8"
         )
         assert other.exit_code == 1
-        assert "no autopilot was believed within 0.8 s: refused" in other.stderr
+        assert "no autopilot was accepted within 0.8 s: refused" in other.stderr
         assert "with a wrong signature" in other.stderr
 
         none = call("mission", "clear", *link, "--timeout", "0.8")
@@ -199,7 +199,7 @@ def test_missions_over_a_signed_link(tmp_path: Path) -> None:
 def test_silence_is_not_called_a_refusal() -> None:
     link = ("--link", f"udpin:127.0.0.1:{free_port()}")
     result = call("mission", "clear", *link, "--signing-key", "env:THE_KEY", "--timeout", "0.3")
-    assert "no autopilot was heard within 0.3 s" in result.stderr
+    assert "no autopilot was found within 0.3 s" in result.stderr
 
 
 def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_a_vehicle_that_does_not_do_as_told_is_named(
         again = call("signing", "set-up", *link, "--signing-key", "env:OTHER_KEY")
         assert "signs with another key; give that one as --old-key" in again.stderr
         off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8")
-        assert "no autopilot was believed" in off.stderr
+        assert "no autopilot was accepted" in off.stderr
 
 
 def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(

@@ -1,1 +1,1 @@
-"""HTTP: the routes, who may use them, the live stream, and the server inside the daemon."""
+"""HTTP: routes, access control, the live stream, and the server inside the daemon."""

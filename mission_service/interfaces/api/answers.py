@@ -1,4 +1,4 @@
-"""Answers and bodies: JSON by msgspec, one form for all errors."""
+"""Responses and request bodies: JSON by msgspec, one form for all errors."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ encode = msgspec.json.Encoder().encode
 
 
 class ApiError(Exception):
-    """Why a request gets nothing: an HTTP status and one line."""
+    """A refused request: an HTTP status and the reason in one line."""
 
     def __init__(self, status: int, text: str, headers: dict[str, str] | None = None) -> None:
         super().__init__(text)
@@ -21,22 +21,22 @@ class ApiError(Exception):
 
 
 def error_body(text: str) -> bytes:
-    """The one form of all errors."""
+    """The JSON body of every error, with ``text`` on one line."""
     return encode({"error": " ".join(text.split())})
 
 
 def error_answer(status: int, text: str, headers: dict[str, str] | None = None) -> Response:
-    """An error as an answer."""
+    """An error as an HTTP response."""
     return Response(error_body(text), status, headers, "application/json")
 
 
 def answer(content: Any, media_type: str = "application/json") -> Response:
-    """msgspec Structs, dictionaries and lists as JSON."""
+    """A response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
     return Response(encode(content), media_type=media_type)
 
 
 async def body_of(request: Request, most_bytes: int = MOST_BODY_BYTES) -> bytes:
-    """A request's body, which the guard has read. Raises ApiError 413 if it is longer."""
+    """The body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
     body = await request.body()
     if len(body) > most_bytes:
         raise ApiError(413, f"the body has more than {most_bytes} bytes")
@@ -44,7 +44,7 @@ async def body_of(request: Request, most_bytes: int = MOST_BODY_BYTES) -> bytes:
 
 
 async def asked(request: Request) -> dict[str, Any]:
-    """The JSON object of a request's body; none is the empty one. Raises ApiError."""
+    """The JSON object in a request's body; empty for an empty body. Raises ApiError."""
     body = await body_of(request)
     if not body.strip():
         return {}

@@ -1,4 +1,4 @@
-"""All routes joined, behind the guard."""
+"""The application of one run: all routes, behind the guard."""
 
 import asyncio
 from collections.abc import Callable
@@ -66,7 +66,7 @@ ABOUT = """State, orders and corrections of one run. Mission time is in integer 
 
 @dataclass(frozen=True)
 class Application:
-    """What is served: ``asgi``, the guard with the routes behind it."""
+    """The application of one run; ``asgi`` is the guard in front of ``routes``."""
 
     asgi: Guard
     routes: FastAPI
@@ -74,9 +74,9 @@ class Application:
 
 
 def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
-    """The application for one run; its ``api`` is to be closed when it ends.
+    """Make the application of one run; the caller closes its ``api`` when the run ends.
 
-    ``page`` is the folder of the built map; without it ``/`` says how it is built.
+    ``page`` is the folder of the built map. If it is missing, ``/`` is answered by 404 and a hint.
     """
     api = Api(hub, tokens, wall_us)
     app = FastAPI(
@@ -110,12 +110,15 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:
-    """All routes of the API, without the page."""
+    """All routes of the API; the page of the map is none of them."""
     return [each for each in app.routes if isinstance(each, APIRoute)]
 
 
 def role_of(api_route: APIRoute) -> str:
-    """The role a route takes, or ``nobody``. Raises MissionServiceError for one without."""
+    """The role that a route requires, or ``nobody`` if it requires no token.
+
+    Raises MissionServiceError for a route without a role.
+    """
     needed = [each.dependency for each in api_route.dependencies]
     roles = [each.role for each in needed if isinstance(each, Needs)]
     if len(roles) != 1:
@@ -124,7 +127,7 @@ def role_of(api_route: APIRoute) -> str:
 
 
 def _describe(app: FastAPI) -> None:
-    """Add the schemas of the Structs, and the token, to what FastAPI knows."""
+    """Add schemas of the Structs, the token and the common errors to FastAPI's description."""
     made: Callable[[], dict[str, Any]] = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -138,9 +141,9 @@ def _describe(app: FastAPI) -> None:
             for each in routes_of(app):
                 for method in each.methods or ():
                     operation = found["paths"][each.path_format][method.lower()]
-                    # As it is: FastAPI leaves out what is null in examples.
+                    # Unchanged: FastAPI removes null values from examples.
                     operation["responses"]["200"] = each.responses[200]
-                    for status in COMMON:  # told once, not with each route
+                    for status in COMMON:  # described once, not for each route
                         told = {"$ref": f"#/components/responses/E{status}"}
                         operation["responses"][str(status)] = told
             app.openapi_schema = found
@@ -150,7 +153,7 @@ def _describe(app: FastAPI) -> None:
 
 
 def _say_errors(app: FastAPI) -> None:
-    """One form for all errors; nothing of what went wrong inside is told outside."""
+    """Answer all errors in one form; details of internal errors are only logged."""
 
     @app.exception_handler(ApiError)
     async def refused(request: Request, error: ApiError) -> Response:
@@ -181,13 +184,13 @@ def _say_errors(app: FastAPI) -> None:
 
 
 def _methods(app: FastAPI, path: str) -> list[str]:
-    """All that a path takes; a router names only the first route's."""
+    """All methods of a path; a router returns only those of its first matching route."""
     found = [each.methods or set() for each in routes_of(app) if each.path_regex.match(path)]
     return sorted(set().union(*found))
 
 
 def _serve_page(app: FastAPI, page: Path) -> None:
-    """All that is no route is the page's; so a wrong method of a route is no missing file."""
+    """Serve the page for all paths without a route; a wrong method of a route is still 405."""
     if page.is_dir():
         app.router.default = StaticFiles(directory=page, html=True)
         return

@@ -1,4 +1,4 @@
-"""What the routes share: the run, who may ask, and what is kept between requests."""
+"""Objects that the routes share: the run, the tokens, caches and limits."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,13 +17,13 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.published_states import VehicleState
 
-MOST_THREADS = 2  # at once: those who look must not slow down those who fly
+MOST_THREADS = 2  # at the same time: requests must not slow down the flight
 
 Result = TypeVar("Result")
 
 
 class Api:
-    """One run as its interface has it. ``wall_us`` is the time since 1970."""
+    """The run and the shared objects. ``wall_us`` returns the time since 1970 (µs)."""
 
     def __init__(self, hub: Hub, tokens: Tokens, wall_us: Callable[[], int]) -> None:
         self.hub = hub
@@ -34,19 +34,19 @@ class Api:
         self.forecasts = forecasts_of(hub)
         self.tiles = TerrainTiles(hub.landscape)
         self._threads = asyncio.Semaphore(MOST_THREADS)
-        self.uploads = asyncio.Semaphore(1)  # read at once
+        self.uploads = asyncio.Semaphore(1)  # reads one file at a time
 
     def close(self) -> None:
-        """Give up what is being worked out."""
+        """Cancel the forecasts that are being computed."""
         self.forecasts.close()
 
     async def aside(self, work: Callable[[], Result]) -> Result:
-        """Do what takes long in a thread, after others who asked for such before."""
+        """Run ``work`` in a thread; at most ``MOST_THREADS`` run at the same time."""
         async with self._threads:
             return await asyncio.to_thread(work)
 
     def vehicle(self, name: str) -> VehicleState:
-        """Raises ApiError 404 for a vehicle that this run has not."""
+        """The state of a vehicle. Raises ApiError 404 for an unknown name."""
         vehicle = self.hub.picture.vehicles.get(name)
         if vehicle is None:
             there = ", ".join(self.hub.picture.vehicles)
@@ -54,7 +54,10 @@ class Api:
         return vehicle
 
     async def ask(self, request: Request, do: str, **named: Any) -> Response:
-        """Ask the desk for what the body says; ``named`` is what the path says of it."""
+        """Handle the request ``do``: its keys are in the body and, as ``named``, in the path.
+
+        Raises ApiError.
+        """
         wanted = await asked(request)
         for key in ("do", *named):
             if key in wanted:
@@ -64,7 +67,8 @@ class Api:
     def abort(self, who: Who, query_string: bytes) -> dict[str, Any]:
         """Carry out an abort; returns the reply. The body, which may be incomplete, is not read.
 
-        ``query_string``: ``by`` and ``station``, where a token leaves them open. Raises ApiError.
+        ``query_string`` may contain ``by`` and ``station``, used where the token does not fix them.
+        Raises ApiError.
         """
         wanted = dict(parse_qsl(query_string.decode("latin-1")))
         by = who.name if self.tokens.named else wanted.get("by", who.name)
@@ -74,11 +78,11 @@ class Api:
         if not found["ok"]:
             if self.hub.replay is not None:
                 raise ApiError(409, str(found["error"]))
-            raise ApiError(507, str(found["error"]))  # an abort is refused for nothing else
+            raise ApiError(507, str(found["error"]))  # the only reason to refuse an abort
         return found
 
     def desk(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
-        """The desk's answer. Raises ApiError for what it refuses."""
+        """Handle a request of ``who``; returns the reply. Raises ApiError if it is refused."""
         given = {**wanted, **self._who_asks(who, wanted)}
         may_approve = who.may("approve") if self.tokens.named else None
         found = self.hub.desk.ask(given, may_approve)
@@ -91,7 +95,7 @@ class Api:
         return found
 
     def _who_asks(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Under which name and from where: by the token, where it is somebody's own."""
+        """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
         by = wanted.get("by", who.name)
         if self.tokens.named and by != who.name:
             raise ApiError(403, f"this token is {who.name}'s, nobody else's")
@@ -101,7 +105,7 @@ class Api:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """The only station there is; a word for the interface where stations do not matter."""
+        """The burn's only station; empty if it has several, ``http`` in a run without stations."""
         burn = self.hub.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

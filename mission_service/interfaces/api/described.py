@@ -1,6 +1,6 @@
-"""What OpenAPI says of a route: its role, what it takes, what it answers, with an example.
+"""The OpenAPI description of a route: role, request body, response, example.
 
-Schemas come from the msgspec Structs themselves, so they cannot say anything else than the code.
+Schemas are generated from the msgspec Structs, so they agree with the code.
 """
 
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ WHO = {
 
 
 class Needs:
-    """The role of a route, as a dependency of it. ``None``: everybody's, without a token."""
+    """A dependency of a route that requires a role. ``None``: no token is required."""
 
     def __init__(self, role: Role | None) -> None:
         self.role = role
@@ -64,7 +64,7 @@ def route(
     answer: Mapping[str, Any],
     takes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The keywords of a route. ``answer`` and ``takes``: content by media type."""
+    """The keyword arguments of a route. ``answer``, ``takes``: content by media type."""
     extra: dict[str, Any] = {"x-role": role or "nobody"}
     if role is not None:
         extra["security"] = [{"token": []}]
@@ -80,29 +80,29 @@ def route(
 
 
 def struct(kind: type, example: Any = None) -> dict[str, Any]:
-    """An answer that is one of the API's Structs."""
+    """A response that is a Struct of type ``kind``."""
     shown = examples.example_of(kind) if example is None else example
     return {"application/json": {"schema": _ref(kind), "example": shown}}
 
 
 def structs(kind: type) -> dict[str, Any]:
-    """An answer that is a list of them."""
+    """A response that is a list of Structs of type ``kind``."""
     schema = {"type": "array", "items": _ref(kind)}
     return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
 
 def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
-    """An answer that is some JSON object."""
+    """A response that is a JSON object."""
     return {media_type: {"schema": {"type": "object", "description": what}, "example": example}}
 
 
 def file(media_type: str) -> dict[str, Any]:
-    """An answer that is a file."""
+    """A response that is a file."""
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
 
 
 def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
-    """A body that becomes a request of this kind; ``without`` is what the path says already."""
+    """The body of a request of type ``kind``; ``without``: keys that the path contains."""
     whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
     left_out = ("do", "by", "station", *without)
     properties = {k: v for k, v in whole["properties"].items() if k not in left_out}

@@ -1,4 +1,4 @@
-"""HTTP as a door of the daemon: what is in use or missing is told before anything else begins."""
+"""The HTTP interface of the daemon: its port and files are checked before the run begins."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,7 @@ from mission_service.runtime.hub import Hub
 
 @dataclass(frozen=True)
 class HttpDoor:
-    """A port that is ours, and who may use it. ``address`` is for people; never for a log."""
+    """The listening socket and the valid tokens. ``address`` may contain a token: never log it."""
 
     listening: socket.socket
     tokens: Tokens
@@ -25,7 +25,7 @@ class HttpDoor:
     address: str
 
     async def __call__(self, hub: Hub) -> None:
-        """Serve until cancelled; it has ended within two seconds then."""
+        """Serve until cancelled; it ends within two seconds."""
         app = app_of(hub, self.tokens)
         hub.gauges["stream_clients"] = lambda: app.api.streams.count
         hub.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
@@ -38,7 +38,7 @@ class HttpDoor:
 
 @contextlib.contextmanager
 def http_door(section: HttpSection, out: Path) -> Iterator[HttpDoor]:
-    """The door of a run whose files are in ``out``. Raises MissionServiceError in one line."""
+    """The HTTP interface of a run whose files are in ``out``. Raises MissionServiceError."""
     tls = tls_of(section)
     with bound(section) as listening:
         address = url_of(section, listening)

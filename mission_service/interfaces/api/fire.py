@@ -1,4 +1,4 @@
-"""The fire: where it is, was and will be, and what people say of it."""
+"""Routes of the fire: fronts, forecasts, overlays, corrections, wind and weather."""
 
 import asyncio
 from functools import partial
@@ -37,7 +37,7 @@ def add(routes: APIRouter, api: Api) -> None:
 
 
 def _shapes(routes: APIRouter, api: Api) -> None:
-    """Fronts, contours and probabilities as GeoJSON; worked out in threads."""
+    """Add fronts, contours and probabilities as GeoJSON, computed in threads."""
 
     def now_s() -> float:
         return api.hub.clock.now_us / 1e6
@@ -118,13 +118,13 @@ def _shapes(routes: APIRouter, api: Api) -> None:
 
 
 async def _shape(api: Api, shape: Any, *args: Any, **keywords: Any) -> Response:
-    """GeoJSON made and encoded in a thread."""
+    """A GeoJSON response, made and encoded in a thread."""
     content = await api.aside(lambda: encode(shape(*args, **keywords)))
     return Response(content, media_type=GEOJSON)
 
 
 def _pictures(routes: APIRouter, api: Api) -> None:
-    """Overlays and terrain for the map."""
+    """Add overlays and terrain for the map."""
     land = api.hub.landscape
 
     async def until(until_s: float | None) -> Any:
@@ -172,7 +172,7 @@ def _pictures(routes: APIRouter, api: Api) -> None:
 
 
 def _words(routes: APIRouter, api: Api) -> None:
-    """What people say of fire and wind."""
+    """Add corrections of the fire, uploaded perimeters, wind and weather."""
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(
@@ -205,7 +205,7 @@ def _words(routes: APIRouter, api: Api) -> None:
                 place = f"outline {len(told) + 1} of {len(found.wanted)}"
                 words = f"{place}: {error}; those before it were taken"
                 raise ApiError(error.status, words if told else str(error)) from None
-            await asyncio.sleep(0)  # others have their turn
+            await asyncio.sleep(0)  # other tasks run between two requests
         return answer({"perimeter": found.perimeter, "told": told})
 
     @routes.get(

@@ -1,4 +1,4 @@
-"""What changed, as server-sent events: each state is encoded once, whoever is told it."""
+"""Changed states as server-sent events; each state is encoded once for all clients."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ from mission_service.runtime.hub import Hub
 
 
 class Frames:
-    """The events of the live stream, the newest of each key; memory: one for each key."""
+    """The newest event of each key for the live stream; memory: one event for each key."""
 
     def __init__(self, hub: Hub, wall_us: Callable[[], int]) -> None:
         self._hub = hub
@@ -18,24 +18,24 @@ class Frames:
 
     @property
     def version(self) -> int:
-        """Of the picture."""
+        """The version of the picture."""
         return self._hub.picture.version
 
     async def changed(self, since: int) -> None:
-        """Return when the picture is newer."""
+        """Wait until the picture is newer than ``since``."""
         await self._hub.changed(since)
 
     def frames(self, since: int) -> bytes:
-        """All that changed since a version, in the order of the versions.
+        """Events of all states that changed since a version, in the order of their versions.
 
-        So whoever was cut off in between goes on with the last ``id`` and misses nothing.
+        A client that was disconnected continues after its last ``id`` and misses nothing.
         """
         changed = self._hub.picture.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        if key == "news":  # only the new lines, so they depend on who asks
+        if key == "news":  # only lines after ``since``: not the same for all
             lines = [line for line in self._hub.picture.news if line.id > since]
             return _event("news", version, lines)
         kept = self._kept.get(key)

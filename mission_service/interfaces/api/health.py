@@ -1,4 +1,4 @@
-"""Whether the service lives and is ready; figures for Prometheus."""
+"""Routes for liveness, readiness and metrics (Prometheus)."""
 
 from fastapi import APIRouter, Response
 
@@ -9,7 +9,7 @@ from mission_service.interfaces.api.states import Health
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/healthz``, ``/readyz`` without a token; ``/metrics``."""
+    """Add ``/healthz`` and ``/readyz``, without a token, and ``/metrics``."""
     healthy = struct(Health, {"ok": True, "not_ready": []})
 
     @routes.get("/healthz", **route(None, "Whether the service lives.", healthy))
@@ -30,7 +30,7 @@ def add(routes: APIRouter, api: Api) -> None:
     @routes.get("/metrics", **route("look", "Figures for Prometheus.", text))
     async def metrics() -> Response:
         from mission_service.interfaces.metrics import (
-            metrics_of,  # prometheus_client, when somebody asks
+            metrics_of,  # imports prometheus_client at the first request
         )
 
         content, media_type = metrics_of(api.hub)

@@ -1,4 +1,4 @@
-"""What the perimeter planner compares, cell by cell, for people to see."""
+"""The importances that the perimeter planner compares, cell by cell, for display."""
 
 from mission_service.interfaces.api.states import Importance
 from mission_service.runtime.hub import Hub
@@ -6,7 +6,7 @@ from mission_service.runtime.published_states import VehicleState
 
 
 def importance_of(hub: Hub, vehicle: VehicleState) -> Importance | None:
-    """The importances where the vehicle is now; None before its first lap, and of other rules."""
+    """Importances at the vehicle's position; None before its first lap and for other rules."""
     name = vehicle.vehicle
     here = hub.core.steering.presence[name].here
     found = None if here is None else hub.core.leader.compared(name, here)

@@ -1,4 +1,4 @@
-"""What happened, as it was written down: the piece that is written now, and those before it."""
+"""Routes of the journal: the segment that is being written and the earlier ones."""
 
 import asyncio
 import os
@@ -25,7 +25,7 @@ Segment = Annotated[
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/journal``, ``/journal/file``."""
+    """Add ``/journal`` and ``/journal/file``."""
     journal = JournalLines()
     lines = {LINES: {"schema": {"type": "string"}, "example": '{"event":{},"crc":"00c0ffee"}\n'}}
 
@@ -61,7 +61,10 @@ def add(routes: APIRouter, api: Api) -> None:
 
 
 def _opened(api: Api, segment: int | None) -> tuple[int, BinaryIO]:
-    """A piece's number, and its file; no other piece can take its name in between."""
+    """The number of a segment (None: the newest) and its open file. Raises ApiError 404.
+
+    It does not await, so that the journal cannot begin a new segment meanwhile.
+    """
     newest = api.hub.service.recording.journal.rest.segment
     number = newest if segment is None else segment
     path = api.hub.journal_path
@@ -72,7 +75,7 @@ def _opened(api: Api, segment: int | None) -> tuple[int, BinaryIO]:
 
 
 async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
-    """So much of a file, which may grow meanwhile."""
+    """The first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
     with file:
         while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
             size -= len(part)

@@ -1,4 +1,4 @@
-"""Lines of a journal that is being written to, found without reading it from its beginning."""
+"""Reads lines of a growing journal without reading it from its beginning."""
 
 import os
 import threading
@@ -7,11 +7,11 @@ from typing import BinaryIO
 
 EVERY_LINES = 1000
 PART_BYTES = 1 << 20
-MOST_FILES = 4  # whose lines are known; which was asked for longest ago is forgotten first
+MOST_FILES = 4  # with an index; the least recently used index is dropped first
 
 
 class JournalLines:
-    """Knows where each thousandth line of a file begins. Thread-safe; its callers read."""
+    """An index of every thousandth line of recent files. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -20,7 +20,7 @@ class JournalLines:
     def after(self, file: BinaryIO, line: int, limit: int, most_bytes: int) -> tuple[bytes, int]:
         """Whole lines after ``line`` (the header is line 1), and the number of the last of them.
 
-        At most ``limit`` lines, and one that makes it more than ``most_bytes``.
+        At most ``limit`` lines; no further line once they have more than ``most_bytes``.
         """
         with self._lock:
             begins = self._known(file)
@@ -51,7 +51,7 @@ class JournalLines:
 
 
 class _Begins:
-    """Where lines 1, 1001, 2001, ... of a file begin."""
+    """Byte offsets of lines 1, 1001, 2001, ... of a file."""
 
     def __init__(self) -> None:
         self.at_byte = [0]
@@ -59,7 +59,7 @@ class _Begins:
         self._lines = 0
 
     def count(self, file: BinaryIO) -> None:
-        """Count the lines that have come since."""
+        """Count the lines that were appended since the last call."""
         file.seek(self.counted_bytes)
         while part := file.read(PART_BYTES):
             place = -1

@@ -1,8 +1,8 @@
-"""The live stream: what changed, newest first to last, as server-sent events.
+"""The live stream: changed states as server-sent events, in the order of their changes.
 
-A client is owed the newest state of each item, not each state it had: it remembers one number, the
-version it has, so it takes the same memory however slowly it reads. While its connection is full
-nothing is made for it; when it reads again it gets what is newest then.
+A client gets the newest state of each item, not each intermediate one. Of each client only the last
+version that was sent is kept: memory does not depend on how slowly it reads. While its connection
+is blocked, nothing is encoded for it; then it gets the states that are the newest at that time.
 """
 
 import asyncio
@@ -13,35 +13,36 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 MOST_STREAMS = 32
-TOLD_EVERY_S = 10.0  # at the latest: a comment, so that both sides notice a dead connection
-# Between two batches for a client, for each stream that is open: all streams together take a few
-# per cent of a core, and a single one is told within milliseconds.
+# At the latest after this time a comment is sent: both sides detect a dead connection.
+TOLD_EVERY_S = 10.0
+# Pause between two batches for a client, times the number of open streams: all streams together
+# take a few per cent of a core, and a single one gets changes within milliseconds.
 PAUSE_S = 0.002
 LEAST_PAUSE_S = 0.004
-END_WITHIN_S = 0.5  # who reads more slowly is cut off
+END_WITHIN_S = 0.5  # a client that reads more slowly is disconnected
 TOLD_NOTHING = b": \n\n"
 
 
 class TooSlowError(Exception):
-    """Somebody does not read what they asked for."""
+    """A client does not read its stream."""
 
 
 class Source(Protocol):
-    """Where the news come from."""
+    """The source of the stream's events (``Frames``)."""
 
     @property
     def version(self) -> int:
-        """Of all there is; grows with each change."""
+        """The version of the whole state; it grows with each change."""
 
     def frames(self, since: int) -> bytes:
-        """All that changed since a version, in the order of its versions; see ``Frames``."""
+        """Events of all changes since a version, in the order of their versions; see ``Frames``."""
 
     async def changed(self, since: int) -> None:
-        """Return when ``version`` is larger than ``since``."""
+        """Wait until ``version`` is larger than ``since``."""
 
 
 class Streams:
-    """All clients of the live stream."""
+    """The open live streams; ``now_s`` is a monotonic clock."""
 
     def __init__(self, source: Source, now_s: Callable[[], float]) -> None:
         self.source = source
@@ -51,20 +52,20 @@ class Streams:
 
     @property
     def full(self) -> bool:
-        """Whether there is no place for one more."""
+        """Whether ``MOST_STREAMS`` streams are open."""
         return self.count >= MOST_STREAMS
 
     @property
     def pause_s(self) -> float:
-        """How long a client waits after a batch."""
+        """Pause between two batches for a client."""
         return max(LEAST_PAUSE_S, PAUSE_S * self.count)
 
 
 class LiveStream(Response):
-    """One client's stream."""
+    """The live stream of one client."""
 
     def __init__(self, streams: Streams, since: int, still: Callable[[], bool]) -> None:
-        """``still`` is asked every few seconds whether the client may go on."""
+        """``still`` is called every few seconds; the stream ends when it returns False."""
         super().__init__()
         self._streams = streams
         self._sent = since if since <= streams.source.version else 0
@@ -86,7 +87,7 @@ class LiveStream(Response):
             streams.count -= 1
 
     async def _tell(self, send: Send) -> None:
-        """Tell what is new until the client may listen no more."""
+        """Send changes until the client's token is no longer valid."""
         streams, source = self._streams, self._streams.source
         told_at_s = asked_at_s = streams.now_s()
         while True:
@@ -118,7 +119,7 @@ async def _set(event: asyncio.Event) -> None:
 
 
 async def _first_of(*ways: Awaitable[None]) -> None:
-    """Return when one has ended; the others are cancelled. What it raised is raised."""
+    """Wait until one has ended and cancel the others; raises the exception of the first."""
     tasks = [asyncio.ensure_future(way) for way in ways]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""How a mission differs from another one. Pure."""
+"""The difference between two missions. Pure."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from mission_service.runtime.published_states import ItemState
 
 
 def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Difference:
-    """How a mission differs from the one before it, item by item from the first."""
+    """The difference between a mission and the one before, item by item from the first."""
     alike = 0
     while alike < min(len(before), len(after)) and before[alike] == after[alike]:
         alike += 1

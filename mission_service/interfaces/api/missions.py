@@ -21,7 +21,7 @@ from mission_service.runtime.published_states import Mission, MissionState, item
 
 
 def items_of(mission: Mission) -> Items:
-    """The items as they were sent. Raises ApiError 409 if they cannot be told again exactly."""
+    """The items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
     items = tuple(
         MissionItem(
             item.command,
@@ -39,9 +39,9 @@ def items_of(mission: Mission) -> Items:
 
 
 def preview_of(hub: Hub, name: str) -> Preview:
-    """What the vehicle would be sent now, or what waits for a word.
+    """The mission that is proposed or, if there is none, would be sent now.
 
-    Raises ApiError 409 if there is nothing.
+    Raises ApiError 409 if there is neither.
     """
     mission = hub.picture.missions[name]
     proposed, on_board = mission.proposed, mission.on_board
@@ -59,7 +59,7 @@ def preview_of(hub: Hub, name: str) -> Preview:
 
 
 def plan_file(items: Items, hub: Hub, name: str) -> bytes:
-    """A QGroundControl .plan file."""
+    """The items as a QGroundControl .plan file."""
     section = hub.core.vehicles[name].section
     home = home_of(section, hub.landscape)
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +69,7 @@ def plan_file(items: Items, hub: Hub, name: str) -> bytes:
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/vehicles/NAME/mission``."""
+    """Add ``/vehicles/NAME/mission`` and the requests of ``WORDS``."""
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/mission",

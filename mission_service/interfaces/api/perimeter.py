@@ -10,7 +10,7 @@ from mission_service.interfaces.api.answers import ApiError
 from mission_service.interfaces.maps.perimeter_worker import Done, Failed, Job
 
 WORKER = (sys.executable, "-P", "-m", "mission_service.interfaces.maps.perimeter_worker")
-WITHIN_S = 60.0  # of wall-clock time; its own limit is one of computing time
+WITHIN_S = 60.0  # wall-clock time; the process limits its own computing time
 _decode = msgspec.json.Decoder(Done | Failed).decode
 
 
@@ -48,5 +48,5 @@ async def read_aside(job: Job) -> Done:
 
 
 def _end(code: int) -> str:
-    """How a process ended, as SIGSEGV or status 1."""
+    """The signal (as SIGSEGV) or the exit status that ended a process."""
     return signal.Signals(-code).name if code < 0 else f"status {code}"

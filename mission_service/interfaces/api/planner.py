@@ -1,4 +1,4 @@
-"""What the planners are told."""
+"""Routes of the planners' settings."""
 
 from typing import Any
 
@@ -12,12 +12,12 @@ from mission_service.runtime.hub import Hub
 
 
 def planner_of(hub: Hub) -> dict[str, Any]:
-    """The planners' settings as they are now: the scenario's, and what people changed."""
+    """The planners' present settings: those of the scenario with the operators' changes."""
     return hub.scenario.planner.model_dump(mode="json") | hub.core.leader.settings()
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/planner``."""
+    """Add ``/planner``."""
     shown = json(examples.PLANNER, what="The table [planner] of the scenario, as it is.")
 
     @routes.get(f"{V1}/planner", **route("look", "The planners' settings now.", shown))

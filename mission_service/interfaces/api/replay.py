@@ -1,4 +1,4 @@
-"""A replay of a logged flight: where it is, pause, speed and place."""
+"""Routes of a replay: its state, pause, speed and position."""
 
 from fastapi import APIRouter, Request, Response
 
@@ -11,7 +11,7 @@ from mission_service.runtime.play_head import ReplayState
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/replay``."""
+    """Add ``/replay``."""
 
     def state() -> ReplayState:
         if api.hub.replay is None:

@@ -1,8 +1,8 @@
-"""uvicorn inside the daemon: its tasks and signals are the daemon's, and so is its end.
+"""uvicorn inside the daemon, which controls its tasks, its signals and its end.
 
-Of uvicorn there is the protocol (h11) and the loop around it. What is ours: the listening socket,
-TLS, timeouts, the connection to close when there are too many (``access/callers.py``), the end.
-That reaches into uvicorn, so pyproject.toml names the versions it was written for.
+uvicorn contributes the HTTP protocol (h11) and its main loop. This module adds the listening
+socket, TLS, timeouts, the limits of connections (``access/callers.py``) and the shutdown. It
+depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
 """
 
 import asyncio
@@ -26,18 +26,18 @@ from mission_service.interfaces.api.access.callers import Caller, Callers, clien
 from mission_service.interfaces.api.access.guard import HEADERS
 from mission_service.interfaces.api.answers import error_body
 
-REQUEST_WITHIN_S = 10.0  # from its first byte, or the connection's, to the end of its headers
+REQUEST_WITHIN_S = 10.0  # for its headers, from its first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
 NO_ROOM_S = 0.05  # until the next attempt to accept a connection
-STOP_WITHIN_S = 1  # then what is left is cut off
+STOP_WITHIN_S = 1  # then open connections are closed
 MOST_HEADER_BYTES = 16 * 1024
-SEND_BUFFER_BYTES = 128 * 1024  # more in the kernel would only be older news
+SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would hold older states
 
 
 @contextlib.contextmanager
 def bound(section: HttpSection) -> Iterator[socket.socket]:
-    """A listening socket. Raises MissionServiceError in one line if there cannot be one."""
+    """A listening socket. Raises MissionServiceError in one line if the port cannot be used."""
     family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -57,14 +57,14 @@ def bound(section: HttpSection) -> Iterator[socket.socket]:
 
 
 def url_of(section: HttpSection, listening: socket.socket) -> str:
-    """Where browsers find it, as http://127.0.0.1:8765."""
+    """The URL for browsers, as http://127.0.0.1:8765."""
     host = f"[{section.host}]" if ":" in section.host else section.host
     scheme = "http" if section.tls_certificate is None else "https"
     return f"{scheme}://{host}:{listening.getsockname()[1]}"
 
 
 def tls_of(section: HttpSection) -> ssl.SSLContext | None:
-    """TLS 1.2 and later; None without a certificate. Raises MissionServiceError."""
+    """The TLS context (1.2 and later); None without a certificate. Raises MissionServiceError."""
     certificate, key = section.tls_certificate, section.tls_key
     if certificate is None or key is None:
         return None
@@ -74,7 +74,7 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
     # closed the connection, this write fails, and asyncio discards the unread request.
     context.num_tickets = 0
     try:
-        # Else a key with a password would have OpenSSL ask on the terminal.
+        # Without this, OpenSSL asks for the password of a key on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -92,7 +92,7 @@ def _no_password() -> str:
 async def serving(
     app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    """Serve within this context. ``stopping`` is set at its end, so that streams end in order."""
+    """Serve within this context; ``stopping`` is set at its end, so that streams end first."""
     config = uvicorn.Config(
         app,
         http=Connection,
@@ -107,7 +107,7 @@ async def serving(
         timeout_graceful_shutdown=STOP_WITHIN_S,
         h11_max_incomplete_event_size=MOST_HEADER_BYTES,
     )
-    # It warns of each request that is no HTTP; whoever sends those could fill the disk.
+    # It warns of each request that is not HTTP: such requests could fill the disk.
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     server = _Server(config, listening, tls)
     running = asyncio.create_task(server.serve())
@@ -128,7 +128,7 @@ def _shut(there: socket.socket) -> None:
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server on our socket, without its signals, its exit and its ten ticks a second."""
+    """uvicorn's server on our socket, without its signal handlers, exit and ten ticks a second."""
 
     def __init__(
         self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
@@ -198,7 +198,7 @@ class _Server(uvicorn.Server):
 
     async def main_loop(self) -> None:
         while not self.stop.is_set():
-            await self.on_tick(0)  # the Date header
+            await self.on_tick(0)  # updates the Date header
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self.stop.wait(), 1.0)
 
@@ -206,7 +206,8 @@ class _Server(uvicorn.Server):
 class Connection(H11Protocol):
     """One connection, with a time limit for its headers.
 
-    Through ``state`` its requests can close it, and mark it as one with a valid token.
+    ``scope["state"]`` has two functions: ``cut`` closes the connection, ``proven`` marks it as one
+    with a valid token.
     """
 
     def __init__(self, callers: Callers, caller: Caller, *args: Any) -> None:
@@ -240,7 +241,7 @@ class Connection(H11Protocol):
             self._expect_nothing()
 
     def send_400_response(self, msg: str) -> None:
-        """To what is no HTTP: the same form as all errors, and the end of the connection."""
+        """Answer data that is not HTTP with an error in the common form; close the connection."""
         if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
             self.transport.close()
             return
@@ -254,7 +255,7 @@ class Connection(H11Protocol):
 
     @property
     def _idle(self) -> bool:
-        """Whether no request is under way."""
+        """Whether no request is being handled."""
         return self.cycle is None or self.cycle.response_complete
 
     def _prove(self) -> None:

@@ -1,4 +1,4 @@
-"""The whole state, the live stream, news."""
+"""Routes of the whole state, the live stream, the announcements and the abort."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that is 
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/state``, ``/live``, ``/news``, ``/abort``."""
+    """Add ``/state``, ``/live``, ``/news`` and ``/abort``."""
     land = land_of(api.hub)
 
     @routes.get(f"{V1}/state", **route("look", "Everything for a new page.", struct(State)))
@@ -83,4 +83,4 @@ def add(routes: APIRouter, api: Api) -> None:
         by: Annotated[str, Query(description=BY)] = "",
         station: Annotated[str, Query(description=STATION)] = "",
     ) -> Response:
-        return answer(request.state.aborted)  # the guard has done it
+        return answer(request.state.aborted)  # the guard has carried it out

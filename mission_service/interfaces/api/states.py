@@ -1,4 +1,4 @@
-"""What the API answers beyond the picture's own states."""
+"""Responses of the API, besides the states of the picture."""
 
 from typing import Any
 
@@ -19,16 +19,16 @@ from mission_service.runtime.published_states import (
 
 
 class Error(msgspec.Struct):
-    """Why there is no answer, in one line."""
+    """The reason why a request was refused, in one line."""
 
     error: str
 
 
 class Told(msgspec.Struct):
-    """What was done: mission time, the event it became, and what the service said to it.
+    """A handled request: mission time, the name of its event, and the announcements it caused.
 
-    For a correction of the fire (correct, erase, undo, redo) also the area burned before and after;
-    absent in a burn, where a correction changes the estimated fire.
+    A correction of the fire (correct, erase, undo, redo) also has the area burned before and after.
+    They are absent in a burn, where a correction changes the estimated fire.
     """
 
     ok: bool
@@ -41,7 +41,7 @@ class Told(msgspec.Struct):
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
-    """The run as a whole. ``not_ready``: what it lacks before it does its work."""
+    """The run as a whole. ``not_ready``: what is missing until the service is ready."""
 
     at_us: int
     time_unix_us: int
@@ -53,7 +53,7 @@ class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
 
 
 class Land(msgspec.Struct):
-    """Where the landscape lies: west, south, east, north; corners NW, NE, SE, SW as lon, lat."""
+    """Extent of the landscape: west, south, east, north; corners NW, NE, SE, SW as lon, lat."""
 
     bounds: tuple[float, float, float, float]
     corners_lon_lat: tuple[tuple[float, float], ...]
@@ -63,7 +63,7 @@ class Land(msgspec.Struct):
 
 
 class State(msgspec.Struct):
-    """Everything for a new page; ``/live?since=version`` goes on from here."""
+    """The whole state; ``/live?since=version`` streams the changes after it."""
 
     version: int
     status: StatusState
@@ -79,11 +79,11 @@ class State(msgspec.Struct):
     landscape: Land
     rule: str
     planner: dict[str, Any]
-    replay: ReplayState | None = None  # None: it is happening
+    replay: ReplayState | None = None  # None: a live run
 
 
 class Difference(msgspec.Struct):
-    """What changes with a mission: items alike at its beginning, and the places that move."""
+    """Difference to the mission before: equal items at its beginning, and moved positions."""
 
     alike_first: int
     added: int
@@ -92,7 +92,7 @@ class Difference(msgspec.Struct):
 
 
 class Preview(msgspec.Struct):
-    """What would be sent now, and how it differs from what is on board."""
+    """The mission that would be sent now, and its difference to the mission on board."""
 
     at_us: int
     vehicle: str
@@ -103,9 +103,10 @@ class Preview(msgspec.Struct):
 
 
 class Importance(msgspec.Struct):
-    """What the planner compares; ``cells`` along the believed front from the vehicle backwards.
+    """The importances that the planner compares.
 
-    Each cell is (lat_deg, lon_deg, importance), in the planner's unit.
+    ``cells`` lie along the estimated front, from the vehicle backwards. Each is (lat_deg, lon_deg,
+    importance), in the planner's unit.
     """
 
     at_us: int
@@ -117,7 +118,7 @@ class Importance(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """Whether the service lives, or what it lacks."""
+    """Whether the service runs, and what is missing until it is ready."""
 
     ok: bool
     not_ready: list[str] = []
@@ -138,7 +139,7 @@ def status_of(hub: Hub, time_unix_us: int) -> StatusState:
 
 
 def land_of(hub: Hub) -> Land:
-    """Where the landscape lies."""
+    """The extent of the landscape."""
     land = hub.landscape
     rows, cols = land.shape
     ends = [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]

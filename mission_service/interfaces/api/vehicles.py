@@ -18,7 +18,7 @@ GEOJSON = "application/geo+json"
 
 
 def add(routes: APIRouter, api: Api) -> None:
-    """``/vehicles``."""
+    """Add ``/vehicles`` and the orders of ``ORDERS``."""
 
     @routes.get(f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState)))
     async def vehicles() -> Response:

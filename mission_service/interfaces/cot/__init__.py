@@ -1,1 +1,1 @@
-"""Cursor on Target: vehicles and front to other maps."""
+"""Cursor on Target: vehicles and the fire's front on other maps."""

@@ -1,10 +1,11 @@
 """Cursor on Target: vehicles and the fire as events for TAK (ATAK, WinTAK, TAK Server). Pure.
 
-Format: MITRE, *Cursor-on-Target Message Router User's Guide* (base event 2.0), and what ATAK makes
-of drawn shapes (``u-d-f``: a closed line of ``link`` points).
+Format: MITRE, *Cursor-on-Target Message Router User's Guide* (base event 2.0), and the drawn shapes
+of ATAK (``u-d-f``: a closed line of ``link`` points).
 
-Heights: ``hae`` is above the ellipsoid, and autopilots tell it above the sea. The difference is up
-to 100 m and in no file here, so ``hae`` is sent as unknown and the remarks have what is known.
+Heights: ``hae`` is above the ellipsoid, but autopilots report heights above the sea. The
+difference, up to 100 m, is not available here; ``hae`` is sent as unknown, and the remarks contain
+the heights.
 """
 
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from mission_service.runtime.published_states import TelemetryState
 
 TYPES = {"plane": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}  # friendly, drone: fixed wing, rotary
 DRAWN = "u-d-f"
-MACHINE_GPS, MADE_UP = "m-g", "m-s"  # how it is known: measured; simulated or worked out
+MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source: measured; simulated or computed
 UNKNOWN_M = "9999999.0"
 POSITION_ERROR_M = "10.0"
 MOST_CORNERS = 250  # an event is one datagram
@@ -41,7 +42,7 @@ def vehicle_event(
     unix_us: int,
     stale_us: int,
 ) -> bytes:
-    """Where a vehicle is, as known at ``unix_us``, worth nothing after ``stale_us`` more."""
+    """The position of a vehicle at ``unix_us``; the event is stale after ``stale_us`` more."""
     event = _event(f"{site}.{here.vehicle}", TYPES[kind], MACHINE_GPS, unix_us, stale_us)
     _point(event, here.lat_deg, here.lon_deg)
     detail = ElementTree.SubElement(event, "detail")
@@ -57,9 +58,9 @@ def vehicle_event(
 
 
 def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -> Iterator[bytes]:
-    """The area burned (a GeoJSON Feature), a drawn shape for each of the largest areas.
+    """The burned area (a GeoJSON Feature) as drawn shapes, one for each of its largest parts.
 
-    Unburned islands are left out, and corners where there are too many of them.
+    Unburned islands are left out. Outlines of more than ``MOST_CORNERS`` corners are simplified.
     """
     areas = sorted(get_parts(shape(front["geometry"])), key=lambda area: -area.area)
     area_ha = front["properties"]["area_ha"]
@@ -92,7 +93,7 @@ def _point(event: ElementTree.Element, lat_deg: float, lon_deg: float) -> None:
 
 
 def _few_corners(area: Polygon) -> list[tuple[float, float]]:
-    """The outer ring, closed, (lon, lat); the coarser the more corners it has."""
+    """The closed outer ring, (lon, lat), simplified to at most ``MOST_CORNERS`` corners."""
     corners, tolerance_deg = area.exterior.coords, 1e-6
     while len(corners) > MOST_CORNERS:
         corners = area.exterior.simplify(tolerance_deg).coords

@@ -1,6 +1,7 @@
-"""Sends Cursor on Target by UDP (also multicast), TCP or TLS, as ``[service.cot]`` says.
+"""Send Cursor on Target by UDP (also multicast), TCP or TLS, as ``[service.cot]`` configures.
 
-Nothing waits for who listens: each round sends what is true then; what could not go is not kept.
+The run never waits for a receiver. Each round sends the present state; events that cannot be sent
+are dropped.
 """
 
 import asyncio
@@ -20,25 +21,25 @@ from mission_service.runtime.clocks import wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.hub import Hub
 
-FIRE_EVERY = 10  # rounds
+FIRE_EVERY = 10  # rounds between two fronts
 ROUNDS_UNTIL_STALE = 3
-ANSWER_S = 5.0  # to connect, and to take what is sent
+ANSWER_S = 5.0  # limit for connecting and for sending an event
 LEAST_WAIT_S, MOST_WAIT_S = 1.0, 30.0
 ALARM = "cot"
 
 
 class Way(Protocol):
-    """Where events go."""
+    """A transport of events."""
 
     async def send(self, event: bytes) -> None:
-        """Raises OSError or TimeoutError when it does not go."""
+        """Send an event. Raises OSError or TimeoutError if it cannot be sent."""
 
     def close(self) -> None:
-        """The end."""
+        """Close the transport."""
 
 
 class Datagrams:
-    """One event a datagram; nobody knows whether they come."""
+    """UDP: one event per datagram, without acknowledgement."""
 
     def __init__(self, address: tuple[Any, ...], family: int) -> None:
         self._address = address
@@ -46,24 +47,24 @@ class Datagrams:
         self._socket.setblocking(False)
 
     async def send(self, event: bytes) -> None:
-        """A full socket is no trouble: the next round tells more."""
+        """Send an event; drop it if the socket's buffer is full."""
         with contextlib.suppress(BlockingIOError):
             self._socket.sendto(event, self._address)
 
     def close(self) -> None:
-        """The end."""
+        """Close the transport."""
         self._socket.close()
 
 
 class Stream:
-    """Events one after another to a TAK server; what it sends us is read and dropped."""
+    """TCP or TLS to a TAK server; data from the server is read and dropped."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writer = writer
         self._listens = asyncio.create_task(self._drop(reader))
 
     async def send(self, event: bytes) -> None:
-        """Wait a little for a slow server."""
+        """Send an event; wait up to ``ANSWER_S`` for a slow server."""
         if self._listens.done():
             raise ConnectionResetError("the server has closed the connection")
         self._writer.write(event + b"\n")
@@ -71,7 +72,7 @@ class Stream:
             await self._writer.drain()
 
     def close(self) -> None:
-        """The end."""
+        """Close the transport."""
         self._listens.cancel()
         self._writer.close()
 
@@ -84,7 +85,7 @@ class Stream:
 def cot_door(
     settings: CotSection, scenario_name: str
 ) -> Callable[["Hub"], Coroutine[Any, Any, None]]:
-    """What sends by these settings until cancelled. Raises MissionServiceError."""
+    """The coroutine that sends events until cancelled. Raises MissionServiceError."""
     tls = None
     if settings.scheme == "tls":
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
@@ -96,7 +97,7 @@ def cot_door(
 
 
 class Sender:
-    """One run's events."""
+    """Sends the events of one run."""
 
     def __init__(
         self, hub: "Hub", settings: CotSection, site: str, tls: ssl.SSLContext | None
@@ -106,7 +107,7 @@ class Sender:
         self._sent: dict[str, int] = {}  # version of the picture, by vehicle
 
     async def run(self) -> None:
-        """Until cancelled, whatever becomes of the way."""
+        """Send until cancelled; connect again after a failure."""
         wait_s = LEAST_WAIT_S
         try:
             while True:
@@ -138,7 +139,7 @@ class Sender:
         return Datagrams(address, family)
 
     async def _rounds(self, way: Way) -> None:
-        """Raises OSError or TimeoutError when the way is no more."""
+        """Send rounds of events. Raises OSError or TimeoutError when the transport fails."""
         stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
         number = 0
         while True:
@@ -150,7 +151,7 @@ class Sender:
             await asyncio.sleep(self._settings.every_s)
 
     async def _tell_vehicles(self, way: Way, stale_us: int) -> None:
-        """Those that were heard since the last round; others grow stale on the maps."""
+        """Send positions that are new since the last round; on the maps the others become stale."""
         picture = self._hub.picture
         for name, here in list(picture.telemetry.items()):
             version = picture.changed[f"telemetry/{name}"]

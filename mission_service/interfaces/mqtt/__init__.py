@@ -1,1 +1,1 @@
-"""MQTT: where a broker is, one connection to it, what is published, commands that are taken."""
+"""MQTT: the connection to a broker, publications, commands, messages between vehicles."""

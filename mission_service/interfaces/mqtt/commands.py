@@ -1,8 +1,8 @@
-"""Commands over MQTT: who is let in to the desk, and with what. Pure: times are arguments.
+"""Commands over MQTT: their checks before they are handled. Pure: times are arguments.
 
-The broker says who may publish where, so every command has a topic of its own; beyond that nothing
-is known of who asks. So what lets fire fall is refused here whatever the message says, and an abort
-is taken whatever it says.
+The broker controls which user may publish to which topic, so every command has its own topic. The
+service itself cannot identify the sender. Therefore requests that permit drops are always refused,
+and an abort is accepted whatever its content.
 """
 
 import hashlib
@@ -16,14 +16,14 @@ import msgspec
 from mission_service.core.requests import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.messages import Command, CommandId, Reply
 
-DOOR = "mqtt"  # what names and stations begin with
+DOOR = "mqtt"  # prefix of names and stations
 MOST_BYTES = 64 * 1024
 MOST_NAME = 40
 OLD_US = 30_000_000
 REMEMBERED_S = 600.0
-A_SECOND, AT_ONCE = 10.0, 30.0  # commands; more of them are not even answered
+A_SECOND, AT_ONCE = 10.0, 30.0  # commands; further ones get no reply
 MOST_REMEMBERED = int(REMEMBERED_S * A_SECOND + AT_ONCE)
-ABORTS_APART_S = 0.2  # one more so soon is the same one
+ABORTS_APART_S = 0.2  # an earlier one is a repetition
 TAKEN = tuple(name for name, kind in ALL_REQUESTS.items() if kind.over_mqtt)
 _ENVELOPE = ("schema", "id", "sent_at_unix_us")
 
@@ -35,7 +35,7 @@ class _Named(msgspec.Struct):
 
 
 class _RefusedError(Exception):
-    """Why a command is not done."""
+    """A command is refused; the text gives the reason."""
 
 
 @dataclass(slots=True)
@@ -46,9 +46,9 @@ class _Answered:
 
 
 class Doorkeeper:
-    """Lets commands in to ``ask``, the desk, or says why not; remembers what it has answered.
+    """Passes valid commands to ``ask``, the request handler, and keeps the replies.
 
-    ``MOST_REMEMBERED`` answers are kept, which is all that the rate lets in while they count.
+    ``MOST_REMEMBERED`` replies are kept: as many as the rate limit allows in ``REMEMBERED_S``.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -61,9 +61,9 @@ class Doorkeeper:
     def take(
         self, name: str, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply | None:
-        """Do what ``name`` and ``payload`` ask for; None where too much came to be answered.
+        """Handle the command ``name``; returns the reply, or None above the rate limit.
 
-        ``at_us`` is mission time, ``now_s`` of a clock that never jumps, ``unix_us`` the wall's.
+        ``at_us`` is mission time, ``now_s`` a monotonic clock, ``unix_us`` the wall clock.
         """
         if name == ABORT:
             return self._abort(payload, retained, at_us, now_s, unix_us)
@@ -93,7 +93,7 @@ class Doorkeeper:
         at_us: int,
         now_s: float,
     ) -> Reply:
-        """Ask the desk, unless it was asked this before."""
+        """Handle a command, or repeat the reply if the same command was handled before."""
         while self._answered and self._oldest_s() < now_s - REMEMBERED_S:
             self._answered.popitem(last=False)
         key, digest = (name, command.by, command.id), hashlib.sha256(payload).digest()
@@ -114,7 +114,7 @@ class Doorkeeper:
     def _abort(
         self, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply:
-        """At once and always, but for one that the broker has kept: it would stop every start."""
+        """Handle an abort. An old retained one is refused: it would stop the run at every start."""
         name_of = _id_in(payload)
         try:
             command, request = _read(payload)
@@ -153,7 +153,7 @@ def _refuse_names(name: str) -> None:
 
 
 def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
-    """A command and, for the desk, what it asks for."""
+    """Decode a command; returns it and the request for the request handler."""
     if len(payload) > MOST_BYTES:
         raise _RefusedError(f"{len(payload)} bytes; at most {MOST_BYTES} are taken")
     try:
@@ -166,13 +166,13 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
     if "do" in found:
         raise _RefusedError("unknown key do: the topic says what is to be done")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
-    # A station that plans are approved from would count as its approver's presence.
+    # Without the prefix, a command would count as presence at a station that approves plans.
     station = f"{DOOR}:{command.station}" if command.station else DOOR
     return command, {**request, "by": f"{DOOR}:{command.by}", "station": station}
 
 
 def _id_in(payload: bytes) -> str | None:
-    """The id of what may be no command at all."""
+    """The id in a payload, whether that is a valid command or not; None if it has none."""
     if len(payload) > MOST_BYTES:
         return None
     try:

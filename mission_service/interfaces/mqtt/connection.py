@@ -1,7 +1,7 @@
-"""One connection to an MQTT broker, for whatever a process tells and hears over it.
+"""The connection of a process to an MQTT broker.
 
-It is made again and again, at intervals that grow to ``MOST_WAIT_S``, and nothing waits longer than
-it says here. What uses it keeps no queue that a broker could make grow.
+A lost connection is made again, at intervals that grow to ``MOST_WAIT_S``. Every wait for the
+broker has a time limit here. The users of the connection keep no queue that grows without a broker.
 """
 
 import asyncio
@@ -24,11 +24,11 @@ from mission_service.config.mqtt_names import Broker
 from mission_service.errors import MissionServiceError
 
 LEAST_WAIT_S, MOST_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
-KEEPALIVE_S = 5  # a broker that is silent for twice as long is gone
-ANSWER_S = 3.0  # a broker has for an answer ...
-TAKE_S = 15.0  # ... and to take a message: longer than it takes to find out that it is gone
-STEADY_S = 5.0  # a connection that was shorter is no reason to try the next one sooner
-RECEIVE_BYTES = 32_768  # no more: what waits there is old news
+KEEPALIVE_S = 5  # a broker that is silent for twice as long is lost
+ANSWER_S = 3.0  # limit for an answer of the broker
+TAKE_S = 15.0  # limit for publishing: longer than the detection of a lost broker
+STEADY_S = 5.0  # only a longer connection resets the interval between attempts
+RECEIVE_BYTES = 32_768  # a larger buffer would only hold old messages
 REFUSED = {
     132: "it knows no MQTT 5",
     133: "it takes no client of this name",
@@ -40,7 +40,7 @@ REFUSED = {
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who we are to a broker, and how we know that it is the right one."""
+    """Credentials for a broker, and the TLS settings that verify the broker."""
 
     user: str | None = None
     password: str | None = field(default=None, repr=False)
@@ -53,9 +53,9 @@ OPEN = Access()
 def tls_of(
     authority: Path | None = None, certificate: Path | None = None, key: Path | None = None
 ) -> ssl.SSLContext:
-    """TLS that believes ``authority``, or else those the machine believes; host names are checked.
+    """TLS that trusts ``authority``, or else the machine's authorities; checks host names.
 
-    ``certificate`` and ``key`` show who we are. Raises MissionServiceError.
+    ``certificate`` and ``key`` authenticate the client. Raises MissionServiceError.
     """
     try:
         context = ssl.create_default_context(cafile=authority)
@@ -63,7 +63,7 @@ def tls_of(
         raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
     if certificate is not None:
         try:
-            # A key with a passphrase would be asked for on the terminal.
+            # Without a password, OpenSSL asks for a passphrase on the terminal.
             context.load_cert_chain(certificate, key, password=lambda: b"")
         except OSError as error:
             text = f"{certificate}, {key or 'no key file'}: no certificate and key: {_why(error)}"
@@ -84,10 +84,10 @@ def client_to(
     will: aiomqtt.Will | None = None,
     most_bytes: int | None = None,
 ) -> aiomqtt.Client:
-    """A client that is not connected yet. What it hears goes into ``inbox``.
+    """A client that is not connected yet. Messages that it receives go into ``inbox``.
 
-    With ``most_bytes`` it speaks MQTT 5, and the broker sends it no larger packet: a smaller
-    version has no such limit, and a packet is in memory as a whole.
+    With ``most_bytes`` it uses MQTT 5, and the broker sends it no larger packet. Earlier versions
+    have no such limit, and a packet is in memory as a whole.
     """
     limit = None
     if most_bytes is not None:
@@ -116,10 +116,10 @@ async def keep_connected(
     use: Callable[[aiomqtt.Client], Awaitable[None]],
     lost: Callable[[str], None],
 ) -> None:
-    """Connect and ``use`` each client that is made, until cancelled, whatever the broker does.
+    """Connect and ``use`` one client after another, until cancelled.
 
-    What a client has to log is not printed, but part of why there is no connection; ``lost`` is
-    told in words of every attempt and connection that failed.
+    ``lost`` is called with the reason of every attempt and connection that failed. The reason
+    contains the last line that the client logged, which is not printed.
     """
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_all_but_known)
@@ -132,9 +132,9 @@ async def keep_connected(
                 try:
                     await use(client)
                 except asyncio.CancelledError:
-                    ends = True  # even if the broker takes no farewell
+                    ends = True  # even if disconnecting fails
                     raise
-        except (aiomqtt.MqttError, OSError) as error:  # the latter from a farewell over TLS
+        except (aiomqtt.MqttError, OSError) as error:  # OSError: from disconnecting over TLS
             lost(in_words(error, last_words.text))
         if not ends:
             wait_s = LEAST_WAIT_S if loop.time() - began_s > STEADY_S else wait_s
@@ -144,7 +144,7 @@ async def keep_connected(
 
 
 def in_words(error: aiomqtt.MqttError | OSError, last_words: str = "") -> str:
-    """Why there is no connection, for people; never with a password."""
+    """The reason of a failed connection as text; never contains a password."""
     code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
     if isinstance(code, ReasonCode) and code.value in REFUSED:
         return REFUSED[code.value]
@@ -154,7 +154,7 @@ def in_words(error: aiomqtt.MqttError | OSError, last_words: str = "") -> str:
 
 
 class LastWords(logging.Handler):
-    """The last error that a client has logged: aiomqtt itself knows only that no answer came."""
+    """Keeps the last error that a client logged; aiomqtt itself only reports a missing answer."""
 
     def __init__(self) -> None:
         super().__init__(logging.ERROR)
@@ -163,12 +163,12 @@ class LastWords(logging.Handler):
         self.logger.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep it."""
+        """Keep the text of the record."""
         self.text = record.getMessage()
 
 
 async def together(*talks: Coroutine[Any, Any, None]) -> None:
-    """Run until one of them ends, then end all; raises what ended it."""
+    """Run coroutines until one ends, then cancel the others; raises the exception of the first."""
     tasks = {asyncio.create_task(talk) for talk in talks}
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -179,9 +179,11 @@ async def together(*talks: Coroutine[Any, Any, None]) -> None:
 
 
 def _all_but_known(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """aiomqtt asks to write to a socket in the same moment as it is closed: nothing to tell.
+    """Handle exceptions of the loop; drop two of aiomqtt that need no report.
 
-    Nor when it has noted for nobody why a connection ended, which has been told.
+    aiomqtt may register a writer for a socket that is just being closed (EBADF). It may also keep
+    the reason of a lost connection in a future that is not awaited; that reason is reported
+    elsewhere.
     """
     error = context.get("exception")
     closed = isinstance(error, OSError) and error.errno == errno.EBADF
@@ -190,14 +192,14 @@ def _all_but_known(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> 
 
 
 def _is_clients(error: BaseException) -> bool:
-    """Whether it came of aiomqtt or of what that reads."""
+    """Whether an exception comes from aiomqtt or paho."""
     frames = traceback.walk_tb(error.__traceback__)
     passed = {str(frame.f_globals.get("__name__")).partition(".")[0] for frame, _ in frames}
     return isinstance(error, aiomqtt.MqttError) or not passed.isdisjoint(("aiomqtt", "paho"))
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they are: before Python 3.12 ``wait_for`` may swallow a cancellation."""
+    """Cancel tasks until they end: before Python 3.12 ``wait_for`` may swallow a cancellation."""
     left = tasks
     while left:
         for task in left:
@@ -205,4 +207,4 @@ async def _end(tasks: set[asyncio.Task[None]]) -> None:
         _, left = await asyncio.wait(left, timeout=0.1)
     for task in tasks:
         if not task.cancelled():
-            task.exception()  # seen; one of them is raised
+            task.exception()  # marks it as retrieved; the caller raises one

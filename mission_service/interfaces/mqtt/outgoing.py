@@ -1,7 +1,7 @@
-"""What is still to be told over MQTT: the newest of each part of the picture. Pure.
+"""The states to publish over MQTT: the newest of each key of the picture. Pure.
 
-No message waits in a queue: there are keys of the picture, and the versions that were sent. So
-nothing grows while there is no broker, and what is sent then is what is true then.
+No message waits in a queue: for each key only the version that was sent is kept. So memory does not
+grow without a broker, and a new connection gets the present states.
 """
 
 from collections.abc import Iterator
@@ -15,12 +15,12 @@ from mission_service.runtime.picture import Picture
 if TYPE_CHECKING:
     from mission_service.runtime.hub import Hub
 
-STATE_EVERY_US = 500_000  # one vehicle's state or mission is sent no sooner again
+STATE_EVERY_US = 500_000  # shortest interval between two of one vehicle
 _encode = msgspec.json.Encoder().encode
 
 
 class Publication(NamedTuple):
-    """One message; ``name`` is its topic's vehicle or command, if it has one."""
+    """One message; ``name`` is the vehicle or command in its topic, if there is one."""
 
     topic: Topic
     payload: bytes
@@ -28,15 +28,15 @@ class Publication(NamedTuple):
 
     @property
     def path(self) -> str:
-        """What follows the site's topic."""
+        """The part of the topic after the site's topic."""
         return self.topic.path.format(self.name)
 
 
 class Outgoing:
-    """Which states are to be sent at which time of a clock that never jumps.
+    """Selects the states that are due, by a monotonic clock.
 
-    States go with QoS 0: after each new connection all are sent again, and a broker that is there
-    loses none. Lines for people go with QoS 1, since there is no newer one in their place.
+    States have QoS 0: all are sent again after each new connection. Announcements have QoS 1, since
+    no newer message replaces them.
     """
 
     def __init__(self, telemetry_hz: float) -> None:
@@ -46,7 +46,7 @@ class Outgoing:
         self._news_id = 0
 
     def begin(self) -> None:
-        """A broker is there, and may know nothing."""
+        """Send all states again: a new connection begins."""
         self._sent.clear()
 
     def states(self, hub: "Hub", now_us: int) -> Iterator[Publication]:
@@ -64,7 +64,7 @@ class Outgoing:
             self._due_us[key] = now_us + every_us
 
     def news(self, picture: Picture) -> Iterator[Publication]:
-        """Lines for people that were not sent; each counts as sent when the next is asked for."""
+        """Announcements that were not sent; each counts as sent when the next is taken."""
         for line in picture.news_after(self._news_id):
             yield Publication(EVENT, _encode(line))
             self._news_id = line.id

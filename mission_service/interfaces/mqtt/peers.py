@@ -1,8 +1,8 @@
-"""What UAVs of a formation tell each other, over MQTT: one process a vehicle, or several of them.
+"""Messages between the UAVs of a formation that several processes fly, over MQTT.
 
-Nothing here waits for a broker. What is said goes into a short queue, in which a newer state takes
-the place of an older one; what is lost, maps heal by their digests. While there is no broker all
-circle on where they are: whoever moved would not know who is in its way.
+Sending never waits for a broker. A message goes into a short queue, in which a newer state replaces
+an older one; maps recover from lost messages by their digests. Without a broker all vehicles keep
+circling at their positions, because a moving vehicle could not detect conflicts.
 """
 
 import asyncio
@@ -36,14 +36,14 @@ from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 if TYPE_CHECKING:
     from mission_service.runtime.ears import Ears
 
-MOST_WAITING = 200  # messages to go out, besides states
+MOST_WAITING = 200  # queued messages, besides states and digests
 MOST_UNREAD = 2000
-READ_S = 0.02  # between one look at what has come and the next
-TIME = "time"  # a kind of its own: mission time of a process, in microseconds
+READ_S = 0.02  # pause between two reads of the inbox
+TIME = "time"  # kind of a message: mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
-BEHIND_US = 10_000_000  # who has only just been held up is told nothing
-OVERTAKEN = ("/state", f"/{TIME}")  # the newest message of these is all that counts
-AHEAD_US = 60_000_000  # of one who talks, others may be
+BEHIND_US = 10_000_000  # a process that lags less is not corrected
+OVERTAKEN = ("/state", f"/{TIME}")  # kinds of which only the newest message counts
+AHEAD_US = 60_000_000  # mission time of other processes may be this far ahead of a sender's
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode
@@ -51,7 +51,7 @@ _decode = msgspec.json.Decoder(AnyMessage).decode
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """Where the vehicles of one site meet."""
+    """The broker and the topics over which the vehicles of one site exchange messages."""
 
     broker: Broker
     prefix: str
@@ -59,20 +59,20 @@ class Channel:
     access: Access = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """Where messages of one kind from one vehicle are to be heard; both may be ``+``."""
+        """The topic of one vehicle's messages of one kind; ``+`` matches all vehicles or kinds."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
 class UnfitError(Exception):
-    """A message that none of this formation's vehicles can have sent."""
+    """A message that no vehicle of this formation can have sent."""
 
 
 def channel_of(
     broker: str, prefix: str, scenario_name: str, settings: MqttSection | None = None
 ) -> Channel:
-    """Where the vehicles of a scenario meet. Raises MissionServiceError for what is none.
+    """The channel of a scenario's vehicles. Raises MissionServiceError if it is invalid.
 
-    Who we are to the broker the settings say, if it is theirs.
+    The credentials are those of ``settings`` if it names the same broker.
     """
     where = read_broker(broker)
     access = access_for(where, settings)
@@ -80,14 +80,15 @@ def channel_of(
 
 
 def encoded(message: AnyMessage) -> tuple[str, bytes]:
-    """A message as it is sent: its kind, the last level of its topic, and JSON."""
+    """The kind of a message, which is the last level of its topic, and its JSON."""
     return type(message).__name__.lower(), _encode(message)
 
 
 def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
-    """What ``vehicle`` has said, at ``latest_us`` of mission time at the latest.
+    """Decode a message of ``vehicle``, of mission time ``latest_us`` at the latest.
 
-    Raises UnfitError for what it cannot have said. Whether cells are on the map, the map looks.
+    Raises UnfitError for a message that this vehicle cannot have sent. The map checks that cells
+    are on it.
     """
     try:
         message: AnyMessage = _decode(payload)
@@ -105,14 +106,14 @@ def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
 
 
 def decoded_time(payload: bytes, latest_us: int) -> int:
-    """Mission time as another process has it. Raises UnfitError for what is none."""
+    """Decode the mission time of another process. Raises UnfitError if it is invalid."""
     if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
         raise UnfitError("a time that is none of this mission")
     return int(payload)
 
 
 class Outbox:
-    """What is still to be sent, the newest states first; of the rest the oldest is dropped."""
+    """Messages to send: states first, digests last; of the others the oldest is dropped."""
 
     def __init__(self) -> None:
         self._states: dict[str, AnyMessage] = {}  # by sender
@@ -121,7 +122,7 @@ class Outbox:
         self.is_not_empty = asyncio.Event()
 
     def put(self, message: AnyMessage) -> None:
-        """A state or digest takes the place of an older one."""
+        """Add a message; a state or digest replaces an older one of its sender."""
         if isinstance(message, State):
             self._states[message.sender] = message
         elif isinstance(message, Digest):
@@ -131,7 +132,7 @@ class Outbox:
         self.is_not_empty.set()
 
     def take(self) -> AnyMessage | None:
-        """The next to be sent, if any."""
+        """Remove the next message and return it, or None."""
         if self._states:
             return self._states.pop(next(iter(self._states)))
         if self._rest:
@@ -148,9 +149,9 @@ def _inbox() -> Inbox:
 
 
 class Exchange:
-    """Sends what this process's vehicles (``own``) say, and hears those of other processes.
+    """Sends the messages of this process's vehicles (``own``), and receives those of others.
 
-    ``latest_us`` is the latest mission time there can be.
+    ``latest_us`` is the latest possible mission time.
     """
 
     def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
@@ -163,20 +164,20 @@ class Exchange:
         self._outbox, self._inbox = Outbox(), _inbox()
         self._time_due = asyncio.Event()
         self._in_contact = False
-        self._joined = asyncio.Event()  # others have told what time it is
+        self._joined = asyncio.Event()  # a mission time was received
 
     def say(self, message: AnyMessage) -> None:
-        """Send a message as soon as the broker takes it."""
+        """Queue a message; it is sent as soon as the broker accepts it."""
         self._outbox.put(message)
 
     async def run(self, ears: "Ears") -> None:
-        """Talk until cancelled, whatever becomes of the broker."""
+        """Exchange messages until cancelled; connect again after a failure."""
         await keep_connected(
             self._client, partial(self._use, ears=ears), partial(self._lost, ears=ears)
         )
 
     async def _use(self, client: aiomqtt.Client, ears: "Ears") -> None:
-        """Until the broker is gone; raises what ends it."""
+        """Exchange messages until the connection is lost; raises the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         ears.tell(f"talks to others over {self.channel.broker}", False)
         self.connected, self._told_lost = True, False
@@ -195,7 +196,7 @@ class Exchange:
             ears.contact(False)
 
     async def join(self) -> None:
-        """Wait a moment until others have told what time it is; returns also if nobody does."""
+        """Wait up to ``JOIN_S`` for the mission time of another process."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(JOIN_S):
                 await self._joined.wait()
@@ -215,14 +216,17 @@ class Exchange:
                 self.sent[kind] += 1
 
     async def _find_contact(self, client: aiomqtt.Client, ears: "Ears") -> None:
-        """All come back to a broker within this time: who is not heard then is not there."""
+        """Report the contact, after a time in which all processes connect to the broker again."""
         await asyncio.sleep(MOST_WAIT_S + 0.5)
         self._in_contact = True
         ears.contact(True)
         await asyncio.Event().wait()
 
     async def _tell_time(self, client: aiomqtt.Client, ears: "Ears") -> None:
-        """Now and then, and to who is behind: mission time is the latest there is anywhere."""
+        """Publish mission time regularly, and soon after a message from a process that lags.
+
+        Mission time of the formation is the latest of all processes.
+        """
         topic = self.channel.topic(min(self._own), TIME)
         while True:
             self._time_due.clear()
@@ -237,7 +241,7 @@ class Exchange:
             self._take(told, ears)
             while not self._inbox.empty():
                 self._take(self._inbox.get_nowait(), ears)
-            await asyncio.sleep(READ_S)  # meanwhile more comes: who is busy handles only the newest
+            await asyncio.sleep(READ_S)  # meanwhile newer states replace older ones
 
     def _take(self, told: aiomqtt.Message, ears: "Ears") -> None:
         *_, vehicle, kind = told.topic.value.split("/")
@@ -258,6 +262,6 @@ class Exchange:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
         else:
-            self._time_due.clear()  # somebody else has answered
+            self._time_due.clear()  # another process has published it
         ears.passed(mission_us)
         self._joined.set()

@@ -1,6 +1,6 @@
-"""Tells a broker what the picture shows, and takes commands from it where that is wanted.
+"""Publishes the states of the picture to a broker, and handles commands if configured.
 
-Nothing here waits for a broker, and nothing grows without one: see ``outgoing.py``.
+The run never waits for the broker, and memory does not grow without one: see ``outgoing.py``.
 """
 
 import asyncio
@@ -36,23 +36,23 @@ from mission_service.runtime.clocks import clock_us, wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.hub import Hub
 
-LOOK_S = 0.05  # between one look at the picture and the next
+LOOK_S = 0.05  # shortest interval between two looks at the picture
 LONGEST_LOOK_S = 0.5
 FRONT_EVERY_S, CORRECTED_EVERY_S = 10.0, 1.0
-STATUS_EVERY_S = 1.0  # a look at whether it has changed
+STATUS_EVERY_S = 1.0  # interval of checks for a change
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
 MOST_UNREAD = 100  # commands that wait
-MOST_REPLIES = 100  # that wait for the broker; beyond it the oldest is dropped
-PACKET_BYTES = 2 * MOST_BYTES  # what is larger the broker does not send; up to it we say why not
+MOST_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
+PACKET_BYTES = 2 * MOST_BYTES  # the broker drops larger ones; above MOST_BYTES they are refused
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
 
 def mqtt_door(
     settings: MqttSection, scenario_name: str
 ) -> Callable[["Hub"], Coroutine[Any, Any, None]]:
-    """What tells and listens by these settings until cancelled. Raises MissionServiceError."""
+    """The coroutine that publishes and subscribes until cancelled. Raises MissionServiceError."""
     site = site_in(settings, scenario_name)
 
     async def door(hub: "Hub") -> None:
@@ -66,7 +66,7 @@ def _inbox() -> Inbox:
 
 
 class Publisher:
-    """One run's side of a connection to a broker."""
+    """The connection of one run to a broker."""
 
     def __init__(self, hub: "Hub", settings: MqttSection, site: Site) -> None:
         self.site = site
@@ -85,7 +85,7 @@ class Publisher:
         self._reply_waits = asyncio.Event()
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Publish and handle commands until cancelled."""
         try:
             await keep_connected(self._client, self._use, self._lost)
         finally:
@@ -107,7 +107,7 @@ class Publisher:
         )
 
     async def _use(self, client: aiomqtt.Client) -> None:
-        """Until the broker is gone; raises what ends it."""
+        """Publish and handle commands until the connection is lost; raises what ended it."""
         try:
             await self._talk(client)
         except Exception:
@@ -141,7 +141,7 @@ class Publisher:
         self._hub.ring()
 
     def _lost(self, why: str) -> None:
-        """Told once, and not for each of many short connections; the alarm has the newest words."""
+        """Raise the alarm; announce a lost broker, but not each of many short connections."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()
@@ -152,7 +152,7 @@ class Publisher:
         self._hub.ring()
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
-        """Commands will come; retained ones are to be seen as such, to be refused."""
+        """Subscribe to commands, with their retain flags: retained commands are refused."""
         options = SubscribeOptions(qos=COMMAND.qos, retainAsPublished=True)
         topic = self._topic(COMMAND.path.format("+"))
         answers = await client.subscribe(topic, options=options)
@@ -174,7 +174,7 @@ class Publisher:
         )
         self.sent[topic.schema] += 1
 
-    # What is told -----------------------------------------------------------------------------
+    # Publications -----------------------------------------------------------------------------
 
     def _status(self, online: bool, why: str = "") -> ServiceStatus:
         hub = self._hub
@@ -225,14 +225,14 @@ class Publisher:
             await self._wait_for_news(version)
 
     async def _wait_for_news(self, version: int) -> None:
-        """Until the picture changes; not long, for some may be sent only now."""
+        """Wait for a change of the picture, at most ``LONGEST_LOOK_S``: states may become due."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):
                 await self._hub.changed(version)
 
     async def _tell_front(self, client: aiomqtt.Client) -> None:
-        """Now and then, and soon after people have changed the fire."""
+        """Publish the front at intervals, and soon after a correction of the fire."""
         hub, loop = self._hub, asyncio.get_running_loop()
         while True:
             began_s, version = loop.time(), hub.picture.fire_version
@@ -244,13 +244,13 @@ class Publisher:
                     break
                 await asyncio.sleep(LONGEST_LOOK_S)
 
-    # What is asked ----------------------------------------------------------------------------
+    # Commands ---------------------------------------------------------------------------------
 
     async def _hear(self, client: aiomqtt.Client) -> None:
-        """This ends as soon as the broker is gone, even if there is nothing to tell it."""
+        """Handle commands; ends as soon as the connection is lost, even without publications."""
         async for message in client.messages:
             self._take(message)
-            await asyncio.sleep(0)  # between commands others have their turn
+            await asyncio.sleep(0)  # other tasks run between two commands
 
     def _take(self, message: aiomqtt.Message) -> None:
         name = message.topic.value.rpartition("/")[2]

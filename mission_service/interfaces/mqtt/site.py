@@ -1,4 +1,4 @@
-"""What ``[service.mqtt]`` names: a broker, who we are to it, and our topics."""
+"""The broker, the credentials and the topics that ``[service.mqtt]`` configures."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ TABLE = "[service.mqtt]"
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Which broker, who we are to it, and where our topics begin."""
+    """A broker, the credentials for it, and the first part of all topics."""
 
     broker: Broker
     access: Access
@@ -31,16 +31,17 @@ class Site:
 
 
 def site_in(settings: MqttSection, scenario_name: str) -> Site:
-    """What the settings name, with files and variables read. Raises MissionServiceError."""
+    """The configured site; reads files and environment variables. Raises MissionServiceError."""
     prefix = check_prefix(settings.prefix, f"{TABLE} prefix")
     topic = site_topic(prefix, site_of(scenario_name))
     return Site(_broker_in(settings), _access_in(settings), topic)
 
 
 def access_for(broker: Broker, settings: MqttSection | None) -> Access:
-    """Who we are to a broker: what the settings say, if it is theirs. Raises MissionServiceError.
+    """Credentials of the settings if they name this broker, else none.
 
-    For vehicles in processes of their own, who may talk over the broker to which all is told.
+    Vehicles in separate processes may use the broker to which the run is published. Raises
+    MissionServiceError.
     """
     if settings is None or _broker_in(settings) != broker:
         return OPEN

