@@ -143,11 +143,6 @@ class MavsdkClient:
         return self._monitor.stack
 
     @property
-    def in_mission(self) -> bool:
-        """Whether it flies its mission, by its last HEARTBEAT."""
-        return self._monitor.in_mission
-
-    @property
     def counts(self) -> Counts:
         """What became of the frames of its link; see ``Connection``."""
         return self._connection.counts

@@ -48,7 +48,6 @@ MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # at the end of a topic, left out in files
 DATA = ord("D")
-SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
 BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it has one
 LETTERS = {
     "int8_t": "b",

@@ -1,6 +1,7 @@
 """Commands and parameter requests of one vehicle, one of each at a time, sans-IO."""
 
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
@@ -11,10 +12,61 @@ from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_st
 from autopilot_bridge.vehicle.parameters import ParameterRead, ParameterSet, ParametersRead
 
 Request = ParameterRead | ParametersRead | ParameterSet
+R = TypeVar("R", CommandSequence, Request)
 
 
-class CommandQueue:
-    """Orders waiting and under way."""
+class _RequestQueue(Generic[R]):
+    """Requests waiting and under way, by their ids: one at a time."""
+
+    def __init__(self) -> None:
+        self._last_id = 0
+        self._queue: list[tuple[int, R]] = []
+        self._active = False
+
+    def _add(self, request: R) -> int:
+        self._last_id += 1
+        self._queue.append((self._last_id, request))
+        return self._last_id
+
+    def start_next(self, now_us: int) -> list[Message]:
+        """Start what waits if nothing is under way."""
+        if self._active or not self._queue:
+            return []
+        self._active = True
+        return self._go_on(self._queue[0][1].start(now_us), now_us)
+
+    def receive(self, message: Message, now_us: int) -> list[Message]:
+        """Hand a message to what is under way."""
+        if not self._active:
+            return []
+        return self._go_on(self._queue[0][1].receive(message, now_us), now_us)
+
+    def next_timer(self) -> int | None:
+        """When to call ``handle_timer``."""
+        return self._queue[0][1].next_timer() if self._active else None
+
+    def handle_timer(self, now_us: int) -> list[Message]:
+        """Do what is due."""
+        if not self._active:
+            return []
+        return self._go_on(self._queue[0][1].handle_timer(now_us), now_us)
+
+    def _go_on(self, messages: list[Message], now_us: int) -> list[Message]:
+        """The messages of what is under way; if it has ended, those of the next too."""
+        request_id, request = self._queue[0]
+        if not self._reported(request_id, request, bool(messages), now_us):
+            return messages
+        self._queue.pop(0)
+        self._active = False
+        return messages + self.start_next(now_us)
+
+    def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
+        """Report the end of what is under way, if it has ended; ``sent``: it sent messages now."""
+        raise NotImplementedError
+
+
+class CommandQueue(_RequestQueue[CommandSequence]):
+    """Commands waiting and under way."""
 
     def __init__(
         self,
@@ -23,14 +75,12 @@ class CommandQueue:
         report: Callable[[CommandFinished], None],
         commanded_modes: CommandedModes,
     ) -> None:
+        super().__init__()
         self._own = own
         self._commanded_modes = commanded_modes
         self._modes: dict[int, tuple[int, ...]] = {}  # that each leads to, by its id
         self._timing = timing
         self._report = report
-        self._last_id = 0
-        self._queue: list[tuple[int, CommandSequence]] = []
-        self._active = False
 
     def add(
         self,
@@ -45,7 +95,6 @@ class CommandQueue:
         """Queue an order; an urgent one takes the place of all others."""
         if urgent:
             self.end_all(f"{name} took its place", now_us)
-        self._last_id += 1
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
             *(name, self._own, target, steps, timing or self._timing),
@@ -53,9 +102,9 @@ class CommandQueue:
             behind_heartbeats=bool(modes) and timing is None,
             insists=urgent,
         )
-        self._modes[self._last_id] = modes
-        self._queue.append((self._last_id, sequence))
-        return self._last_id
+        command_id = self._add(sequence)
+        self._modes[command_id] = modes
+        return command_id
 
     def end_all(self, reason: str, now_us: int) -> None:
         """End what waits and what is under way."""
@@ -77,60 +126,25 @@ class CommandQueue:
         self._queue = kept
         return self.start_next(now_us)
 
-    def _sent(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Note which modes were commanded, if anything was sent."""
-        if messages and self._queue:
-            self._commanded_modes.ask(self._modes[self._queue[0][0]], now_us)
-        return messages
-
-    def start_next(self, now_us: int) -> list[Message]:
-        """Begin what waits if nothing is under way."""
-        if self._active or not self._queue:
-            return []
-        self._active = True
-        messages = self._sent(self._queue[0][1].start(now_us), now_us)
-        return messages + self._after(now_us)
-
-    def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Hand a message to what is under way."""
-        if not self._active:
-            return []
-        messages = self._sent(self._queue[0][1].receive(message, now_us), now_us)
-        return messages + self._after(now_us)
-
-    def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
-        return self._queue[0][1].next_timer() if self._active else None
-
-    def handle_timer(self, now_us: int) -> list[Message]:
-        """Do what is due."""
-        if not self._active:
-            return []
-        messages = self._sent(self._queue[0][1].handle_timer(now_us), now_us)
-        return messages + self._after(now_us)
-
-    def _after(self, now_us: int) -> list[Message]:
-        outcome = self._queue[0][1].outcome
-        if outcome is None:
-            return []
-        command_id, ended = self._queue.pop(0)
-        del self._modes[command_id]
-        self._active = False
-        self._report(CommandFinished(now_us, ended.name, *outcome, command_id))
-        return self.start_next(now_us)
+    def _reported(self, request_id: int, request: CommandSequence, sent: bool, now_us: int) -> bool:
+        if sent:
+            self._commanded_modes.ask(self._modes[request_id], now_us)
+        if request.outcome is None:
+            return False
+        del self._modes[request_id]
+        self._report(CommandFinished(now_us, request.name, *request.outcome, request_id))
+        return True
 
 
-class ParameterQueue:
+class ParameterQueue(_RequestQueue[Request]):
     """Reading and setting of parameters, waiting and under way."""
 
     def __init__(
         self, timing: TransferTiming, report: Callable[[ParametersFinished], None]
     ) -> None:
+        super().__init__()
         self._timing = timing
         self._report = report
-        self._last_id = 0
-        self._queue: list[tuple[int, Request]] = []
-        self._active = False
 
     def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
         """Queue the reading of one."""
@@ -144,44 +158,11 @@ class ParameterQueue:
         """Queue the setting of one."""
         return self._add(ParameterSet(target, name, value, _bytewise(stack), self._timing))
 
-    def _add(self, request: Request) -> int:
-        self._last_id += 1
-        self._queue.append((self._last_id, request))
-        return self._last_id
-
-    def start_next(self, now_us: int) -> list[Message]:
-        """Begin what waits if nothing is under way."""
-        if self._active or not self._queue:
-            return []
-        self._active = True
-        return self._queue[0][1].start(now_us)
-
-    def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Hand a message to what is under way."""
-        if not self._active:
-            return []
-        messages = self._queue[0][1].receive(message, now_us)
-        return messages + self._after(now_us)
-
-    def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
-        return self._queue[0][1].next_timer() if self._active else None
-
-    def handle_timer(self, now_us: int) -> list[Message]:
-        """Do what is due."""
-        if not self._active:
-            return []
-        messages = self._queue[0][1].handle_timer(now_us)
-        return messages + self._after(now_us)
-
-    def _after(self, now_us: int) -> list[Message]:
-        result = self._queue[0][1].result
-        if result is None:
-            return []
-        request_id, _ = self._queue.pop(0)
-        self._active = False
-        self._report(ParametersFinished(now_us, request_id, result))
-        return self.start_next(now_us)
+    def _reported(self, request_id: int, request: Request, sent: bool, now_us: int) -> bool:
+        if request.result is None:
+            return False
+        self._report(ParametersFinished(now_us, request_id, request.result))
+        return True
 
 
 def _bytewise(stack: Stack) -> bool:

@@ -25,7 +25,7 @@ from autopilot_bridge.vehicle.client_events import (
     TransferFinished,
 )
 from tests.bridge.helpers import SECOND, line_of, mock_of
-from tests.bridge.wire_helpers import clock_us, free_port
+from tests.bridge.transport_helpers import clock_us, free_port
 from tests.patience import PATIENCE_S
 
 PX4, PLANE = stack_named("px4", "plane"), stack_named("ardupilot", "plane")

@@ -23,7 +23,7 @@ from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.cli.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S
 
 BEGIN_US = 1_790_000_000_000_000

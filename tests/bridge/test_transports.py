@@ -14,7 +14,7 @@ import pytest
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.transports import MAX_UNSENT_BYTES
-from tests.bridge.wire_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
 from tests.patience import PATIENCE_S
 
 NOISE = b"\x00noise\xfd\x40\x00\x01 and \xfe more"
