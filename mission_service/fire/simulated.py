@@ -21,7 +21,7 @@ from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
 from mission_service.events import CrewEvent, Observed, Telemetry
 from mission_service.fire.corrected import CorrectedFire
-from mission_service.fire.setup import begun_again, cells_lit, fire_of, landscape_of
+from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
 AROUND_CELLS = 3  # of a change that people are told of, so that its edge is seen
 
@@ -183,7 +183,7 @@ def camera_of(vehicle: VehicleSection) -> Camera:
 def check(scenario: Scenario) -> dict[str, object]:
     """Everything a scenario names, loaded; raises what is wrong with it."""
     landscape = landscape_of(scenario)
-    fire_of(scenario, landscape)
+    check_fire(scenario, landscape)
     sharing(scenario.vehicles)
     for vehicle in scenario.vehicles:
         if vehicle.signing_key is not None:

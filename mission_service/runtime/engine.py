@@ -165,11 +165,13 @@ class Service:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
                     self._not_followed(event)
-            elif self._is_good(event):  # before the fire burns on until then
+            elif (body := self._body_of(event)) is not None:  # before the fire burns on until then
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
-                if not self._handle(event, now_us) and self.picture:
+                if self._written(event, body):
+                    self._follow(event, now_us)
+                elif self.picture:
                     self.picture.take(event, [])
 
     def _not_followed(self, event: VehicleEvent) -> None:
@@ -344,23 +346,27 @@ class Service:
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """One turn; whether there was one. What is not written down did not happen."""
-        if not self._is_good(event) or not self._written(event):
+        body = self._body_of(event)
+        if body is None or not self._written(event, body):
             return False
         self._follow(event, now_us)
         return True
 
-    def _is_good(self, event: AnyEvent) -> bool:
-        """Whether an event can be journalled; if not, raise an alarm until one of its kind can."""
+    def _body_of(self, event: AnyEvent) -> bytes | None:
+        """An event's line of the journal; None, and an alarm, if it cannot be journalled.
+
+        The alarm stands until an event of its type can be.
+        """
         try:
-            event_body(event)
+            body = event_body(event)
         except RefusedEventError as error:
             self._refuse(event, str(error))
-            return False
+            return None
         if self._refusals and self.picture is not None:
             key = _alarm_of(event)
             self._refusals.discard(key)
             self.picture.clear(key)
-        return True
+        return body
 
     def _refuse(self, event: AnyEvent, why: str) -> None:
         key = _alarm_of(event)
@@ -372,12 +378,12 @@ class Service:
         if self.picture is not None:
             self.picture.alarm(key, f"{name}: {why}", "warning", name)
 
-    def _written(self, event: AnyEvent) -> bool:
+    def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
             raise self.defect
         if not self.recording.trouble:
             self._down_since_us = event.at_us
-        return self.recording.event(event)
+        return self.recording.event(event, body)
 
     def _follow(self, event: AnyEvent, now_us: int) -> None:
         try:
