@@ -62,8 +62,8 @@ from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
 from mission_service.guidance.burn.interlock import Interlock
 from mission_service.guidance.burn.mission import has_drop
-from mission_service.journal.journal import Journal, command_body, event_body
-from mission_service.journal.recording import Recording
+from mission_service.journal.guarded_journal import GuardedJournal
+from mission_service.journal.journal_file import Journal, command_body, event_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.held import MissionsHeld
 from mission_service.peer_messages import AnyMessage
@@ -134,7 +134,7 @@ class Service:
         self.fire = WatchedFire(scenario, world)
         self.record = record
         self.picture = picture
-        self.recording = Recording(journal)
+        self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
         self._owed: dict[str, Window] = {}  # corrections of the fire that a vehicle is to be told
         self._down_since_us = 0

@@ -25,7 +25,7 @@ from mission_service.config.shared_links import sharing
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.burn.mission import return_height_m
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
-from mission_service.runtime.signed import Refusals, refusal, signings
+from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
 
 TELL_SILENCE_AFTER_US = 4_000_000
 # Airframes exceed the commanded airspeed: ArduPlane 23 m/s of 15 (seen), and more in a dive.
@@ -49,7 +49,7 @@ class Link:
     section: VehicleSection
     gateway: Gateway
     connection: Connection | MavsdkVehicle  # shared with other vehicles on the same link
-    refusals: Refusals
+    refusals: SigningRefusals
 
     @property
     def heard(self) -> bool:
@@ -110,7 +110,7 @@ async def open_links(
                 dropper_of(scenario),
                 return_height_m(scenario, landscape),
             )
-            refusals = Refusals(section.link, section.system_id, signing)
+            refusals = SigningRefusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)
     return {name: links[name] for name in places}
 

@@ -18,7 +18,7 @@ from mission_service.events import CrewEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
 from mission_service.fire.simulated import FireWorld, world_of
 from mission_service.guidance.burn.mission import return_height_m
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Progress, Service, unshown
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.picture import Picture

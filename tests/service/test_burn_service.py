@@ -13,7 +13,7 @@ from firemodel.landscape.default import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.core.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.runtime.engine import interlock_of
 from tests.service.test_burn_flight import Burn, scenario
 
@@ -21,7 +21,7 @@ SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 
 
 
 def told(path: Path, kind: type) -> list[object]:
-    return [entry.content for entry in JournalReader(path) if isinstance(entry.content, kind)]
+    return [entry.content for entry in SegmentReader(path) if isinstance(entry.content, kind)]
 
 
 def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:

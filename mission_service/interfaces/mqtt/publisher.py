@@ -17,7 +17,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service import MqttSection
-from mission_service.interfaces.maps.of_run import forecasts_of, front_now
+from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.commands import MOST_BYTES, Doorkeeper
 from mission_service.interfaces.mqtt.connection import (
     TAKE_S,

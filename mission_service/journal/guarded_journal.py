@@ -10,12 +10,12 @@ import errno
 
 from mission_service.commands import AnyCommand
 from mission_service.events import Aborted, AnyEvent
-from mission_service.journal.journal import Journal, command_body, event_body
+from mission_service.journal.journal_file import Journal, command_body, event_body
 
 MOST_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
 
 
-class Recording:
+class GuardedJournal:
     """Writes a journal down. ``trouble`` says in words why that does not work now, or is empty."""
 
     def __init__(self, journal: Journal) -> None:

@@ -292,7 +292,7 @@ class Unreadable:
     why: str
 
 
-class JournalReader:
+class SegmentReader:
     """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
 
     Once all is read, ``rest`` says where it goes on, and ``ended`` whether its run ended in order.
