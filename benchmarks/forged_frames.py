@@ -30,7 +30,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import rates_hz
 from mission_service.runtime.links import most_speed_m_s

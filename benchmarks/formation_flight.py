@@ -22,7 +22,7 @@ from mission_service.commands import ChangeSpeed, Orbit, UploadMission
 from mission_service.config.scenario import load_scenario, parse_scenario
 from mission_service.events import CommandFinished, Telemetry, UploadFinished
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation.sim import simulate
 
 FROM_S = 600.0
@@ -42,7 +42,7 @@ class Sample:
 
 def samples_of(path: Path, from_s: float = FROM_S) -> tuple[list[Sample], Counter[str]]:
     """Samples once a second and vehicle, and counts of orders, refusals and uploads."""
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     landscape = landscape_of(parse_scenario(reader.header["scenario"], path))
     circles: dict[str, tuple[int, float, float, float]] = {}
     sampled: dict[str, int] = {}

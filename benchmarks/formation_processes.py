@@ -44,7 +44,7 @@ from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.client import Control
 from mission_service.interfaces.mqtt.peers import TIME, channel_of, decoded
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.peer_messages import State
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
@@ -258,7 +258,7 @@ async def formation(
 
 def map_of(journal: Path) -> NDArray[np.bool_]:
     """The fire (y, x) on the map of the vehicle that wrote a journal, at its end."""
-    reader = JournalReader(journal)
+    reader = SegmentReader(journal)
     scenario = parse_scenario(reader.header["scenario"], journal)
     core = Core(scenario, landscape_of(scenario))
     for entry in reader:

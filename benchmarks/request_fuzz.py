@@ -39,7 +39,7 @@ from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write

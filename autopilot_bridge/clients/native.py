@@ -233,17 +233,20 @@ class NativeClient:
 
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
-        timers = [
-            self._heartbeat_due_us if self._heartbeats else None,
+        due_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
+        silent_us = self._watch.next_timer()
+        for timer_us in (
             self._jobs.next_timer(),
             self._commands_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
             self._monitor.alarm_timer(),
-        ]
-        if (silent_us := self._monitor.next_timer()) is not None:  # else there is nobody to ask
-            timers += (silent_us, self._rates.next_timer())
-        return min((timer for timer in timers if timer is not None), default=NEVER_US)
+            silent_us,
+            None if silent_us is None else self._rates.next_timer(),  # not on a lost link
+        ):
+            if timer_us is not None and timer_us < due_us:
+                due_us = timer_us
+        return due_us
 
     def handle_timer(self, now_us: int) -> None:
         """Do what is due."""
@@ -277,22 +280,23 @@ class NativeClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        mode, armed, critical = self.custom_mode, self.armed, self._monitor.critical
-        for event in self._monitor.receive(message, now_us):
+        watch = self._monitor
+        mode, armed, critical = watch.custom_mode, watch.armed, watch.critical
+        for event in watch.receive(message, now_us):
             self._events.append(event)
             if isinstance(event, Rebooted):
                 self._commands.end_all("the autopilot was restarted", now_us)
-            if isinstance(event, Connected | LinkRestored | Rebooted) and self.stack is not None:
+            if isinstance(event, (Connected, LinkRestored, Rebooted)) and self.stack is not None:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
-        if self._monitor.critical and not critical:
+        if watch.critical and not critical:
             self._jobs.mode_overridden("its autopilot went into failsafe meanwhile")
-        if not self._monitor.used:
+        if not watch.used:
             return
         self._drops.receive(message, now_us)
         self._send(*self._rates.receive(message, now_us))
-        if now_us >= self._monitor.undecided_until_us:  # else what it acknowledged may be undone
+        if now_us >= watch.undecided_until_us:  # else what it acknowledged may be undone
             self._send(*self._commands.receive(message, now_us))
         self._send(*self._parameters.receive(message, now_us))
         if self._jobs.next_timer() is not None:  # a transfer is under way
@@ -323,7 +327,7 @@ class NativeClient:
 
     def _advance(self, now_us: int) -> None:
         """End what has ended, begin what comes after it."""
-        if self.stack is None:
+        if self.stack is None or self._jobs.idle:
             return
         monitor = self._monitor
         total = None if monitor.total is None else monitor.total + monitor.hidden_items

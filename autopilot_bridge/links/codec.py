@@ -6,7 +6,14 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.links.framing import V2, frames_of, message_id_of, payload_of, source_of
+from autopilot_bridge.links.framing import (
+    V2,
+    checksum,
+    frames_of,
+    message_id_of,
+    payload_of,
+    source_of,
+)
 
 Message = Any  # pymavlink's messages carry no types
 
@@ -27,6 +34,7 @@ _OF_NUMBERS = {
     for message_id, known in mavlink.mavlink_map.items()
     if set(known.lengths) == {1} and "char" not in known.fieldtypes
 }
+_HEADER_V2 = struct.Struct("<BBBBBBBHB")
 
 
 class Codec:
@@ -45,10 +53,15 @@ class Codec:
 
         It comes from this end's component, unless the message has another as ``from_component``.
         """
-        self._mav.srcComponent = getattr(message, "from_component", self._component_id)
-        frame: bytes = message.pack(self._mav, force_mavlink1=False)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return bytes(frame)
+        mav = self._mav
+        mav.srcComponent = getattr(message, "from_component", self._component_id)
+        own_pack = "pack" in message.__dict__  # it has extension fields
+        if message.get_msgId() in _OF_NUMBERS and not own_pack:
+            frame = _frame_of_numbers(message, (mav.seq, mav.srcSystem, mav.srcComponent))
+        else:
+            frame = bytes(message.pack(mav, force_mavlink1=False))
+        mav.seq = (mav.seq + 1) % 256
+        return frame
 
     def decode(self, data: bytes) -> list[Message]:
         """The messages in a datagram or in whole frames; what is no message is passed over."""
@@ -72,8 +85,19 @@ class Codec:
             return None
 
 
+def _frame_of_numbers(message: Message, sent: tuple[int, int, int]) -> bytes:
+    """As pymavlink encodes, in less time. ``sent``: sequence number, system and component."""
+    values = [getattr(message, name) for name in message.ordered_fieldnames]
+    payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
+    message_id = message.get_msgId()  # some have a field ``id``
+    low, high = message_id & 0xFFFF, message_id >> 16
+    body = _HEADER_V2.pack(V2, len(payload), 0, 0, *sent, low, high) + payload
+    crc: int = checksum(body[1:], message_id)
+    return body + crc.to_bytes(2, "little")
+
+
 def _message_of_numbers(frame: bytes, known: Any) -> Message:
-    """As pymavlink decodes, in half the time: the checksum was looked at already."""
+    """As pymavlink decodes, in less time: the checksum was compared before."""
     payload, size = payload_of(frame), known.unpacker.size
     values = known.unpacker.unpack(payload.ljust(size, b"\0")[:size])
     message = known(*[values[place] for place in known.orders])

@@ -69,7 +69,6 @@ class Intervals:
         """Whether the mock has this message."""
         return message_id in self._every
 
-    def due(self, message_id: int, step: int) -> bool:
-        """Whether it is sent in this step."""
-        every = self._every.get(message_id, 0)
-        return every > 0 and step % every == 0
+    def due(self, step: int) -> list[int]:
+        """The messages that are sent in this step."""
+        return [key for key, every in self._every.items() if every and not step % every]

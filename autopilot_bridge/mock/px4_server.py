@@ -90,10 +90,12 @@ class Px4Server(MissionServer):
 
     def next_timer(self) -> int | None:
         """The next question to repeat, transfer to give up or fence to look at."""
-        timers = [self._due_us(m) for m in self._managers.values() if m.state != "idle"]
-        if self._check_us is not None:
-            timers.append(self._check_us)
-        return min(timers, default=None)
+        due_us = self._check_us
+        for manager in self._managers.values():
+            if manager.state != "idle":
+                manager_us = self._due_us(manager)
+                due_us = manager_us if due_us is None else min(due_us, manager_us)
+        return due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Ask silent uploaders again, give up on silent clients, look at a new fence."""

@@ -64,9 +64,11 @@ class TelemetrySender:
             self.send_current(flight)
         elif self._sent_current != (flight.current, *self._missions.progress()):
             self.send_current(flight)
-        if flight.gps and self._intervals.due(POSITION, steps):
+        due = self._intervals.due(steps)
+        if flight.gps and POSITION in due:
             self._position(flight, steps)
-        self._instruments(flight, steps)
+        if due:
+            self._instruments(flight, steps, due)
         if steps % HOME_EVERY_STEPS == 1:
             self._home(flight)
 
@@ -140,42 +142,42 @@ class TelemetrySender:
             )
         )
 
-    def _instruments(self, flight: FlightModel, steps: int) -> None:
-        boot_us, motion, due = steps * STEP_US, flight.motion, self._intervals.due
-        if due(ATTITUDE, steps):
+    def _instruments(self, flight: FlightModel, steps: int, due: list[int]) -> None:
+        boot_us, motion = steps * STEP_US, flight.motion
+        if ATTITUDE in due:
             pitch_rad = math.atan2(motion.climb_m_s, max(motion.airspeed_m_s, 1.0))
             angles = (motion.roll_rad, pitch_rad, motion.heading_rad)
             self._send(telemetry_source.attitude(boot_us // 1000, *angles))
-        if due(VFR_HUD, steps):
+        if VFR_HUD in due:
             speeds = (motion.airspeed_m_s, motion.speed_m_s, motion.heading_rad)
             climb = (motion.altitude_m, motion.climb_m_s)
             self._send(telemetry_source.vfr_hud(*speeds, flight.throttle_percent, *climb))
         wind = (flight.wind.from_deg, flight.wind.speed_m_s)
-        if due(WIND, steps):
+        if WIND in due:
             self._send(telemetry_source.wind(*wind))
-        if due(WIND_COV, steps) and flight.airborne:
+        if WIND_COV in due and flight.airborne:
             self._send(telemetry_source.wind_cov(boot_us, *wind, motion.altitude_m))
         percent = 100 if flight.battery_percent is None else math.ceil(flight.battery_percent)
-        if due(SYS_STATUS, steps):
+        if SYS_STATUS in due:
             self._send(telemetry_source.sys_status(percent, flight.battery.volts, self.unhealthy))
-        if due(BATTERY_STATUS, steps):
+        if BATTERY_STATUS in due:
             self._send(telemetry_source.battery_status(percent, flight.battery.volts))
-        if due(GPS, steps):
+        if GPS in due:
             place = flight.frame.global_position(motion)
             fix = (3, 10) if flight.gps else (1, 0)
             self._send(telemetry_source.gps_raw(boot_us, *place, motion.altitude_m, *fix))
-        if due(SERVOS, steps):
+        if SERVOS in due:
             self._servos(flight, steps)
-        self._states(flight, steps)
+        self._states(flight, steps, due)
 
-    def _states(self, flight: FlightModel, steps: int) -> None:
+    def _states(self, flight: FlightModel, steps: int, due: list[int]) -> None:
         """Messages that report failures."""
-        boot_us, due = steps * STEP_US, self._intervals.due
-        if due(LANDED, steps):
+        boot_us = steps * STEP_US
+        if LANDED in due:
             self._send(telemetry_source.landed_state(self._stack, flight))
-        if flight.fence is not None and due(FENCE, steps):
+        if FENCE in due and flight.fence is not None:
             self._send(telemetry_source.fence_status(flight.fence, boot_us // 1000))
-        if due(EKF, steps) or due(ESTIMATOR, steps):
+        if EKF in due or ESTIMATOR in due:
             flags = telemetry_source.estimator_flags(self._stack, flight.blind_s(boot_us / 1e6))
             if self._stack.name == "px4":
                 self._send(telemetry_source.estimator_status(flags, boot_us))

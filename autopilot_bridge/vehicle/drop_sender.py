@@ -132,6 +132,8 @@ class DropSender:
 
     def next_timer(self) -> int | None:
         """When to call ``handle_timer``."""
+        if not self._pulses:
+            return None
         timers = [pulse.back_due_us for pulse in self._pulses if not pulse.is_back]
         timers += [pulse.released_us + self._timeout_us for pulse in self._pulses if pulse.waits]
         return min(timers, default=None)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape, transformers
+from firemodel.landscape.landscape import Landscape, bilinear, transformers
 
 CRS = "EPSG:32616"  # UTM 16 north
 CENTRE_LAT_DEG, CENTRE_LON_DEG = 36.35, -84.16
@@ -66,8 +66,6 @@ def _sample() -> Path:
 def _elevation(
     rows: int, cols: int, cell_size_m: float, west_m: float, north_m: float
 ) -> NDArray[np.float32]:
-    from scipy.ndimage import map_coordinates
-
     with np.load(_sample()) as grid:
         terrain = grid["elevation"].astype(np.float64)
         # Row 0 is the northern one and lies at the file's ymax. Its ymin is wrong: it was counted
@@ -86,8 +84,7 @@ def _elevation(
             f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
             "ships with matplotlib; ask for fewer or smaller cells (7 km from the centre at most)"
         )
-    heights = map_coordinates(terrain, places, order=1, mode="nearest")
-    return np.round(heights, 1).astype(np.float32)
+    return np.round(bilinear(terrain, *places), 1).astype(np.float32)
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:

@@ -78,6 +78,26 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     return gradient
 
 
+def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
+    """Values (y, x) between cell centres at float rows and columns; outside those of the edge."""
+    last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
+    if isinstance(row, float):  # one place: much faster without arrays
+        row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
+        top, left = min(int(row), last_row - 1), min(int(col), last_col - 1)
+        north_west, north_east = values.item(top, left), values.item(top, left + 1)
+        south_west, south_east = values.item(top + 1, left), values.item(top + 1, left + 1)
+    else:
+        row, col = np.clip(row, 0.0, last_row), np.clip(col, 0.0, last_col)
+        top = np.minimum(row.astype(np.int64), last_row - 1)
+        left = np.minimum(col.astype(np.int64), last_col - 1)
+        north_west, north_east = values[top, left], values[top, left + 1]
+        south_west, south_east = values[top + 1, left], values[top + 1, left + 1]
+    down, right = row - top, col - left
+    north = north_west * (1 - right) + north_east * right
+    south = south_west * (1 - right) + south_east * right
+    return north * (1 - down) + south * down
+
+
 @dataclass(frozen=True, eq=False)
 class Landscape:
     """A grid of square cells in a projected CRS in metres.
@@ -242,15 +262,7 @@ class Landscape:
                 "this landscape has no elevation; give an elevation raster along with slope and "
                 "aspect"
             )
-        row, col = self.row_col_of(x_m, y_m)
-        row = np.clip(row, 0.0, self.shape[0] - 1.0)
-        col = np.clip(col, 0.0, self.shape[1] - 1.0)
-        top = np.minimum(row.astype(np.int64), self.shape[0] - 2)
-        left = np.minimum(col.astype(np.int64), self.shape[1] - 2)
-        down, right = row - top, col - left
-        north = z[top, left] * (1 - right) + z[top, left + 1] * right
-        south = z[top + 1, left] * (1 - right) + z[top + 1, left + 1] * right
-        return north * (1 - down) + south * down
+        return bilinear(z, *self.row_col_of(x_m, y_m))
 
     def transform(self) -> Any:
         """The affine.Affine from (column, row) of cell corners to x, y, as rasterio takes it."""

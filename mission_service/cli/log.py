@@ -30,7 +30,7 @@ def log() -> None:
 @JSON
 def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
     """Describe the vehicles, missions and modes in each LOG, and its damaged parts."""
-    from mission_service.replay.flights.flown import info_of
+    from mission_service.replay.flights.flown_vehicle import info_of
     from mission_service.replay.flights.journal_log import open_flight
 
     found = [info_of(open_flight(path)) for path in logs]

@@ -11,8 +11,8 @@ from mission_service.cli.parts import JSON, LOG, LOG_LEVEL, OVERRIDE, folder, se
 from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
-    from mission_service.replay.flights.beside import Asked
-    from mission_service.replay.flights.played import Flight
+    from mission_service.replay.flights.flight_logs import Flight
+    from mission_service.replay.flights.scenario_pairing import Asked
 
 STAGE_NAMES = ("file", "fire", "planner", "core")
 
@@ -98,9 +98,9 @@ def replay(
     if speed is None and (listen or until_end or log):
         raise click.UsageError("--listen, --until-end and --log are for --speed")
     from mission_service.replay.flights.batch import called
-    from mission_service.replay.flights.beside import Asked
+    from mission_service.replay.flights.flight_logs import flight_of, path_of
     from mission_service.replay.flights.journal_log import journal_in
-    from mission_service.replay.flights.played import flight_of, path_of
+    from mission_service.replay.flights.scenario_pairing import Asked
 
     if verify:
         _verify(journal_in(Path(words[0])), stages, as_json)
@@ -124,10 +124,10 @@ def replay(
 
 def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:
     from mission_service.replay.flights.batch import story_beside, story_of
-    from mission_service.replay.flights.beside import Asked, replaying, scenario_asked
-    from mission_service.replay.flights.figures import figures_of, in_text
-    from mission_service.replay.flights.played import survey
+    from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.report_page import write_report
+    from mission_service.replay.flights.run_figures import figures_of, in_text
+    from mission_service.replay.flights.scenario_pairing import Asked, replaying, scenario_asked
 
     found = None if asked == Asked() else scenario_asked(flight, asked)
     if found is None and asked.at_s is not None:
@@ -162,11 +162,11 @@ def _verify(journal: Path, stages: tuple[str, ...], as_json: bool) -> None:
 def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from mission_service.journal.recorded import Recorded
+    from mission_service.journal.reader import JournalReader
     from mission_service.replay.what_if import in_text, what_if, with_settings
     from mission_service.runtime.progress import SimProgress
 
-    scenario, _ = with_settings(Recorded(journal), words)  # checked before files are written
+    scenario, _ = with_settings(JournalReader(journal), words)  # checked before files are written
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
         found = what_if(journal, words, folder(out), now_text(), progress)
     _side_by_side(journal, out)
@@ -178,7 +178,7 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
 
 def _side_by_side(journal: Path, out: Path) -> None:
     from mission_service.replay.flights.batch import story_of
-    from mission_service.replay.flights.played import flight_of
+    from mission_service.replay.flights.flight_logs import flight_of
     from mission_service.replay.flights.report_page import write_report
 
     runs = {"recorded": journal, "what-if": out}

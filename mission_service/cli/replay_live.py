@@ -11,8 +11,8 @@ from mission_service.cli.parts import folder, reporter, tell_address
 
 if TYPE_CHECKING:
     from mission_service.config.service import ServiceSection
-    from mission_service.replay.flights.beside import Asked, Replaying
-    from mission_service.replay.flights.played import Flight
+    from mission_service.replay.flights.flight_logs import Flight
+    from mission_service.replay.flights.scenario_pairing import Asked, Replaying
     from mission_service.runtime.play_head import Speed
 
 
@@ -33,10 +33,10 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
     Without a scenario, the landscape is level ground around the flight.
     """
     from mission_service.config.scenario import run_of
-    from mission_service.replay.flights.beside import replaying, scenario_asked
+    from mission_service.replay.flights.fireless_scenario import fireless_scenario
+    from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.journal_log import JournalLog
-    from mission_service.replay.flights.plain_scenario import plain_scenario
-    from mission_service.replay.flights.played import survey
+    from mission_service.replay.flights.scenario_pairing import replaying, scenario_asked
 
     found, first = survey(flight), flight.logs[0]
     if asked.scenario is not None or isinstance(first, JournalLog):
@@ -44,7 +44,7 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
         assert scenario is not None
         loaded, settings = scenario
         return replaying(flight, found, loaded, asked.at_s), settings
-    plain = plain_scenario(found, first.path.stem).model_dump(mode="json")
+    plain = fireless_scenario(found, first.path.stem).model_dump(mode="json")
     loaded, settings = run_of(plain, first.path, asked.overrides)
     what = replaying(flight, found, loaded, asked.at_s or 0.0)
     # The plain scenario deploys its vehicles after the flight: there is no fire to fly to.
@@ -72,7 +72,7 @@ def play(
     from functools import partial
     from tempfile import TemporaryDirectory
 
-    from mission_service.replay.flights.live import Show, serve_flight
+    from mission_service.replay.flights.replay_server import Show, serve_flight
     from mission_service.runtime.clocks import now_text
     from mission_service.runtime.outputs import summary_of, write_outputs
 

@@ -31,11 +31,11 @@ def report(
     a column in the table.
     """
     from mission_service.replay.flights.batch import called, distinct, story_beside, story_of
-    from mission_service.replay.flights.beside import Asked, replaying, scenario_asked
-    from mission_service.replay.flights.figures import figures_of
+    from mission_service.replay.flights.flight_logs import flight_of, path_of, survey
     from mission_service.replay.flights.journal_log import JournalLog
-    from mission_service.replay.flights.played import flight_of, path_of, survey
     from mission_service.replay.flights.report_page import write_report
+    from mission_service.replay.flights.run_figures import figures_of
+    from mission_service.replay.flights.scenario_pairing import Asked, replaying, scenario_asked
     from mission_service.runtime.clocks import now_text
 
     words = [run.split("+") for run in runs]

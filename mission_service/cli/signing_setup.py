@@ -11,7 +11,7 @@ from autopilot_bridge.vehicle.monitor import AUTOPILOT
 from mission_service.cli.transfers import Line, connected, within
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
-from mission_service.runtime.signed import refusal
+from mission_service.runtime.link_signing import refusal
 
 OWN = (255, 190)
 TIMING = TransferTiming(retries=3)  # a vehicle with another key never answers

@@ -19,7 +19,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
-from mission_service.runtime.signed import COMMAND_LINK_ID, refusal, signings, unheeded
+from mission_service.runtime.link_signing import COMMAND_LINK_ID, refusal, signings, unheeded
 
 Result = TypeVar("Result")
 Ask = Callable[[NativeClient, int], int]

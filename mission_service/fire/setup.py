@@ -14,7 +14,7 @@ from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
-from firemodel.spread.fire import BURNING, Burning, Fire
+from firemodel.spread.fire import BURNING, Burning, Fire, check_burning, check_ignitions
 from firemodel.spread.fire import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
@@ -196,6 +196,16 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
     ignitions = _ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
+
+
+def check_fire(scenario: Scenario, landscape: Landscape) -> None:
+    """Raise what ``fire_of`` raises, without loading a spread scheme."""
+    burning, at_s = burning_of(scenario, landscape), 0.0
+    weather_of(scenario)
+    if burning is not None:
+        check_burning(burning, landscape)
+        at_s = burning.at_s
+    check_ignitions(landscape, _ignitions_of(scenario, landscape), at_s)
 
 
 def begun_again(

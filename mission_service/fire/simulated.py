@@ -20,7 +20,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import CrewEvent, Observed, Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected import CorrectedFire
-from mission_service.fire.setup import begun_again, cells_lit, fire_of, landscape_of
+from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
 AROUND_CELLS = 3  # around a change in the window that is reported, so that its edge is in it
 
@@ -147,7 +147,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
 def check(scenario: Scenario) -> dict[str, object]:
     """Everything a scenario names, loaded; raises what is wrong with it."""
     landscape = landscape_of(scenario)
-    fire_of(scenario, landscape)
+    check_fire(scenario, landscape)
     sharing(scenario.vehicles)
     for vehicle in scenario.vehicles:
         if vehicle.signing_key is not None:

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from mission_service.commands import AnyCommand
-from mission_service.journal.journal import Entry
+from mission_service.journal.journal_file import Entry
 
 MOST_FIELDS = 8
 ABSENT = "(nothing)"

@@ -19,7 +19,13 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError, StateError, UnhandledLineError
 from mission_service.events import AnyEvent, LinesSkipped, Resumed
 from mission_service.journal.differences import difference_of
-from mission_service.journal.journal import Entry, JournalReader, Rest, Unreadable, begins_journal
+from mission_service.journal.journal_file import (
+    Entry,
+    Rest,
+    SegmentReader,
+    Unreadable,
+    begins_journal,
+)
 from mission_service.journal.private_files import refuse_links
 from mission_service.journal.segments import Chain, closed_segments, complete, move, states
 from mission_service.journal.snapshot import Known, header_of, read
@@ -34,11 +40,11 @@ Line = tuple[int, int]  # segment, line
 class _Turn:
     """One event of the journal with the lines that follow it; None: a line of them is missing."""
 
-    reader: JournalReader
+    reader: SegmentReader
     line: int
     event: AnyEvent
     after_hole: bool  # an event before it may be missing
-    commands: list[tuple[JournalReader, Entry] | None] = field(default_factory=list)
+    commands: list[tuple[SegmentReader, Entry] | None] = field(default_factory=list)
     is_last: bool = False
 
     @property
@@ -241,7 +247,7 @@ def unfinished(
     if not path.exists() or _header_cut(path):
         return None
     try:
-        header = JournalReader(path).header
+        header = SegmentReader(path).header
     except JournalError as error:
         is_burn = scenario.burn_flown is not None
         if not (is_burn or closed_segments(path) or begins_journal(path)):

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mission_service.errors import JournalError
-from mission_service.journal.journal import (
+from mission_service.journal.journal_file import (
     Entry,
-    JournalReader,
     Rest,
+    SegmentReader,
     Unreadable,
     next_path,
     segment_path,
@@ -125,8 +125,8 @@ class Chain:
     """
 
     def __init__(self, path: Path) -> None:
-        last = JournalReader(path)
-        closed = [JournalReader(each) for each in closed_segments(path).values()]
+        last = SegmentReader(path)
+        closed = [SegmentReader(each) for each in closed_segments(path).values()]
         self.readers = [each for each in closed if each.segment < last.segment] + [last]
         numbers = [reader.segment for reader in self.readers]
         for number, reader in zip(range(numbers[0], numbers[-1] + 1), self.readers, strict=False):
@@ -134,7 +134,7 @@ class Chain:
                 raise JournalError(f"{segment_path(path, number)}: is missing from the journal")
 
     @property
-    def last(self) -> JournalReader:
+    def last(self) -> SegmentReader:
         """The segment being written."""
         return self.readers[-1]
 
@@ -150,26 +150,26 @@ class Chain:
                 return place == reader.begin or _line_ends(reader.path, place)
         return False
 
-    def after(self, place: Rest) -> Iterator[tuple[JournalReader, Entry]]:
+    def after(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry]]:
         """Each line after a place, with the segment it is in."""
         for reader, number, body, intact in self.lines(place):
             yield reader, reader.entry(number, body, intact)
 
-    def lines(self, place: Rest) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
+    def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
         """As ``after``, not decoded: number, body, and whether the checksum holds."""
         for reader, here in self._places(place):
             for line in reader.lines(here):
                 yield reader, *line
 
-    def trusted(self, place: Rest) -> Iterator[tuple[JournalReader, Entry | Unreadable]]:
+    def trusted(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry | Unreadable]]:
         """As ``after``; altered and undecodable lines as ``Unreadable``."""
         for reader, here in self._places(place):
             for entry in reader.trusted(here):
                 yield reader, entry
 
-    def _places(self, place: Rest) -> Iterator[tuple[JournalReader, Rest]]:
+    def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:
         """Each segment from a place on, and where in it to begin."""
-        before: JournalReader | None = None
+        before: SegmentReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:
                 continue
@@ -186,7 +186,7 @@ def _line_ends(path: Path, place: Rest) -> bool:
         return file.read(len(tail)) == tail
 
 
-def _refuse_other(before: JournalReader, reader: JournalReader) -> None:
+def _refuse_other(before: SegmentReader, reader: SegmentReader) -> None:
     told = (reader.header["previous_bytes"], reader.header["previous_crc"])
     if before.cut_at_line is not None or told != (before.rest.at_byte, f"{before.rest.crc:08x}"):
         raise JournalError(

@@ -29,7 +29,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.rules import versions_of_others
 from mission_service.config.scenario import Scenario
 from mission_service.errors import StateError
-from mission_service.journal.journal import Rest
+from mission_service.journal.journal_file import Rest
 from mission_service.journal.private_files import opened
 
 FORMAT = 1

@@ -23,22 +23,22 @@ from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
 from mission_service.interfaces.mqtt.peers import Channel, Exchange
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, written_by_others
 from mission_service.journal.recovery import Unfinished, resumed, set_aside, unfinished
 from mission_service.journal.snapshot import Frozen, Known, thawed
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
-from mission_service.runtime.ears import Ears
 from mission_service.runtime.engine import Progress, Service, unheard, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import MissionClock
+from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.links import SEVERITIES, Link, Silence, alarms, connected, open_links
+from mission_service.runtime.peer_listener import PeerListener
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.record import Record
 from mission_service.runtime.request_handler import Desk
 from mission_service.runtime.retention import Keeping
-from mission_service.runtime.watchman import Watchman
 
 STATUS_EVERY_S = 0.2
 
@@ -151,12 +151,14 @@ async def serve(
         hub.gauges["state_seconds"] = lambda: keeping.took_s
         hub.not_ready = dict.fromkeys(links, "no heartbeat yet")
         silence = Silence(links, clock_us())
-        watchman = Watchman(picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6))
+        health_monitor = HealthMonitor(
+            picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6)
+        )
         stop = asyncio.Event()
         signals = stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
             if exchange is not None:
-                tasks = [group.create_task(exchange.run(Ears(service, clock, clock_us)))]
+                tasks = [group.create_task(exchange.run(PeerListener(service, clock, clock_us)))]
                 await exchange.join()
             else:
                 tasks = []
@@ -169,7 +171,7 @@ async def serve(
                 watch()
                 if service.defect is not None:
                     raise service.defect
-                _look_around(hub, watchman, silence)
+                _look_around(hub, health_monitor, silence)
                 progress(record, world)
                 hub.ring()
                 with contextlib.suppress(TimeoutError):
@@ -274,7 +276,7 @@ def doors_of(
 
     ``site`` is the name of the run in MQTT topics and Cursor on Target events.
     """
-    from mission_service.runtime.notify import pulse
+    from mission_service.runtime.systemd_notify import pulse
 
     doors: list[Door] = [pulse]
     if logs:
@@ -347,11 +349,11 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     ]
 
 
-def _look_around(hub: Hub, watchman: Watchman, silence: Silence) -> None:
+def _look_around(hub: Hub, health_monitor: HealthMonitor, silence: Silence) -> None:
     """Check for silent links, refused frames and other alarms, and advance the fire."""
     now_us = clock_us()
     hub.service.clock_read(now_us)
-    watchman.look(now_us)
+    health_monitor.look(now_us)
     for name, line in silence.news(now_us):
         hub.service.announce(name, line)
         hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)

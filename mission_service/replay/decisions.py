@@ -29,8 +29,8 @@ from mission_service.events import (
 from mission_service.guidance.protocol import Planner, decided
 from mission_service.guidance.registry import way_for
 from mission_service.journal.differences import compare, fields_that_differ
-from mission_service.journal.journal import Entry, JournalReader
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.journal_file import Entry, SegmentReader
+from mission_service.journal.reader import JournalReader
 
 Timed = tuple[int, Decided]  # at_us, decision
 
@@ -51,7 +51,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 
     Raises JournalError where the journal cannot be read, or a line of it was altered.
     """
-    journal = Recorded(path)
+    journal = JournalReader(path)
     scenario = journal.scenario
     own = scenario.planner.rule
     if rule is not None:
@@ -70,7 +70,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 
 
 def decisions_alone(
-    journal: Recorded, scenario: Scenario, entries: Iterable[tuple[JournalReader, Entry]]
+    journal: JournalReader, scenario: Scenario, entries: Iterable[tuple[SegmentReader, Entry]]
 ) -> tuple[list[Timed], list[Timed]]:
     """The decisions of a scenario's planners on the events of a journal, and those recorded."""
     core, silent = _begun(journal, scenario)
@@ -111,7 +111,7 @@ class _Silent:
     doubted: set[str]
 
 
-def _begun(journal: Recorded, scenario: Scenario) -> tuple[Core, _Silent]:
+def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
     """What a journal begins with; another rule begins anew there."""
     if journal.segment == 1:
         return Core(scenario, journal.landscape), _Silent(set(), set())

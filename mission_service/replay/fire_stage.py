@@ -9,7 +9,7 @@ from typing import Any
 
 from mission_service.events import Aborted, Observed, Resumed, Telemetry
 from mission_service.fire.watched import WatchedFire
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.reader import JournalReader
 from mission_service.replay.stage import Stage
 
 ARRIVAL_WITHIN_S = 1.0
@@ -19,7 +19,7 @@ UNSEEN = "."
 Cell = tuple[int, int]  # row, col
 
 
-def fire_stage(recorded: Recorded) -> Stage:
+def fire_stage(recorded: JournalReader) -> Stage:
     """Recompute every observation from the position that follows it in the journal."""
     fire = recorded.fire()
     counts = {"observations": 0, "cells": 0, "within tolerance": 0, "beyond tolerance": 0}

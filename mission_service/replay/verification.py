@@ -18,7 +18,7 @@ from mission_service.errors import JournalError, MissionServiceError
 from mission_service.events import LinesSkipped
 from mission_service.guidance.registry import way_for
 from mission_service.journal.differences import cut, difference_of, fields_that_differ
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.reader import JournalReader
 from mission_service.replay.decisions import decisions_alone, first_difference
 from mission_service.replay.fire_stage import fire_stage
 from mission_service.replay.stage import Stage
@@ -75,7 +75,7 @@ def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verif
     Raises JournalError where the journal cannot be read or belongs to another landscape, or where
     its beginning is gone and the state that stands for it cannot be used.
     """
-    recorded = Recorded(path, alone)
+    recorded = JournalReader(path, alone)
     wanted = [name for name in STAGES if name in (stages or STAGES)]
     found = tuple(_in_words(STAGES[name], recorded) for name in wanted)
     killed = next((each.killed_at_line for each in found if each.killed_at_line), None)
@@ -122,7 +122,7 @@ def in_text(found: Verification) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _in_words(stage: Callable[[Recorded], Stage], recorded: Recorded) -> Stage:
+def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) -> Stage:
     """What a stage finds; an input that it cannot even take in is a difference too."""
     recorded.at = None
     try:
@@ -137,7 +137,7 @@ def _in_words(stage: Callable[[Recorded], Stage], recorded: Recorded) -> Stage:
         return Stage(stage.__name__.removesuffix("_stage"), {}, words)
 
 
-def file_stage(recorded: Recorded) -> Stage:
+def file_stage(recorded: JournalReader) -> Stage:
     """Every line's checksum, which runs on from the line before."""
     counts = {"lines": len(recorded.readers), "altered": 0}  # headers were checked already
     difference = None
@@ -163,7 +163,7 @@ def file_stage(recorded: Recorded) -> Stage:
     return Stage("file", counts, difference, note=f"skipped by a restart: {why}")
 
 
-def planner_stage(recorded: Recorded) -> Stage:
+def planner_stage(recorded: JournalReader) -> Stage:
     """The planners alone, on the recorded observations, must decide as recorded."""
     rule = recorded.scenario.planner.rule
     if not way_for(rule).along_front:
@@ -173,7 +173,7 @@ def planner_stage(recorded: Recorded) -> Stage:
     return Stage("planner", {"decisions": len(told)}, difference, fields)
 
 
-def core_stage(recorded: Recorded) -> Stage:
+def core_stage(recorded: JournalReader) -> Stage:
     """All inputs through a core must give all commands, bit for bit."""
     core = recorded.core()
     expected: deque[AnyCommand] = deque()
@@ -208,7 +208,7 @@ def core_stage(recorded: Recorded) -> Stage:
     return Stage("core", counts, f"the end: the journal lacks {cut(expected[0])}")
 
 
-STAGES: dict[str, Callable[[Recorded], Stage]] = {
+STAGES: dict[str, Callable[[JournalReader], Stage]] = {
     "file": file_stage,
     "fire": fire_stage,
     "planner": planner_stage,

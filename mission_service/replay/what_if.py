@@ -29,7 +29,7 @@ from mission_service.events import (
     SettingsTold,
 )
 from mission_service.fire.watched import WatchedFire
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.outputs import summary_of, write_outputs
 from mission_service.runtime.record import Record
@@ -58,7 +58,7 @@ class PastRun:
             self.people.append(event)
 
 
-def past_run(journal: Recorded) -> PastRun:
+def past_run(journal: JournalReader) -> PastRun:
     """Fold a whole journal; raises JournalError where it is damaged or its beginning is gone."""
     if journal.segment != 1:
         raise JournalError(
@@ -101,7 +101,7 @@ def what_if(
     The folder ``out`` gets what ``sim`` leaves. Raises ScenarioError for settings that cannot be,
     JournalError for a journal that cannot be flown again.
     """
-    journal = Recorded(path)
+    journal = JournalReader(path)
     scenario, changed = with_settings(journal, words)
     copy = out / "journal.jsonl"
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
@@ -149,7 +149,7 @@ class Script:
         return said
 
 
-def with_settings(journal: Recorded, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
+def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """The journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
 
     Raises ScenarioError in one line for what there is not.

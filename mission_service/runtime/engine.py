@@ -56,8 +56,8 @@ from mission_service.events import (
 from mission_service.fire.simulated import FireWorld, Window
 from mission_service.fire.watched import OF_FIRE, WatchedFire
 from mission_service.guidance.registry import lock_of
-from mission_service.journal.journal import Journal, command_body, event_body
-from mission_service.journal.recording import Recording
+from mission_service.journal.guarded_journal import GuardedJournal
+from mission_service.journal.journal_file import Journal, command_body, event_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.held import MissionsHeld
 from mission_service.peer_messages import AnyMessage
@@ -112,7 +112,7 @@ class Service:
         self.fire = WatchedFire(scenario, world)
         self.record = record
         self.picture = picture
-        self.recording = Recording(journal)
+        self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
         self._owed: dict[str, Window] = {}  # corrected windows that a planner has not received yet
         self._down_since_us = 0
@@ -147,7 +147,9 @@ class Service:
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
-                if not self._handle(event, now_us) and self.picture:
+                if self._written(event, body):
+                    self._follow(event, now_us)
+                elif self.picture:
                     self.picture.take(event, [])
 
     def _not_followed(self, event: VehicleEvent) -> None:
@@ -322,7 +324,8 @@ class Service:
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """Journal and apply an event; False if the journal refused it, and nothing was done."""
-        if not self._is_good(event) or not self._written(event):
+        body = self._body_of(event)
+        if body is None or not self._written(event, body):
             return False
         self._follow(event, now_us)
         return True
@@ -330,15 +333,15 @@ class Service:
     def _is_good(self, event: AnyEvent) -> bool:
         """Whether an event can be journalled; if not, an alarm stands until one of its kind can."""
         try:
-            event_body(event)
+            body = event_body(event)
         except RefusedEventError as error:
             self._refuse(event, str(error))
-            return False
+            return None
         if self._refusals and self.picture is not None:
             key = _alarm_of(event)
             self._refusals.discard(key)
             self.picture.clear(key)
-        return True
+        return body
 
     def _refuse(self, event: AnyEvent, why: str) -> None:
         key = _alarm_of(event)
@@ -350,12 +353,12 @@ class Service:
         if self.picture is not None:
             self.picture.alarm(key, f"{name}: {why}", "warning", name)
 
-    def _written(self, event: AnyEvent) -> bool:
+    def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
             raise self.defect
         if not self.recording.trouble:
             self._down_since_us = event.at_us
-        return self.recording.event(event)
+        return self.recording.event(event, body)
 
     def _follow(self, event: AnyEvent, now_us: int) -> None:
         try:

@@ -12,7 +12,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.simulated import FireWorld
-from mission_service.missions.figures import Figures, figures_of
+from mission_service.missions.mission_figures import Figures, figures_of
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.links import Link

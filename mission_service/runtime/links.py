@@ -25,7 +25,7 @@ from mission_service.config.shared_links import sharing
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
-from mission_service.runtime.signed import Refusals, refusal, signings
+from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
 
 TELL_SILENCE_AFTER_US = 4_000_000
 # Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
@@ -49,7 +49,7 @@ class Link:
     section: VehicleSection
     gateway: Gateway
     connection: Connection | MavsdkClient  # shared with other vehicles on the same link
-    refusals: Refusals
+    refusals: SigningRefusals
 
     @property
     def heard(self) -> bool:
@@ -110,7 +110,7 @@ async def open_links(
                 dropper_of(scenario),
                 way_of(scenario).return_height_m(scenario, landscape),
             )
-            refusals = Refusals(section.link, section.system_id, signing)
+            refusals = SigningRefusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)
     return {name: links[name] for name in places}
 

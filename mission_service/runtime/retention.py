@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mission_service.config.service import KeepSection
-from mission_service.journal.journal import Rest
+from mission_service.journal.journal_file import Rest
 from mission_service.journal.segments import (
     begin_state,
     earlier_state,

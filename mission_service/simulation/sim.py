@@ -19,7 +19,7 @@ from mission_service.events import CrewEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
 from mission_service.fire.simulated import FireWorld, world_of
 from mission_service.guidance.registry import way_of
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Progress, Service, unshown
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.picture import Picture
@@ -72,26 +72,29 @@ class Rig:
             dropper_of(scenario),
             way_of(scenario).return_height_m(scenario, landscape),
         )
+        self._mock_due_us = 0
         self._up = memory_link(scenario.link, seed)
         self._down = memory_link(scenario.link, seed + 1)
 
-    def next_timer(self) -> int | None:
+    def next_timer(self) -> int:
         """Time of the next timer of client, mock and links (µs), or None."""
-        timers = (
-            self.mock.next_timer(),
-            self.client.next_timer(),
-            self._up.next_timer(),
-            self._down.next_timer(),
-        )
-        return min((timer for timer in timers if timer is not None), default=None)
+        next_us = min(self._mock_due_us, self.client.next_timer())
+        for link in (self._up, self._down):
+            arrives_us = link.next_timer()
+            if arrives_us is not None and arrives_us < next_us:
+                next_us = arrives_us
+        return next_us
 
     def advance(self, now_us: int, service: Service) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""
         if self._weather is not None:
             self._blow(self._weather.at(self._clock.now_us / 1e6))
-        for datagram in self._up.receive(now_us):
+        arrived = self._up.receive(now_us)
+        for datagram in arrived:
             self.mock.receive_data(datagram, now_us)
-        self.mock.handle_timer(now_us)
+        if arrived or now_us >= self._mock_due_us:
+            self.mock.handle_timer(now_us)
+            self._mock_due_us = self.mock.next_timer()
         for datagram in self.mock.data_to_send():
             self._down.send(datagram, now_us)
         for datagram in self._down.receive(now_us):
@@ -158,9 +161,7 @@ class Simulation:
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
                 self.service.tell(event, now_us)
-        timer = self.rigs[index].next_timer()
-        if timer is not None:
-            heapq.heappush(self._heap, (max(timer, now_us), index))
+        heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US
             self._progress(self.record, self.world)

@@ -22,7 +22,7 @@ from mission_service.guidance.protocol import Planner
 from mission_service.interfaces.api.access.guard import Guard
 from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.journal_lines import JournalLines
-from mission_service.journal.journal import Journal, JournalReader
+from mission_service.journal.journal_file import Journal, SegmentReader
 from mission_service.missions.mission_hash import mission_hash
 from tests.api.worlds import SMALL, Served, World, client, scenario_of, served, world_in
 
@@ -385,7 +385,7 @@ def test_the_journal_can_be_read_in_pieces(flying: World) -> None:
         assert after == len(written)
         whole = await http.get(f"{V1}/journal/file")
         assert whole.content == b"".join(written)
-        assert JournalReader(path).header["scenario"]["name"] == "demo"
+        assert SegmentReader(path).header["scenario"]["name"] == "demo"
 
     asked(flying, ask)
 

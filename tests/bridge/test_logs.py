@@ -54,7 +54,7 @@ FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"
 # Flights that are read -----------------------------------------------------------------------
 
 
-class Recorded(MemoryLink):
+class JournalReader(MemoryLink):
     """A link whose frames go into a .tlog as they leave."""
 
     def __init__(self, tlog: list[tuple[int, bytes]]) -> None:
@@ -71,7 +71,7 @@ def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     """Half a minute of a mock's flight, with its upload; then it is silent for a while."""
     path = tmp_path_factory.mktemp("log") / f"{request.param}.tlog"
     frames: list[tuple[int, bytes]] = []
-    up, down = Recorded(frames), Recorded(frames)
+    up, down = JournalReader(frames), JournalReader(frames)
     pair = Pair(mock_of(stack_named(request.param, "plane")), up=up, down=down)
     pair.run_for(3.0)
     assert pair.result_of(pair.client.upload(flight_of(), pair.now_us)).outcome == "accepted"
@@ -231,7 +231,7 @@ def test_a_flight_of_a_fast_simulator_goes_on_by_the_autopilots_clock(
     tmp_path: Path, rate: float
 ) -> None:
     frames: list[tuple[int, bytes]] = []
-    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded(frames))
+    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=JournalReader(frames))
     pair.run_for(48.0)
     frames = [each for each in frames if not 20_000_000 < each[0] < 28_000_000]  # lost
     as_flown = list(TlogLog(tlog_at(tmp_path / "real.tlog", frames, 1.0)).entries())
@@ -251,7 +251,7 @@ def test_a_flight_of_a_fast_simulator_goes_on_by_the_autopilots_clock(
 
 def test_stamps_hold_where_the_autopilots_clock_is_only_inexact(tmp_path: Path) -> None:
     frames: list[tuple[int, bytes]] = []
-    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded(frames))
+    pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=JournalReader(frames))
     pair.run_for(20.0)
     log = TlogLog(tlog_at(tmp_path / "late.tlog", frames, 1.05))
     stamps = {BEGIN_US + (round(at_us / 1.05) & ~3) for at_us, _ in frames}
@@ -263,7 +263,7 @@ def written(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     """A log's path, its bytes and its reader."""
     path = tmp_path_factory.mktemp("cut") / f"flight.{request.param}"
     if request.param == "tlog":
-        pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=Recorded([]))
+        pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=JournalReader([]))
         frames = pair.down._frames  # type: ignore[attr-defined]
         pair.run_for(8.0)
         now = [0]

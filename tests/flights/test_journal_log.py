@@ -10,10 +10,10 @@ from autopilot_bridge.logs.entries import MissionLoaded
 from autopilot_bridge.vehicle.client_events import Connected, ModeChanged, Position
 from mission_service.errors import JournalError
 from mission_service.events import Telemetry, UploadFinished
-from mission_service.replay.flights.flown import info_of
+from mission_service.replay.flights.flown_vehicle import info_of
 from mission_service.replay.flights.journal_log import JournalLog, open_flight
 from mission_service.simulation.sim import simulate
-from tests.flights.test_shadow import scenario
+from tests.flights.test_open_loop_replay import scenario
 from tests.service.test_cli import call
 
 

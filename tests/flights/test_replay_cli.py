@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
-from tests.flights.test_shadow import lit, scenario
+from tests.flights.test_open_loop_replay import lit, scenario
 from tests.service.test_cli import call
 
 

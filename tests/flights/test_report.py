@@ -12,16 +12,16 @@ from autopilot_bridge.items import MissionItem
 from mission_service.commands import Decided
 from mission_service.events import Telemetry
 from mission_service.replay.flights.batch import story_beside, story_of
-from mission_service.replay.flights.dropped import Done, Planned, compared, planned_in
-from mission_service.replay.flights.figures import figures_of, table
-from mission_service.replay.flights.fire_story import fire_story
+from mission_service.replay.flights.direction_of_travel import Span, differing, turns
+from mission_service.replay.flights.drop_comparison import Done, Planned, compared, planned_in
+from mission_service.replay.flights.fire_analysis import fire_analysis
+from mission_service.replay.flights.flight_logs import flight_of
 from mission_service.replay.flights.journal_log import JournalLog
-from mission_service.replay.flights.played import flight_of
 from mission_service.replay.flights.report_page import write_report
-from mission_service.replay.flights.sense import Span, differing, turns
+from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
-from tests.flights.test_shadow import beside_level, scenario
+from tests.flights.test_open_loop_replay import beside_level, scenario
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
 
 
 def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None:
-    story = fire_story(JournalLog(run / "journal.jsonl"))
+    story = fire_analysis(JournalLog(run / "journal.jsonl"))
     ages = [each.age_worst_s for each in story.samples]
     assert max(ages) > min(ages) >= 0.0
     times = [at_us for at_us, _, _ in story.errors_m["hawk"]]
@@ -79,7 +79,7 @@ def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -
     assert re.search(r"100\.\d s</td><td>round-1</td><td>turns back: anticlockwise", page)
     assert "No decision was sent to a vehicle" in page
     assert "servo 3 opens" in page
-    assert "missions sent" not in page  # a shadow sends none
+    assert "missions sent" not in page  # an open-loop replay sends none
     (told,) = json.loads((tmp_path / "figures.json").read_text())
     assert told["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)
     for name in files:

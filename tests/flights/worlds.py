@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mission_service.cli.replay_live import played
 from mission_service.events import Corrected
-from mission_service.journal.journal import header_of
-from mission_service.replay.flights.beside import Asked
-from mission_service.replay.flights.journal_once import JournalOnce
-from mission_service.replay.flights.played import flight_of
-from mission_service.replay.flights.player import Player
+from mission_service.journal.journal_file import header_of
+from mission_service.replay.flights.flight_logs import flight_of
+from mission_service.replay.flights.playback import Playback
+from mission_service.replay.flights.scenario_pairing import Asked
+from mission_service.replay.flights.write_once_journal import WriteOnceJournal
 from mission_service.runtime.play_head import PlayHead, Speed
 from tests.api.worlds import scenario_of, world_in
 
@@ -32,27 +32,27 @@ def journal_in(folder: Path, seconds: float = 160.0) -> Path:
 
 
 @contextmanager
-def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Player]:
+def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Playback]:
     """A log that is played, its journal in ``out``."""
     what, _ = played(flight_of([str(log)]), Asked())
     header = header_of(what.scenario, what.landscape.digest(), "2026-11-22")
     out.mkdir(exist_ok=True)
-    journal = JournalOnce(out / "journal.jsonl", header, what.logs)
-    player = Player(what, journal, PlayHead(what.begin_us, what.end_us, speed))
+    journal = WriteOnceJournal(out / "journal.jsonl", header, what.logs)
+    player = Playback(what, journal, PlayHead(what.begin_us, what.end_us, speed))
     try:
         yield player
     finally:
         player.close()
 
 
-def run(player: Player) -> None:
+def run(player: Playback) -> None:
     """Let it do all that is due, a few things a turn."""
     told = count(1)
     while player.turn(0, lambda: next(told) % 50 == 0):
         pass
 
 
-def sought(player: Player, share: float) -> None:
+def sought(player: Playback, share: float) -> None:
     """Go to a share of the flight."""
     head = player.head
     head.seek(head.begin_us + round(share * (head.end_us - head.begin_us)))

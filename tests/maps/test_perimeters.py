@@ -16,7 +16,7 @@ import shapely
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.rasters import read_landscape
-from mission_service.interfaces.maps import uploads
+from mission_service.interfaces.maps import uploaded_shapes
 from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
 from mission_service.interfaces.maps.perimeters_out import perimeter_geojson
 from tests.maps.fires import NOW_S, fire, land
@@ -259,8 +259,8 @@ def test_files_that_are_too_large_are_told_what_to_do(
 ) -> None:
     limits = {"LARGEST_BYTES": 30_000, "MOST_FEATURES": 30, "MOST_VERTICES": 400}
     for name, most in limits.items():
-        assert getattr(uploads, name) > 100 * most
-        monkeypatch.setattr(uploads, name, most)
+        assert getattr(uploaded_shapes, name) > 100 * most
+        monkeypatch.setattr(uploaded_shapes, name, most)
     with pytest.raises(FireModelError, match=message):
         read(data)
 
@@ -329,7 +329,7 @@ def test_malformed_and_hostile_files_are_one_line(data: bytes, message: str) -> 
 
 
 def test_a_bomb_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uploads, "MOST_UNPACKED_BYTES", 100_000)
+    monkeypatch.setattr(uploaded_shapes, "MOST_UNPACKED_BYTES", 100_000)
     bomb, _ = zipped(doc__kml=b" " * 20_000_000), land()
     tracemalloc.start()
     try:

@@ -10,7 +10,7 @@ from mission_service.config.scenario import load_scenario
 from mission_service.config.service import ServiceSection
 from mission_service.events import UploadFinished
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.request_handler import Desk

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.journal.journal import _write
+from mission_service.journal.journal_file import _write
 
 
 def test_what_could_not_be_written_can_be_thrown_away() -> None:

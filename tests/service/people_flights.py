@@ -12,7 +12,7 @@ from mission_service.events import (
     CrewEvent,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.picture import Picture
 from mission_service.simulation.sim import Simulation
@@ -62,7 +62,7 @@ class Flight:
         self.journal.close()
         result = verify(self.path)
         assert result.difference is None, result.difference
-        return [entry.content for entry in JournalReader(self.path)]
+        return [entry.content for entry in SegmentReader(self.path)]
 
 
 def flights_in(folder: Path) -> Iterator[Fly]:

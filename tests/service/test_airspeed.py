@@ -8,7 +8,7 @@ import pytest
 from mission_service.commands import ClearAlarm, RaiseAlarm
 from mission_service.config.scenario import load_scenario
 from mission_service.events import AirspeedMeasured, ModeChanged
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation import sim
 
 SHORT = ("start_s=3500", "duration_s=4300", "vehicles.0.airspeed_m_s=15")
@@ -30,7 +30,7 @@ def flown(
     monkeypatch.setattr(sim, "mock_of", mock_of)
     overrides = (*SHORT, f"vehicles.0.stack={stack}")
     sim.simulate(load_scenario("default", overrides), path, "")
-    contents = [entry.content for entry in JournalReader(path)]
+    contents = [entry.content for entry in SegmentReader(path)]
     measured = [each for each in contents if isinstance(each, AirspeedMeasured)]
     alarms = [
         each

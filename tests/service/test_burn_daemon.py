@@ -14,7 +14,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import ControlError, JournalError, RequestError
 from mission_service.events import Aborted, Answered, HostTime, Present, Resumed
 from mission_service.interfaces.control.client import NAME, Control
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.live.daemon import Run, serve
 from mission_service.replay.verification import verify
 from mission_service.runtime.record import Record
@@ -91,7 +91,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
 
 def events(path: Path) -> list[Any]:
     """Those in a journal but for the host's clock, which goes on."""
-    every = [entry.content for entry in JournalReader(path) if entry.is_event]
+    every = [entry.content for entry in SegmentReader(path) if entry.is_event]
     return [event for event in every if not isinstance(event, HostTime)]
 
 
@@ -137,7 +137,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     # The same once more, with a mission that is over by now: it ends in order.
     os.utime(path, (time.time() - 3600.0, time.time() - 3600.0))
     run(burned, tmp_path, None, killed=False)
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     assert isinstance(events(path)[-1], Resumed)
     assert list(reader)
     assert reader.ended

@@ -24,7 +24,7 @@ from mission_service.events import (
     WindTold,
 )
 from mission_service.guidance.burn.controller import burn_flight
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import Simulation

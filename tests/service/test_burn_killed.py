@@ -27,7 +27,7 @@ from mission_service.events import (
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
-from mission_service.journal.journal import Journal, JournalReader, Rest, header_of
+from mission_service.journal.journal_file import Journal, Rest, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.snapshot import Known
 from mission_service.live.daemon import replay
@@ -138,12 +138,12 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
     path = tmp_path / "journal.jsonl"
     for where, cut in cuts(flown.journal).items():
         path.write_bytes(flown.journal[:cut])
-        events = [entry.content for entry in JournalReader(path) if entry.is_event]
+        events = [entry.content for entry in SegmentReader(path) if entry.is_event]
         counts = Counter(type(event).__name__ for event in events)
         again = gone_on(flown, path)
         again.journal.close()
 
-        told = [entry.content for entry in JournalReader(path)]
+        told = [entry.content for entry in SegmentReader(path)]
         dropped = {(each.plan_hash, each.number) for each in told if isinstance(each, Drop)}
         leader = again.leader
         spheres = leader.state.account.spheres
@@ -178,7 +178,7 @@ def test_a_kill_between_an_event_and_its_commands_is_no_difference(
 
 
 def _rest(path: Path) -> Rest:
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     for _ in reader:
         pass
     return reader.rest
@@ -193,7 +193,7 @@ def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
     truth = FireWorld(fire_of(scenario, landscape), landscape)
     falls: dict[int, tuple[float, float]] = {}
     assert scenario.burn is not None
-    for entry in JournalReader(path):
+    for entry in SegmentReader(path):
         thing = entry.content
         if isinstance(thing, Drop):
             falls[thing.number] = (thing.lat_deg, thing.lon_deg)
@@ -244,7 +244,7 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     again.journal.close()
     unwanted = [c for c in again.executed if isinstance(c, Drop | UploadMission | StartMission)]
     assert unwanted == []
-    events = [entry.content for entry in JournalReader(path) if entry.is_event]
+    events = [entry.content for entry in SegmentReader(path) if entry.is_event]
     assert sum(isinstance(event, Resumed) for event in events) == 1
 
 

@@ -18,7 +18,7 @@ from mission_service.events import (
     Telemetry,
 )
 from mission_service.guidance.burn.interlock import Interlock
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import Unfinished, resumed, set_aside
 from mission_service.journal.recovery import unfinished as unfinished_by
 from mission_service.journal.snapshot import Known
@@ -126,7 +126,7 @@ def verified(path: Path) -> list[AnyEvent]:
     handle = a_core()
     expected: list[AnyCommand] = []
     events: list[AnyEvent] = []
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     for entry in reader:
         assert entry.intact
         if isinstance(entry.content, Command):
@@ -260,12 +260,12 @@ def test_only_a_live_burn_of_the_same_scenario_that_was_cut_off_is_gone_on_with(
 def test_the_end_stands_in_the_journal_and_nothing_after_it(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     whole = written(path, end=True)
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     assert sum(entry.is_event for entry in reader) == len(EVENTS)
     assert reader.ended
     path.write_bytes(whole + whole.splitlines(keepends=True)[-1])
     with pytest.raises(JournalError, match="stands after the end"):
-        list(JournalReader(path))
+        list(SegmentReader(path))
 
 
 def test_journals_are_kept_and_what_holds_nothing_is_not(tmp_path: Path) -> None:

@@ -14,14 +14,14 @@ from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.core.core import Core
 from mission_service.events import BatteryTold, DropFinished, UploadFinished
 from mission_service.guidance.burn.interlock import interlock_of
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from tests.service.test_burn_flight import Burn, scenario
 
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
 
 
 def told(path: Path, kind: type) -> list[object]:
-    return [entry.content for entry in JournalReader(path) if isinstance(entry.content, kind)]
+    return [entry.content for entry in SegmentReader(path) if isinstance(entry.content, kind)]
 
 
 def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:

@@ -9,7 +9,7 @@ import pytest
 from mission_service.commands import Drop
 from mission_service.events import Crew, Event
 from mission_service.interfaces.api.access.token_file import added
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from tests.web.service import BURN, Service, running
 
 SILENT_S = 30.0
@@ -49,7 +49,7 @@ def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> 
     texts = [line["text"] for line in feed.get("news")]
     assert any(text.startswith("plan withdrawn: nothing heard of boss") for text in texts), texts
     at_us, approver_us, drops = 0, 0, 0
-    for entry in JournalReader(burning.log.parent / "out" / "journal.jsonl"):
+    for entry in SegmentReader(burning.log.parent / "out" / "journal.jsonl"):
         thing = entry.content
         if isinstance(thing, Event | Crew):
             at_us = max(at_us, thing.at_us)

@@ -13,7 +13,7 @@ from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.simulated import FireWorld
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
 from mission_service.runtime.outputs import write_outputs
 from mission_service.runtime.record import Record
@@ -80,7 +80,7 @@ def test_two_runs_with_one_seed_are_identical_byte_for_byte(run: Run, tmp_path: 
 
 
 def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
-    entries = list(JournalReader(run.journal))
+    entries = list(SegmentReader(run.journal))
     assert entries[0].is_event
     assert all(entry.intact for entry in entries)
 
@@ -92,7 +92,7 @@ def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
     stack = stack_named("px4", "plane")  # the default scenario's
     missions = [
         entry.content.items
-        for entry in JournalReader(run.journal)
+        for entry in SegmentReader(run.journal)
         if isinstance(entry.content, UploadMission)
     ]
     assert len(missions) > 20

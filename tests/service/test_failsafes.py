@@ -286,13 +286,13 @@ def test_an_abort_leaves_a_failsafe_that_could_not_be_recorded(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(flight.journal, "durable", True)
-    monkeypatch.setattr("mission_service.journal.journal.os.write", full)
+    monkeypatch.setattr("mission_service.journal.journal_file.os.write", full)
     flight.sim.rigs[0].mock.battery_percent = 10.0
     flight.run(5.0)
     assert "mode return" in alarm(flight, "unrecorded")
     flight.tell(Aborted(flight.now_us, *ANN))
     flight.run(10.0)
-    monkeypatch.setattr("mission_service.journal.journal.os.write", write)
+    monkeypatch.setattr("mission_service.journal.journal_file.os.write", write)
     assert flight.sim.service.mend(flight.now_us, flight.sim.link_us)
     flight.run(10.0)
     assert flight.mode == "return"

@@ -14,7 +14,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import CrewEvent, Ordered
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import FireWorld
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
 from mission_service.runtime.record import Record

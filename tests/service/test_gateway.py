@@ -106,13 +106,13 @@ def test_each_stack_is_asked_for_what_shows_its_trouble(
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
 def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: Any) -> None:
-    from mission_service.journal.journal import JournalReader
+    from mission_service.journal.journal_file import SegmentReader
 
     overrides = (f"vehicles.0.stack={stack}", "start_s=3500", "duration_s=3700")
     path = tmp_path / "journal.jsonl"
     simulate(load_scenario("default", overrides), path, "")
     winds = [
-        entry.content for entry in JournalReader(path) if isinstance(entry.content, WindMeasured)
+        entry.content for entry in SegmentReader(path) if isinstance(entry.content, WindMeasured)
     ]
     assert 10 < len(winds) < 45
     assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(4.0, 45.0)}

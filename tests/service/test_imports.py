@@ -43,7 +43,7 @@ SHELL = {
     "mission_service/live/daemon.py",
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/sender.py",
-    "mission_service/replay/flights/live.py",
+    "mission_service/replay/flights/replay_server.py",
     "mission_service/cli/replay_live.py",
     "mission_service/interfaces/mqtt/peers.py",
     "mission_service/runtime/hub.py",
@@ -54,10 +54,10 @@ SHELL = {
     "mission_service/fire/forecast.py",
     "mission_service/simulation/mocks.py",
     "mission_service/interfaces/mqtt/connection.py",
-    "mission_service/interfaces/maps/of_run.py",  # in a thread
+    "mission_service/interfaces/maps/run_forecasts.py",  # in a thread
     "mission_service/interfaces/mqtt/inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",
-    "mission_service/runtime/notify.py",
+    "mission_service/runtime/systemd_notify.py",
     "mission_service/cli/transfers.py",
     "mission_service/experiments/tuning.py",  # DEAP draws from the global random generator
 }

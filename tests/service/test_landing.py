@@ -18,7 +18,7 @@ from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import JournalReader
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
 from mission_service.simulation.demo import write_plan
 from mission_service.simulation.sim import simulate
@@ -206,7 +206,7 @@ def test_missions_in_flight_end_with_a_landing_for_the_wind_of_their_time(tmp_pa
     path = tmp_path / "journal.jsonl"
     simulate(scenario, path, "", until_s=4000.0)
     at_s, landings = 0.0, []
-    for entry in JournalReader(path):
+    for entry in SegmentReader(path):
         if isinstance(entry.content, Telemetry):
             at_s = entry.content.at_us / 1e6
         elif isinstance(entry.content, UploadMission):

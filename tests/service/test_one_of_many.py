@@ -26,7 +26,7 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State
 from mission_service.replay.verification import verify
 from mission_service.runtime.gateway import Gateway, MissionClock
@@ -160,7 +160,7 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
         journal.event(event)
         journal.commands(fresh.handle(event))
     journal.close()
-    kinds = {type(entry.content).__name__ for entry in JournalReader(path)}
+    kinds = {type(entry.content).__name__ for entry in SegmentReader(path)}
     assert {"Heard", "Say"} <= kinds
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)

@@ -1,4 +1,4 @@
-"""The picture that all interfaces show, the watchman's alarms, the table [service]."""
+"""The picture that all interfaces show, the health monitor's alarms, the table [service]."""
 
 import math
 from pathlib import Path
@@ -25,7 +25,7 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.runtime.picture import MOST_NEWS, Picture
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.runtime.watchman import Watchman, near_pairs
+from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
 
 
 @pytest.fixture
@@ -103,15 +103,15 @@ def test_pairs_too_near_are_found() -> None:
     assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
 
 
-def test_the_watchman_tells_of_pairs_and_of_being_late(picture: Picture) -> None:
-    watchman = Watchman(picture, 30.0, 200_000)
+def test_the_health_monitor_tells_of_pairs_and_of_being_late(picture: Picture) -> None:
+    health_monitor = HealthMonitor(picture, 30.0, 200_000)
     picture.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
-    watchman.look(0)
+    health_monitor.look(0)
     assert set(picture.alarms) == {"near/a/b"}
     picture.telemetry["b"] = at("b", 36.1, 110.0)
-    watchman.look(1_200_000)
+    health_monitor.look(1_200_000)
     assert set(picture.alarms) == {"late"}
-    watchman.look(1_400_000)
+    health_monitor.look(1_400_000)
     assert not picture.alarms
 
 

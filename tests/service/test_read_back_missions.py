@@ -23,7 +23,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.events import MissionHeld, Ordered, Resumed, UploadFinished
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, write
@@ -127,7 +127,7 @@ class Flight:
         """All of the journal that follows the restart; it must be what a replay gives."""
         result = verify(self.path)
         assert (result.difference, result.cut_at_line) == (None, None)
-        told: list[Any] = [entry.content for entry in JournalReader(self.path)]
+        told: list[Any] = [entry.content for entry in SegmentReader(self.path)]
         last = max(place for place, each in enumerate(told) if isinstance(each, Resumed))
         return told[last:]
 
@@ -156,7 +156,7 @@ def test_a_mission_that_never_left_is_not_counted_on_and_the_one_before_is_flown
     flight.fly(25.0)
     told = flight.after_resumed()
     held = next(each for each in told if isinstance(each, MissionHeld))
-    sent = [entry.content for entry in JournalReader(flight.path)]
+    sent = [entry.content for entry in SegmentReader(flight.path)]
     accepted = [each.mission_id for each in sent if isinstance(each, UploadFinished)]
     assert held.mission_id in accepted
     assert UploadMission not in kinds(told)[: told.index(held)]

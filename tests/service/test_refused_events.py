@@ -26,7 +26,7 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
-from mission_service.journal.journal import Journal, JournalReader, event_body, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
@@ -277,7 +277,7 @@ def with_line(path: Path, number: int, body: Callable[[bytes], bytes]) -> None:
 
 def line_of(path: Path, kind: type, after: int = 20) -> int:
     """The number of a line with this."""
-    for entry in JournalReader(path):
+    for entry in SegmentReader(path):
         if entry.line > after and isinstance(entry.content, kind):
             return entry.line
     raise AssertionError
@@ -340,7 +340,7 @@ def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
     assert len(skipped) == 1
     assert f"line {number} " in skipped[0]
     assert path.read_bytes().startswith(broken)
-    told = [entry.content for entry in JournalReader(path).trusted(JournalReader(path).begin)
+    told = [entry.content for entry in SegmentReader(path).trusted(SegmentReader(path).begin)
             if not hasattr(entry, "why")][-8:]  # fmt: skip
     assert any(isinstance(each, LinesSkipped) for each in told)
     assert any(isinstance(each, Resumed) for each in told)

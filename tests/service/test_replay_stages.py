@@ -27,7 +27,7 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.differences import compare, fields_that_differ
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import as_json, in_text, verify
 from mission_service.simulation.sim import Simulation
@@ -67,7 +67,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rewritten(path: Path, to: Path, change: Callable[[int, Any], Any]) -> Path:
     """The journal with lines changed by someone who knows how checksums are made."""
-    reader = JournalReader(path)
+    reader = SegmentReader(path)
     journal = Journal(to, reader.header, durable=False)
     for entry in reader:
         content = change(entry.line, entry.content)

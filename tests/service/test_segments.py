@@ -12,10 +12,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import (
+from mission_service.journal.journal_file import (
     Journal,
-    JournalReader,
     Rest,
+    SegmentReader,
     header_of,
     next_path,
     segment_path,
@@ -174,7 +174,7 @@ def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: 
     assert counts == sorted(counts)
     assert counts[-1] == verify(path).events
     # From whichever state: the same core, to the last bit of what it will say.
-    events = [entry.content for entry in JournalReader(path) if entry.is_event][-200:]
+    events = [entry.content for entry in SegmentReader(path) if entry.is_event][-200:]
     told_by = [[each.handle(event) for event in events] for each in cores]
     assert all(said == told_by[0] for said in told_by)
     segment_path(path, 1).unlink()

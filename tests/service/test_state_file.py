@@ -13,7 +13,7 @@ from mission_service.core.core import Core
 from mission_service.events import AnyEvent
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.front.way import PLANNERS
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, thawed
 from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
@@ -51,7 +51,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
         simulation = Simulation(scenario, journal, landscape)
         simulation.run(max(scenario.start_s, scenario.deploy_at_s) + seconds)
         journal.close()
-        events: list[Any] = [entry.content for entry in JournalReader(path) if entry.is_event]
+        events: list[Any] = [entry.content for entry in SegmentReader(path) if entry.is_event]
         found[name] = Flown(scenario, landscape, events, simulation)
     return found
 

@@ -31,7 +31,7 @@ from mission_service.events import (
 )
 from mission_service.fire import corrected as corrected_fire
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, header_of
+from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime import picture, record, track
 from mission_service.runtime.picture import Picture
 from mission_service.simulation.sim import Simulation

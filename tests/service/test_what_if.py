@@ -22,8 +22,8 @@ from mission_service.events import (
     SettingsTold,
     WindTold,
 )
-from mission_service.journal.journal import JournalReader
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.journal.reader import JournalReader
 from mission_service.replay.verification import verify
 from mission_service.replay.what_if import Script, figures_of, past_run, told_again, what_if
 from mission_service.runtime.outputs import summary_of
@@ -86,7 +86,7 @@ def test_another_planner_flies_otherwise_and_both_are_told(run: Path, tmp_path: 
     assert names | {"report.html"} <= {each.name for each in out.iterdir()}
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert figures_of(summary) == told["what_if"]
-    entries = [entry.content for entry in JournalReader(out / "journal.jsonl")]
+    entries = [entry.content for entry in SegmentReader(out / "journal.jsonl")]
     assert sum(isinstance(each, Decided) for each in entries) == told["what_if"]["decisions"]
     said = [each for each in entries if isinstance(each, SettingsTold)]
     assert [each.given for each in said] == [{"alpha": 0.2}]
@@ -116,7 +116,7 @@ def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     scenario = flying(load_scenario("default", CHANGES))
     record, world = simulate(scenario, path, "", crew=script().due)
-    past = past_run(Recorded(path))
+    past = past_run(JournalReader(path))
     assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
         scenario, record, world.fire
     )

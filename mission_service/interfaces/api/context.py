@@ -12,7 +12,7 @@ from mission_service.interfaces.api.access.auth import Tokens, Who
 from mission_service.interfaces.api.answers import ApiError, answer, asked
 from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live import Streams
-from mission_service.interfaces.maps.of_run import forecasts_of
+from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.published_states import VehicleState

@@ -13,7 +13,7 @@ from mission_service.interfaces.api.answers import ApiError
 from mission_service.interfaces.api.context import Api
 from mission_service.interfaces.api.described import V1, route
 from mission_service.interfaces.api.journal_lines import JournalLines
-from mission_service.journal.journal import segment_path
+from mission_service.journal.journal_file import segment_path
 
 LINES = "application/x-ndjson"
 MOST_LINES, MOST_BYTES = 5000, 1 << 20

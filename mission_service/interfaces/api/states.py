@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from mission_service.missions.figures import Figures
+from mission_service.missions.mission_figures import Figures
 from mission_service.requests import Role
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.play_head import ReplayState

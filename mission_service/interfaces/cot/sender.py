@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from mission_service.config.mqtt_names import site_of
 from mission_service.config.service import CotSection
 from mission_service.interfaces.cot.messages import fire_events, vehicle_event
-from mission_service.interfaces.maps.of_run import forecasts_of, front_now
+from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.connection import tls_of
 from mission_service.runtime.clocks import wall_us
 

@@ -18,9 +18,9 @@ from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.shapes import shape_problems
 from firemodel.spread.front import multipolygon
 from firemodel.spread.writers import M2_PER_ACRE
+from mission_service.interfaces.maps.geometry_limits import MOST_PAIRS, most_repaired, pairs_near
 from mission_service.interfaces.maps.mercator import outline_of
-from mission_service.interfaces.maps.tangled import MOST_PAIRS, most_repaired, pairs_near
-from mission_service.interfaces.maps.uploads import LARGEST_BYTES, WGS84, Drawn, features_in
+from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84, Drawn, features_in
 
 __all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
 

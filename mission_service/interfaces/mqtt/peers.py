@@ -170,13 +170,13 @@ class Exchange:
         """Queue a message; it is sent as soon as the broker accepts it."""
         self._outbox.put(message)
 
-    async def run(self, ears: "Ears") -> None:
+    async def run(self, ears: "PeerListener") -> None:
         """Exchange messages until cancelled; connect again after a failure."""
         await keep_connected(
             self._client, partial(self._use, ears=ears), partial(self._lost, ears=ears)
         )
 
-    async def _use(self, client: aiomqtt.Client, ears: "Ears") -> None:
+    async def _use(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         """Exchange messages until the connection is lost; raises the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         ears.tell(f"talks to others over {self.channel.broker}", False)
@@ -184,7 +184,7 @@ class Exchange:
         talks = (self._hear, self._send, self._tell_time, self._find_contact)
         await together(*(talk(client, ears) for talk in talks))
 
-    def _lost(self, why: str, ears: "Ears") -> None:
+    def _lost(self, why: str, ears: "PeerListener") -> None:
         if not self._told_lost:
             text = (
                 f"no broker at {self.channel.broker} ({why}); it stays where it is until there is"
@@ -205,7 +205,7 @@ class Exchange:
         self._inbox = _inbox()
         return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
-    async def _send(self, client: aiomqtt.Client, ears: "Ears") -> None:
+    async def _send(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         while True:
             await self._outbox.is_not_empty.wait()
             message = self._outbox.take()
@@ -215,14 +215,14 @@ class Exchange:
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
 
-    async def _find_contact(self, client: aiomqtt.Client, ears: "Ears") -> None:
+    async def _find_contact(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         """Report the contact, after a time in which all processes connect to the broker again."""
         await asyncio.sleep(MOST_WAIT_S + 0.5)
         self._in_contact = True
         ears.contact(True)
         await asyncio.Event().wait()
 
-    async def _tell_time(self, client: aiomqtt.Client, ears: "Ears") -> None:
+    async def _tell_time(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         """Publish mission time regularly, and soon after a message from a process that lags.
 
         Mission time of the formation is the latest of all processes.
@@ -236,14 +236,14 @@ class Exchange:
                 async with asyncio.timeout(TIME_EVERY_S):
                     await self._time_due.wait()
 
-    async def _hear(self, client: aiomqtt.Client, ears: "Ears") -> None:
+    async def _hear(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         async for told in client.messages:
             self._take(told, ears)
             while not self._inbox.empty():
                 self._take(self._inbox.get_nowait(), ears)
             await asyncio.sleep(READ_S)  # meanwhile newer states replace older ones
 
-    def _take(self, told: aiomqtt.Message, ears: "Ears") -> None:
+    def _take(self, told: aiomqtt.Message, ears: "PeerListener") -> None:
         *_, vehicle, kind = told.topic.value.split("/")
         if vehicle in self._own:
             return
@@ -258,7 +258,7 @@ class Exchange:
                 ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
             self.refused[vehicle] += 1
 
-    def _hear_time(self, mission_us: int, ears: "Ears") -> None:
+    def _hear_time(self, mission_us: int, ears: "PeerListener") -> None:
         if mission_us < ears.mission_us - BEHIND_US:
             self._time_due.set()
         else:

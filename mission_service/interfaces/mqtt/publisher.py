@@ -18,7 +18,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service import MqttSection
 from mission_service.core.requests import ABORT
-from mission_service.interfaces.maps.of_run import forecasts_of, front_now
+from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.commands import MOST_BYTES, Doorkeeper
 from mission_service.interfaces.mqtt.connection import (
     TAKE_S,

@@ -4,24 +4,24 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from mission_service.journal.journal import header_of
-from mission_service.replay.flights.beside import Replaying
+from mission_service.journal.journal_file import header_of
+from mission_service.replay.flights.flight_logs import Flight, survey
 from mission_service.replay.flights.journal_log import JOURNAL, JournalLog
-from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
-from mission_service.replay.flights.played import Flight, survey
-from mission_service.replay.flights.run_story import RunStory, run_story
-from mission_service.replay.flights.shadow import Shadow, told_in
+from mission_service.replay.flights.open_loop_replay import OpenLoopReplay, told_in
+from mission_service.replay.flights.run_analysis import RunAnalysis, run_analysis
+from mission_service.replay.flights.scenario_pairing import Replaying
+from mission_service.replay.flights.write_once_journal import WriteOnceJournal, refuse_loss
 
 
-def story_of(name: str, flight: Flight) -> RunStory:
+def story_of(name: str, flight: Flight) -> RunAnalysis:
     """Tell of a flight as it was; a journal has its own fire."""
     own, found = flight.logs[0], survey(flight)
     whole = len(flight.logs) == 1 and not flight.is_part
-    return run_story(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
+    return run_analysis(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
 
 
-def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunStory:
-    """Tell of a flight beside a scenario; its shadow's journal is left in ``out``, if given.
+def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunAnalysis:
+    """Tell of a flight beside a scenario; its replay's journal is left in ``out``, if given.
 
     ``created`` goes into the journal's header. Raises FlightError where a run has its journal in
     ``out``.
@@ -32,20 +32,20 @@ def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> 
         return _beside(name, what, Path(folder) / JOURNAL, created)
 
 
-def _beside(name: str, what: Replaying, path: Path, created: str) -> RunStory:
+def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis:
     refuse_loss(path, [log.path for log in what.flight.logs])
     header = header_of(what.scenario, what.landscape.digest(), created)
-    journal = JournalOnce(path, header, what.logs)
+    journal = WriteOnceJournal(path, header, what.logs)
     complete = False
     try:
-        shadow = Shadow(what, journal)
+        replay = OpenLoopReplay(what, journal)
         for told in told_in(what):
-            shadow.take(told)
-            shadow.service.record.news.clear()  # nobody reads it
+            replay.take(told)
+            replay.service.record.news.clear()  # nobody reads it
         complete = True
     finally:
         journal.finish(complete)
-    return run_story(name, what.flight, what.survey, JournalLog(path), what.mission)
+    return run_analysis(name, what.flight, what.survey, JournalLog(path), what.mission)
 
 
 def distinct(names: Sequence[str]) -> list[str]:

@@ -29,10 +29,10 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.journal.journal import begins_journal
+from mission_service.journal.journal_file import begins_journal
 from mission_service.journal.segments import Chain
-from mission_service.replay.flights.instants import unix_us
-from mission_service.replay.flights.journal_once import REPLAY
+from mission_service.replay.flights.utc_time import unix_us
+from mission_service.replay.flights.write_once_journal import REPLAY
 
 SEVERITY = {"warning": 4, "info": 6}  # MAV_SEVERITY
 JOURNAL = "journal.jsonl"
@@ -52,7 +52,7 @@ class JournalLog:
         self._chain = Chain(path)
         header = self._chain.readers[0].header
         self.scenario: Scenario = parse_scenario(header["scenario"], path)
-        self.shadow = bool(header.get(REPLAY))
+        self.open_loop = bool(header.get(REPLAY))
         self.names = {at: each.name for at, each in enumerate(self.scenario.vehicles, 1)}
         self._numbers = {name: number for number, name in self.names.items()}
 
@@ -82,9 +82,9 @@ class JournalLog:
             told = _told(thing)
             if isinstance(thing, UploadFinished):
                 items = sent.pop((thing.vehicle, thing.mission_id), None)
-                if items is not None and thing.outcome == "accepted" and not self.shadow:
+                if items is not None and thing.outcome == "accepted" and not self.open_loop:
                     told = MissionLoaded(at_us, items)
-            if self.shadow and isinstance(told, bridge.MissionProgress):
+            if self.open_loop and isinstance(told, bridge.MissionProgress):
                 continue
             if told is not None:
                 yield Entry(self._numbers[thing.vehicle], told)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from firemodel.spread.arrival_map import frame_around, start_map
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.replay.flights.figures import above_terrain_m
-from mission_service.replay.flights.run_story import RunStory, VehicleStory, places_of
+from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
+from mission_service.replay.flights.run_figures import above_terrain_m
 from mission_service.runtime.outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ def _new(rows: int, height: float, width: float = 11.0) -> tuple[Figure, list[An
     return figure, list(np.ravel(figure.subplots(rows, 1, squeeze=False, sharex=True)))
 
 
-def coloured(run: RunStory) -> list[tuple[str, VehicleStory]]:
+def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
     """Each vehicle with its colour, the same in all pictures."""
     count = len(run.vehicles)
     return list(zip(VEHICLE_COLOURS * count, run.vehicles.values(), strict=False))
@@ -52,7 +52,7 @@ def coloured(run: RunStory) -> list[tuple[str, VehicleStory]]:
 # Where ----------------------------------------------------------------------------------------
 
 
-def draw_map(run: RunStory) -> Figure:
+def draw_map(run: RunAnalysis) -> Figure:
     """Tracks on the fire, missions, places where they turned back, drops, and what differs."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
@@ -69,7 +69,7 @@ def draw_map(run: RunStory) -> Figure:
     return figure
 
 
-def _ground(run: RunStory) -> tuple[Figure, Any, Places]:
+def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
     """Axes in km with the fire, if there is one, and how places come onto them."""
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
@@ -100,7 +100,7 @@ def _ground(run: RunStory) -> tuple[Figure, Any, Places]:
 
 
 def _draw_vehicle(
-    axes: Any, run: RunStory, vehicle: VehicleStory, colour: str, places: Places
+    axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, colour: str, places: Places
 ) -> list[Any]:
     track, name = vehicle.track, vehicle.name
     x, y = places(track[:, 1], track[:, 2])
@@ -139,7 +139,9 @@ def _draw_vehicle(
     return handles + _draw_drops(axes, run, vehicle, places)
 
 
-def _draw_decided(axes: Any, run: RunStory, vehicle: VehicleStory, places: Places) -> list[Any]:
+def _draw_decided(
+    axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: Places
+) -> list[Any]:
     """Where its planner decided to turn back."""
     if run.fire is None or not run.fire.record.vehicles[vehicle.name].reversals:
         return []
@@ -163,7 +165,7 @@ def _label(axes: Any, text: str, place: tuple[Any, Any], number: int) -> None:
     )  # fmt: skip
 
 
-def _draw_drops(axes: Any, run: RunStory, vehicle: VehicleStory, places: Places) -> list[Any]:
+def _draw_drops(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: Places) -> list[Any]:
     planned = [each.planned[:2] for each in vehicle.drops if each.planned is not None]
     done = [each.done[1:3] for each in vehicle.drops if each.done is not None]
     record = None if run.fire is None else run.fire.record.vehicles[vehicle.name]
@@ -199,7 +201,7 @@ def _mark(marker: str, colour: str, label: str) -> Line2D:
 # When -----------------------------------------------------------------------------------------
 
 
-def draw_timeline(run: RunStory) -> Figure:
+def draw_timeline(run: RunAnalysis) -> Figure:
     """Modes, new missions, silences and ways round, one strip a vehicle."""
     count = len(run.vehicles)
     figure, panels = _new(count, 1.2 + 1.5 * count)
@@ -217,7 +219,7 @@ def _scale(duration_s: float) -> tuple[float, str]:
     return (3600.0, "h") if duration_s > 7200.0 else (60.0, "min") if duration_s > 900 else (1, "s")
 
 
-def _draw_strip(axes: Any, run: RunStory, vehicle: VehicleStory, scale: float) -> None:
+def _draw_strip(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, scale: float) -> None:
     flown, end_us = vehicle.flown, run.end_us
 
     def bars(row: int, ways: Sequence[tuple[int, Any]], colour_of: Callable[[Any], Any]) -> None:
@@ -259,7 +261,7 @@ def _draw_strip(axes: Any, run: RunStory, vehicle: VehicleStory, scale: float) -
 # How high, how well ---------------------------------------------------------------------------
 
 
-def draw_heights(run: RunStory) -> Figure:
+def draw_heights(run: RunAnalysis) -> Figure:
     """Altitude above sea level and the ground under it; without a landscape the altitude alone."""
     count = len(run.vehicles)
     figure, panels = _new(count, 0.8 + 2.0 * count)
@@ -280,18 +282,18 @@ def draw_heights(run: RunStory) -> Figure:
     return figure
 
 
-def _height_title(run: RunStory, vehicle: VehicleStory) -> str:
+def _height_title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
     heights_m = above_terrain_m(vehicle)
     if heights_m is None or not np.isfinite(heights_m).any():
         return _title(run, vehicle)
     return f"{_title(run, vehicle)}: up to {np.nanmax(heights_m):.0f} m above terrain"
 
 
-def _title(run: RunStory, vehicle: VehicleStory) -> str:
+def _title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
     return vehicle.name if run.name == vehicle.name else f"{run.name}, {vehicle.name}"
 
 
-def draw_knowledge(runs: Sequence[RunStory]) -> Figure | None:
+def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
     """How far off the believed front was, and how old what was seen of it; None without a fire."""
     told = [run for run in runs if run.fire is not None and run.fire.samples]
     if not told:
@@ -332,19 +334,19 @@ def draw_knowledge(runs: Sequence[RunStory]) -> Figure | None:
     return figure
 
 
-def _since(run: RunStory, mission_us: Floats) -> Floats:
+def _since(run: RunAnalysis, mission_us: Floats) -> Floats:
     since: Floats = (mission_us - run.mission.start_us) / 1e6
     return since + run.since_s(run.mission.begin_us)
 
 
-def draw_changes(runs: Sequence[RunStory]) -> Figure | None:
+def draw_changes(runs: Sequence[RunAnalysis]) -> Figure | None:
     """Times between visits of a place of the front, and of mission changes; None: neither."""
     visits = [(run.name, run.fire.revisits_s) for run in runs if run.fire and run.fire.revisits_s]
     sent = [
         (run.name, [(each.finished_us - each.at_us) / 1e6 for each in run.fire.uploads
                     if each.finished_us is not None and each.outcome == "accepted"])
         for run in runs
-        if run.fire is not None and not run.fire.shadow
+        if run.fire is not None and not run.fire.open_loop
     ]  # fmt: skip
     sent = [each for each in sent if each[1]]
     if not visits and not sent:

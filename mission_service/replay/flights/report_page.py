@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mission_service.replay.flights import pictures
-from mission_service.replay.flights.figures import figures_of, table
-from mission_service.replay.flights.instants import utc
-from mission_service.replay.flights.run_story import RunStory, VehicleStory
+from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis
+from mission_service.replay.flights.run_figures import figures_of, table
+from mission_service.replay.flights.utc_time import utc
 
 LONG_US = 30_000_000  # the other way for less: it was turning
 FEW_MISSIONS = 8  # each is news then
@@ -27,7 +27,7 @@ class Happened(NamedTuple):
     matters: bool = False
 
 
-def write_report(out: Path, runs: Sequence[RunStory]) -> list[str]:
+def write_report(out: Path, runs: Sequence[RunAnalysis]) -> list[str]:
     """Write report.html, its pictures and figures.json into ``out``; returns the files' names.
 
     The first run is told of in full; others stand beside it in the table and the pictures.
@@ -43,7 +43,7 @@ def write_report(out: Path, runs: Sequence[RunStory]) -> list[str]:
     return ["report.html", "figures.json", *(f"{name}.png" for name in images)]
 
 
-def _drawn(runs: Sequence[RunStory]) -> Iterator[tuple[str, Any]]:
+def _drawn(runs: Sequence[RunAnalysis]) -> Iterator[tuple[str, Any]]:
     for run in runs:
         suffix = f"-{run.name}" if len(runs) > 1 else ""
         yield f"map{suffix}", pictures.draw_map(run)
@@ -54,7 +54,7 @@ def _drawn(runs: Sequence[RunStory]) -> Iterator[tuple[str, Any]]:
 
 
 def _page(
-    runs: Sequence[RunStory], figures: Sequence[dict[str, Any]], images: dict[str, bytes]
+    runs: Sequence[RunAnalysis], figures: Sequence[dict[str, Any]], images: dict[str, bytes]
 ) -> str:
     environment = Environment(
         loader=PackageLoader("mission_service.replay.flights"),
@@ -69,7 +69,7 @@ def _page(
     return page.render(runs=told, figures=figures, table=table(figures), images=embedded)
 
 
-def _told(run: RunStory, several: bool) -> dict[str, Any]:
+def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
     happened = sorted(_happened(run))
     fire = run.fire
     begun = None if run.offset_us is None else utc(run.zero_us + run.offset_us)
@@ -83,7 +83,7 @@ def _told(run: RunStory, several: bool) -> dict[str, Any]:
         "mission_s": run.mission.of(run.zero_us) / 1e6,
         "rule": None if fire is None else fire.scenario.planner.rule,
         "scenario": None if fire is None else fire.scenario.name,
-        "shadow": fire is not None and fire.shadow,
+        "open_loop": fire is not None and fire.open_loop,
         "headlines": [each for each in happened if each.matters][:MOST_HAPPENED],
         "happened": happened[:MOST_HAPPENED],
         "more": max(len(happened) - MOST_HAPPENED, 0),
@@ -91,7 +91,7 @@ def _told(run: RunStory, several: bool) -> dict[str, Any]:
     }
 
 
-def _happened(run: RunStory) -> list[Happened]:
+def _happened(run: RunAnalysis) -> list[Happened]:
     """All that is worth a line."""
     lines: list[Happened] = []
     for vehicle in run.vehicles.values():
@@ -121,7 +121,7 @@ def _happened(run: RunStory) -> list[Happened]:
     return lines
 
 
-def _of_vehicle(run: RunStory, vehicle: VehicleStory) -> list[Happened]:
+def _of_vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> list[Happened]:
     flown, name = vehicle.flown, vehicle.name
     lines = [
         Happened(run.since_s(at_us), name, f"{mode or 'unknown mode'}{', armed' if armed else ''}")

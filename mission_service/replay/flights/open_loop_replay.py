@@ -1,7 +1,7 @@
 """The core beside a logged flight: what vehicles would have seen, what would have been decided.
 
 The log's vehicles stand where those of a live run are on their links (``logged_vehicle.py``). All
-else is the live run: camera, core, journal, picture. So the shadow of a flight leaves a journal
+else is the live run: camera, core, journal, picture. So the replay of a flight leaves a journal
 that can be verified, and interfaces show it as they show a run.
 """
 
@@ -14,18 +14,18 @@ from mission_service.core.core import Core
 from mission_service.events import CrewEvent, Lit
 from mission_service.fire.simulated import world_of
 from mission_service.fire.watched import OF_FIRE, WatchedFire
-from mission_service.journal.journal import Journal
-from mission_service.replay.flights.beside import Replaying
+from mission_service.journal.journal_file import Journal
+from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
-from mission_service.replay.flights.played import Played
+from mission_service.replay.flights.scenario_pairing import Replaying
 from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import Gateway, MissionClock
+from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.record import Record
-from mission_service.runtime.watchman import Watchman
 
-Told = Played | CrewEvent
+Told = VehicleLog | CrewEvent
 EVERY_US = 50_000  # positions of a vehicle, at least
 NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
@@ -46,14 +46,14 @@ def told_in(what: Replaying) -> Iterator[Told]:
     for at_us, told in heapq.merge(*streams, key=lambda each: each[0]):
         if at_us > what.end_us:
             return
-        if isinstance(told, Played) and isinstance(told.event, Position):
+        if isinstance(told, VehicleLog) and isinstance(told.event, Position):
             if at_us - passed_us.get(told.vehicle, -EVERY_US) < EVERY_US:
                 continue
             passed_us[told.vehicle] = at_us
         yield told
 
 
-class Shadow:
+class OpenLoopReplay:
     """The service of a scenario whose vehicles are those of a flight."""
 
     def __init__(
@@ -68,7 +68,7 @@ class Shadow:
         self.clock: MissionClock = begun["clock"]
         self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
         self.gateways: dict[str, Gateway] = begun["gateways"]
-        self._watchman: Watchman | None = begun["watchman"]
+        self._health_monitor: HealthMonitor | None = begun["health_monitor"]
         self.service = Service(
             what.scenario,
             begun["core"],
@@ -87,19 +87,19 @@ class Shadow:
             "clock": self.clock,
             "vehicles": self.vehicles,
             "gateways": self.gateways,
-            "watchman": self._watchman,
+            "health_monitor": self._health_monitor,
             **self.service.kept(),
         }
 
     def take(self, told: Told) -> None:
         """Take in what the flight tells next."""
-        if not isinstance(told, Played):
+        if not isinstance(told, VehicleLog):
             self.service.tell(told, told.at_us)
             return
         self.vehicles[told.vehicle].take(told.event)
         self.service.take(self.gateways[told.vehicle].events(told.at_us), told.at_us)
-        if self._watchman is not None:
-            self._watchman.look(told.at_us)
+        if self._health_monitor is not None:
+            self._health_monitor.look(told.at_us)
 
 
 def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
@@ -111,14 +111,14 @@ def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
     world = world_of(scenario, landscape)
     world.advance(mission.start_us)
-    watchman = None
+    health_monitor = None
     if picture is not None:
-        watchman = Watchman(picture, scenario.mission.separation_m, NEVER_LATE_US)
+        health_monitor = HealthMonitor(picture, scenario.mission.separation_m, NEVER_LATE_US)
     return {
         "clock": clock,
         "vehicles": vehicles,
         "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
-        "watchman": watchman,
+        "health_monitor": health_monitor,
         "core": Core(scenario, landscape),
         "fire": WatchedFire(scenario, world),
         "record": Record(tuple(vehicles), mission.start_us),

@@ -23,8 +23,8 @@ from autopilot_bridge.vehicle.client_events import (
     Position,
 )
 from mission_service.ground_distance import distance_m
-from mission_service.replay.flights.dropped import planned_in
-from mission_service.replay.flights.instants import utc
+from mission_service.replay.flights.drop_comparison import planned_in
+from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
 MOVES_M_S = 1.0  # slower ones stand, and their positions wander

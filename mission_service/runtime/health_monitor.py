@@ -39,7 +39,7 @@ def near_pairs(
     }
 
 
-class Watchman:
+class HealthMonitor:
     """Looks around a few times a second."""
 
     def __init__(self, picture: Picture, separation_m: float, every_us: int) -> None:

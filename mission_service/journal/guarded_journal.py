@@ -10,12 +10,12 @@ import errno
 
 from mission_service.commands import AnyCommand
 from mission_service.events import Aborted, AnyEvent
-from mission_service.journal.journal import Journal, command_body, event_body
+from mission_service.journal.journal_file import Journal, command_body, event_body
 
 MOST_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
 
 
-class Recording:
+class GuardedJournal:
     """Writes a journal down. ``trouble`` says in words why that does not work now, or is empty."""
 
     def __init__(self, journal: Journal) -> None:
@@ -26,17 +26,18 @@ class Recording:
         self._before = journal.rest
         self._before_waiting = 0
 
-    def event(self, event: AnyEvent) -> bool:
+    def event(self, event: AnyEvent, body: bytes | None = None) -> bool:
         """Journal an event before it is handled; returns whether it may be handled.
 
-        Raises RefusedEventError for one that could not be read back.
+        ``body`` is its ``event_body``, where that was computed before. Raises RefusedEventError for
+        an event that could not be read back.
         """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MOST_WAITING
         self._before_waiting = len(self._waiting)
         if not self.trouble:
             try:
                 self._before = self.journal.rest
-                self.journal.event(event)
+                self.journal.event(event, body)
                 return True
             except OSError as error:
                 self._failed(error)

@@ -1,6 +1,6 @@
-"""A flight played, paused and sought in: the shadow that is shown, and states to begin again from.
+"""A flight played, paused and sought in: the replay that is shown, and states to begin again from.
 
-A seek works on a shadow of its own, begun from the nearest state before, while the one that is
+A seek works on a replay of its own, begun from the nearest state before, while the one that is
 shown stays; then it takes its place at once. What is played is cut into turns, so nothing waits
 long for it. Pure: the clock is asked by whoever calls.
 """
@@ -8,13 +8,13 @@ long for it. Pure: the clock is asked by whoever calls.
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mission_service.journal.journal import Rest
+from mission_service.journal.journal_file import Rest
 from mission_service.journal.snapshot import Frozen, Known, thawed
-from mission_service.replay.flights.beside import Replaying
-from mission_service.replay.flights.journal_once import JournalOnce
-from mission_service.replay.flights.played import Played
-from mission_service.replay.flights.shadow import Shadow, Told, told_in
-from mission_service.replay.flights.spool import Spool
+from mission_service.replay.flights.entry_cache import EntryCache
+from mission_service.replay.flights.flight_logs import VehicleLog
+from mission_service.replay.flights.open_loop_replay import OpenLoopReplay, Told, told_in
+from mission_service.replay.flights.scenario_pairing import Replaying
+from mission_service.replay.flights.write_once_journal import WriteOnceJournal
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.play_head import PlayHead, ReplayState
 
@@ -37,30 +37,30 @@ class _Kept(NamedTuple):
 
 
 class _Telling:
-    """A shadow, and how far it was told."""
+    """A replay, and how far it was told."""
 
-    def __init__(self, shadow: Shadow, number: int, at_us: int, rest: Rest) -> None:
-        self.shadow = shadow
+    def __init__(self, replay: OpenLoopReplay, number: int, at_us: int, rest: Rest) -> None:
+        self.replay = replay
         self.number = number
         self.at_us = at_us
         self.rest = rest
 
 
-class Player:
+class Playback:
     """Plays a flight as its head says."""
 
-    def __init__(self, what: Replaying, journal: JournalOnce, head: PlayHead) -> None:
+    def __init__(self, what: Replaying, journal: WriteOnceJournal, head: PlayHead) -> None:
         self.what = what
         self.head = head
         self.jumps = 0
         self.complete = False  # whether the flight was ever told to its end
         self._journal = journal
         self._known = Known(what.scenario, what.landscape)
-        self._spool: Spool[Told] = Spool(told_in(what))
+        self._spool: EntryCache[Told] = EntryCache(told_in(what))
         self._spool.get(0)  # before anybody looks: a journal is read once for what people said
         picture = Picture(what.scenario, what.landscape, what.mission.start_us)
-        shadow = Shadow(what, journal, picture)
-        self._shown = _Telling(shadow, 0, head.begin_us, journal.rest)
+        replay = OpenLoopReplay(what, journal, picture)
+        self._shown = _Telling(replay, 0, head.begin_us, journal.rest)
         self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MOST_KEPT)
         self._kept = [self._state_of(self._shown)]
         if 4 * self._kept[0].size > MOST_KEPT_BYTES:  # of a large landscape: from the beginning
@@ -69,14 +69,14 @@ class Player:
         self._seeks_us: int | None = None
 
     @property
-    def shadow(self) -> Shadow:
+    def replay(self) -> OpenLoopReplay:
         """What is shown."""
-        return self._shown.shadow
+        return self._shown.replay
 
     @property
     def picture(self) -> Picture:
         """What is shown."""
-        picture = self.shadow.service.picture
+        picture = self.replay.service.picture
         assert picture is not None
         return picture
 
@@ -129,14 +129,14 @@ class Player:
         if self._work is not self._shown:
             before, self._shown = self.picture, self._work
             self.picture.take_the_place_of(before)
-            self.shadow.service.record.news.clear()  # told before, or of what was passed over
+            self.replay.service.record.news.clear()  # told before, or of what was passed over
         else:
             self.picture.tell_replay()
         self.jumps += 1
         self._seeks_us = None
 
     def _nearest(self, to_us: int) -> _Telling:
-        """What to go on from: a shadow that is there, or else a state."""
+        """What to go on from: a replay that is there, or else a state."""
         kept = max(
             (each for each in self._kept if each.at_us <= to_us),
             key=lambda each: each.number,
@@ -147,8 +147,8 @@ class Player:
         if best is not None and best.number >= kept.number:
             return best
         what = self.what
-        shadow = Shadow(what, self._journal, kept=thawed(kept.frozen))
-        return _Telling(shadow, kept.number, kept.at_us, kept.rest)
+        replay = OpenLoopReplay(what, self._journal, kept=thawed(kept.frozen))
+        return _Telling(replay, kept.number, kept.at_us, kept.rest)
 
     def _tell(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
         """Whether all is told up to a time."""
@@ -158,7 +158,7 @@ class Player:
                 told = self._spool.get(telling.number)
                 if told is None or self._log_us(told) > until_us:
                     return True
-                telling.shadow.take(told)
+                telling.replay.take(told)
                 telling.number += 1
                 telling.at_us = max(telling.at_us, self._log_us(told))
                 telling.rest = self._journal.rest
@@ -169,7 +169,7 @@ class Player:
             telling.rest = self._journal.rest
 
     def _log_us(self, told: Told) -> int:
-        return told.at_us if isinstance(told, Played) else self.what.mission.log_us(told.at_us)
+        return told.at_us if isinstance(told, VehicleLog) else self.what.mission.log_us(told.at_us)
 
     def _keep(self, telling: _Telling) -> None:
         """Keep a state where the last one is long ago; not too many, and not too large."""
@@ -181,5 +181,5 @@ class Player:
             self._every_us *= 2
 
     def _state_of(self, telling: _Telling) -> _Kept:
-        frozen = Frozen(telling.shadow.kept(), self._known)
+        frozen = Frozen(telling.replay.kept(), self._known)
         return _Kept(telling.number, telling.at_us, telling.rest, frozen)

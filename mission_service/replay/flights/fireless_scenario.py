@@ -18,8 +18,8 @@ from mission_service.config.sections import (
 )
 from mission_service.errors import FlightError
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.replay.flights.instants import EPOCH
-from mission_service.replay.flights.played import Survey
+from mission_service.replay.flights.flight_logs import Survey
+from mission_service.replay.flights.utc_time import EPOCH
 
 AROUND_M = 2000.0
 CELL_M, MOST_CELLS = 30.0, 600
@@ -27,7 +27,7 @@ CORNER = 0.45  # of height and width from the middle
 LONG_AFTER_S = 30 * 86_400.0
 
 
-def plain_scenario(survey: Survey, name: str) -> Scenario:
+def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """Level ground around all that flew. Mission time 0 is the flight's begin.
 
     Raises FlightError if the logs have no positions, or are where no map is.

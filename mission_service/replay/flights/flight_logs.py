@@ -15,11 +15,11 @@ from autopilot_bridge.vehicle.client_events import (
     ModeChanged,
 )
 from mission_service.errors import FlightError
-from mission_service.replay.flights.flown import Flown, name_of
+from mission_service.replay.flights.flown_vehicle import Flown, name_of
 from mission_service.replay.flights.journal_log import open_flight
 
 
-class Played(NamedTuple):
+class VehicleLog(NamedTuple):
     """Something that a vehicle's log tells, on the clock that all logs share."""
 
     at_us: int
@@ -74,14 +74,14 @@ class Flight(NamedTuple):
         """Of all its logs."""
         return ", ".join(str(log.path) for log in self.logs)
 
-    def played(self) -> Iterator[Played]:
+    def played(self) -> Iterator[VehicleLog]:
         """All of it, by time; what holds when the part begins is told with its first moment.
 
         Two logs of one vehicle (its link's and its own) do not tell the same thing twice: of each
         kind of event only the one counts that tells it first.
         """
         from_us, to_us = None, math.inf
-        holds: dict[tuple[str, str], Played] = {}
+        holds: dict[tuple[str, str], VehicleLog] = {}
         for told in self._whole():
             if from_us is None:
                 from_us = told.at_us + round(self.from_s * 1e6)
@@ -95,7 +95,7 @@ class Flight(NamedTuple):
             holds.clear()
             yield told
 
-    def _whole(self) -> Iterator[Played]:
+    def _whole(self) -> Iterator[VehicleLog]:
         names: dict[tuple[int, int], str] = {}
         tells: dict[tuple[str, type], tuple[int, int]] = {}
         for at_us, log, entry in merged(self.logs):
@@ -104,7 +104,7 @@ class Flight(NamedTuple):
                 names[key] = self._name(names, key)
             name = names[key]
             if tells.setdefault((name, type(entry.event)), key) == key:
-                yield Played(at_us, name, *entry)
+                yield VehicleLog(at_us, name, *entry)
 
     def _name(self, names: dict[tuple[int, int], str], key: tuple[int, int]) -> str:
         given, log = self.names[key[0]], self.logs[key[0]]
@@ -116,7 +116,7 @@ class Flight(NamedTuple):
         return given or name_of(log, key[1])
 
 
-def _hold(holds: dict[tuple[str, str], Played], told: Played, at_us: int) -> None:
+def _hold(holds: dict[tuple[str, str], VehicleLog], told: VehicleLog, at_us: int) -> None:
     """Have what this says in the place of what it ends, in the order in which it was said."""
     kind = next((word for kinds, word in LASTING if isinstance(told.event, kinds)), None)
     if kind is None:

@@ -19,7 +19,7 @@ from mission_service.config.scenario import SHIPPED, load_scenario, with_signing
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated import check
 from mission_service.runtime.clocks import wall_us
-from mission_service.runtime.signed import Refusals, refusal, signings, timestamps_file
+from mission_service.runtime.link_signing import SigningRefusals, refusal, signings, timestamps_file
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
 from tests.patience import PATIENCE_S
@@ -149,12 +149,12 @@ def test_what_was_refused_most_is_told_once() -> None:
         "refused 265 frames with a wrong signature on udpin:h:1; is the key the vehicle's?"
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
-    told = Refusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
+    told = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
     assert told.news(Counts(unsigned=3), False) == []
     (line,) = told.news(Counts(unsigned=12), False)
     assert line.startswith("refused 12 frames without a signature on udpin:h:1; has the vehicle")
     assert told.news(Counts(unsigned=40), False) == []
-    silent = Refusals("udpin:h:1", 1, None)
+    silent = SigningRefusals("udpin:h:1", 1, None)
     assert "no signing key is given" in silent.news(Counts(), True)[0]
 
 
@@ -164,8 +164,8 @@ def test_a_vehicle_whose_clock_is_ahead_is_told_of() -> None:
     theirs = Signing(key, Timestamps(lambda: 1_800_000_090_000_000))
     frame = bytes.fromhex("fd09000000030100000000000000000000000000000000")
     assert ours.accepts(theirs.sign(frame, 0))
-    assert Refusals("udpin:h:1", 1, ours).news(ours.counts, False) == []
-    (line,) = Refusals("udpin:h:1", 3, ours).news(ours.counts, False)
+    assert SigningRefusals("udpin:h:1", 1, ours).news(ours.counts, False) == []
+    (line,) = SigningRefusals("udpin:h:1", 3, ours).news(ours.counts, False)
     assert "90 s ahead" in line
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from mission_service.ground_distance import distance_m
-from mission_service.replay.flights.fire_story import FireStory
-from mission_service.replay.flights.run_story import RunStory, VehicleStory
+from mission_service.replay.flights.fire_analysis import FireAnalysis
+from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis
 
 Row = tuple[str, str, Callable[[dict[str, Any]], Any]]  # label, unit, from the figures
 
@@ -48,7 +48,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
     return None if of[one] is None else f"{of[one]}, {of[other]}"
 
 
-def figures_of(run: RunStory) -> dict[str, Any]:
+def figures_of(run: RunAnalysis) -> dict[str, Any]:
     """All figures of a run. Times in seconds since the flight began; None is not known."""
     return {
         "name": run.name,
@@ -60,7 +60,7 @@ def figures_of(run: RunStory) -> dict[str, Any]:
     }
 
 
-def _fire(fire: FireStory) -> dict[str, Any]:
+def _fire(fire: FireAnalysis) -> dict[str, Any]:
     samples, closest = fire.samples, fire.record.closest
     revisits_s = np.array(fire.revisits_s)
     return {
@@ -79,7 +79,7 @@ def _fire(fire: FireStory) -> dict[str, Any]:
     }
 
 
-def _vehicle(run: RunStory, vehicle: VehicleStory) -> dict[str, Any]:
+def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
     fire, name = run.fire, vehicle.name
     flown = vehicle.flown.figures()
     errors = [] if fire is None else fire.errors_m.get(name, [])
@@ -112,7 +112,7 @@ def _vehicle(run: RunStory, vehicle: VehicleStory) -> dict[str, Any]:
     }
 
 
-def above_terrain_m(vehicle: VehicleStory) -> Any:
+def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
     """Height above the landscape along the track, NaN where that is not known; None without one."""
     if vehicle.terrain_amsl_m is None:
         return None
@@ -129,13 +129,13 @@ def _lowest(heights_m: Any) -> float | None:
     return round(float(np.nanmin(heights_m[up[0] : up[-1] + 1])), 1)
 
 
-def _length_s(vehicle: VehicleStory) -> float:
+def _length_s(vehicle: VehicleAnalysis) -> float:
     return sum(span.to_us - span.from_us for span in vehicle.differs) / 1e6
 
 
-def _missions(fire: FireStory | None, name: str) -> dict[str, Any]:
-    """Missions that were sent to a vehicle. A shadow sends none."""
-    if fire is None or fire.shadow:
+def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
+    """Missions that were sent to a vehicle. An open-loop replay sends none."""
+    if fire is None or fire.open_loop:
         sent, latencies_s, accepted = None, [], None
     else:
         mine = [each for each in fire.uploads if each.vehicle == name]
@@ -152,7 +152,7 @@ def _missions(fire: FireStory | None, name: str) -> dict[str, Any]:
     }
 
 
-def _drops(fire: FireStory | None, vehicle: VehicleStory) -> dict[str, Any]:
+def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
     """A burn's, as its plans have them; else those of the missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from mission_service.errors import FlightError
-from mission_service.journal.journal import Journal, JournalReader, Rest, begins_journal
+from mission_service.journal.journal_file import Journal, Rest, SegmentReader, begins_journal
 
 REPLAY = "replay"  # in the header of such a journal: the logs
 
 
-class JournalOnce(Journal):
+class WriteOnceJournal(Journal):
     """Set ``rest`` back to where it was before, and go through it again."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
@@ -54,6 +54,6 @@ def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
     """Raise FlightError rather than write over what no replay has left, or over what is read."""
     if not path.exists():
         return
-    ours = begins_journal(path) and REPLAY in JournalReader(path).header
+    ours = begins_journal(path) and REPLAY in SegmentReader(path).header
     if not ours or any(path.samefile(each) for each in logs):
         raise FlightError(f"{path}: is there already, and would be lost; choose another --out")

@@ -9,7 +9,7 @@ import pytest
 
 from autopilot_bridge.logs.reading import open_log
 from autopilot_bridge.missions.planfile import read_plan
-from mission_service.replay.flights.flown import info_of
+from mission_service.replay.flights.flown_vehicle import info_of
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.service.test_cli import call
 

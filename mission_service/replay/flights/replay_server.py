@@ -17,13 +17,13 @@ from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
-from mission_service.journal.journal import header_of
 from mission_service.live.daemon import doors_of, stop_on_signals, untold
-from mission_service.replay.flights.beside import Replaying
+from mission_service.journal.journal_file import header_of
 from mission_service.replay.flights.journal_log import JOURNAL
-from mission_service.replay.flights.journal_once import JournalOnce, refuse_loss
-from mission_service.replay.flights.player import Player
 from mission_service.requests import Replay
+from mission_service.replay.flights.playback import Playback
+from mission_service.replay.flights.scenario_pairing import Replaying
+from mission_service.replay.flights.write_once_journal import WriteOnceJournal, refuse_loss
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
@@ -54,7 +54,7 @@ class Show:
 class ReplayDesk(Desk):
     """Takes what moves the play head, and nothing else."""
 
-    def __init__(self, player: Player, now_us: Callable[[], int]) -> None:
+    def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
         """``now_us`` is the machine's clock."""
         super().__init__(
             lambda event: [],
@@ -86,7 +86,7 @@ class ReplayDesk(Desk):
         return {"ok": True, "at_s": state.at_us / 1e6, "event": "Replay", "said": said}
 
 
-def moved(player: Player, request: dict[str, Any], now_us: int) -> list[str]:
+def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
     """Do what a request says; what was done, in words. Raises RequestError, and does nothing."""
     try:
         asked = msgspec.convert(request, Replay)
@@ -130,9 +130,9 @@ async def serve_flight(
         path = show.out / JOURNAL
         refuse_loss(path, [log.path for log in what.flight.logs])
         header = header_of(scenario, what.landscape.digest(), show.created)
-        journal = JournalOnce(path, header, what.logs)
+        journal = WriteOnceJournal(path, header, what.logs)
         head = PlayHead(what.begin_us, what.end_us, show.speed)
-        player = Player(what, journal, head)
+        player = Playback(what, journal, head)
         stack.callback(player.close)
         hub = _hub_of(show, settings, player)
         stop = asyncio.Event()
@@ -146,13 +146,13 @@ async def serve_flight(
                 hub.stopping = True
                 for task in others:
                     task.cancel()
-    service = player.shadow.service
+    service = player.replay.service
     progress(service.record, service.world)
     return service.record, service.world
 
 
 async def _play(
-    show: Show, player: Player, hub: Hub, stop: asyncio.Event, progress: Progress
+    show: Show, player: Playback, hub: Hub, stop: asyncio.Event, progress: Progress
 ) -> None:
     """Turn by turn, until it is over."""
     shown_us, before = 0, player.state()
@@ -167,7 +167,7 @@ async def _play(
             before.jumps,
         )
         if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
-            service = player.shadow.service
+            service = player.replay.service
             progress(service.record, service.world)
             if state != before and state.jumps == before.jumps:  # else it is told already
                 player.picture.tell_replay()
@@ -186,9 +186,9 @@ def _is_over(until_us: int) -> bool:
     return clock_us() >= until_us
 
 
-def _hub_of(show: Show, settings: ServiceSection, player: Player) -> Hub:
+def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> Hub:
     scenario = show.what.scenario
-    service = player.shadow.service
+    service = player.replay.service
     clock = MissionClock(player.state().at_us, wall=False)
     desk = ReplayDesk(player, clock_us)
     path = show.out / JOURNAL
@@ -198,7 +198,7 @@ def _hub_of(show: Show, settings: ServiceSection, player: Player) -> Hub:
     return hub
 
 
-def _shown_to(hub: Hub, player: Player) -> None:
-    """Interfaces see the shadow that is shown, and its time, which may go back."""
-    hub.service, hub.picture = player.shadow.service, player.picture
+def _shown_to(hub: Hub, player: Playback) -> None:
+    """Interfaces see the replay that is shown, and its time, which may go back."""
+    hub.service, hub.picture = player.replay.service, player.picture
     hub.clock.now_us = player.what.mission.of(player.head.at_us)

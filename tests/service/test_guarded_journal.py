@@ -23,7 +23,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.journal.journal import Journal, JournalReader, header_of
+from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.picture import Picture
 from mission_service.simulation.sim import Simulation
@@ -58,7 +58,7 @@ def on_for(simulation: Simulation, seconds: float) -> None:
 
 
 def entries(path: Path) -> list[Any]:
-    return [entry.content for entry in JournalReader(path)]
+    return [entry.content for entry in SegmentReader(path)]
 
 
 def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
         assert recording.trouble == "disk full"
         whole = path.read_bytes()
         assert whole.endswith(b'"}\n')
-        assert all(entry.intact for entry in JournalReader(path))
+        assert all(entry.intact for entry in SegmentReader(path))
         done.clear()
         on_for(simulation, 30.0)
         assert path.read_bytes() == whole

@@ -8,13 +8,25 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import Items, place_of
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.replay.flights.beside import Mission
-from mission_service.replay.flights.dropped import GRIPPER, Compared, Done, compared, planned_in
-from mission_service.replay.flights.fire_story import FireStory, fire_story
-from mission_service.replay.flights.flown import Flown
+from mission_service.replay.flights.direction_of_travel import (
+    FIRE_DEG,
+    TRACK_DEG,
+    Span,
+    differing,
+    turns,
+)
+from mission_service.replay.flights.drop_comparison import (
+    GRIPPER,
+    Compared,
+    Done,
+    compared,
+    planned_in,
+)
+from mission_service.replay.flights.fire_analysis import FireAnalysis, fire_analysis
+from mission_service.replay.flights.flight_logs import Flight, Survey
+from mission_service.replay.flights.flown_vehicle import Flown
 from mission_service.replay.flights.journal_log import JournalLog
-from mission_service.replay.flights.played import Flight, Survey
-from mission_service.replay.flights.sense import FIRE_DEG, TRACK_DEG, Span, differing, turns
+from mission_service.replay.flights.scenario_pairing import Mission
 from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
@@ -35,7 +47,7 @@ class TurnedBack:
 
 
 @dataclass
-class VehicleStory:
+class VehicleAnalysis:
     """One vehicle's flight; times are of the log's clock."""
 
     flown: Flown
@@ -60,7 +72,7 @@ class VehicleStory:
 
 
 @dataclass
-class RunStory:
+class RunAnalysis:
     """A run. A time of the log's clock is ``mission.of(at_us)`` on that of the fire.
 
     ``zero_us`` is when the flight begins, ``begin_us`` the part of it that is told of.
@@ -73,9 +85,9 @@ class RunStory:
     begin_us: int
     end_us: int
     offset_us: int | None
-    vehicles: dict[str, VehicleStory]
+    vehicles: dict[str, VehicleAnalysis]
     mission: Mission
-    fire: FireStory | None = None
+    fire: FireAnalysis | None = None
 
     def since_s(self, at_us: int) -> float:
         """Seconds since the flight began, of a time of the log's clock."""
@@ -86,17 +98,17 @@ class RunStory:
         return self.mission.log_us(mission_us)
 
 
-def run_story(
+def run_analysis(
     name: str,
     flight: Flight,
     found: Survey,
     journal: JournalLog | None = None,
     mission: Mission | None = None,
-) -> RunStory:
-    """What a flight tells, and the journal of its fire: its own, or its shadow's."""
-    fire = None if journal is None else fire_story(journal)
+) -> RunAnalysis:
+    """What a flight tells, and the journal of its fire: its own, or its open-loop replay's."""
+    fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
-    run = RunStory(
+    run = RunAnalysis(
         name,
         [str(log.path) for log in flight.logs],
         list(found.damage),
@@ -113,9 +125,9 @@ def run_story(
     return run
 
 
-def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
+def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
     track = np.array([list(point) for point in flown.track]).reshape(-1, 4)
-    story = VehicleStory(flown, track)
+    story = VehicleAnalysis(flown, track)
     if not len(track):
         return story
     if run.fire is None or run.fire.follows_front:
@@ -148,7 +160,7 @@ def _vehicle(flown: Flown, run: RunStory) -> VehicleStory:
 
 
 def _joined(
-    by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunStory
+    by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
     """Turns back by time; what a mission began and the track shows soon after is one."""
     found = list(by_track)
@@ -162,7 +174,7 @@ def _joined(
     return sorted(found, key=lambda each: each.at_us)
 
 
-def _went_round(story: VehicleStory, run: RunStory) -> None:
+def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
     """Which way round the fire it flew in the air; without a fire round the middle of its track."""
     track = story.track
     home = story.flown.home

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from mission_service.errors import FlightError
-from mission_service.journal.journal import JournalReader
-from mission_service.replay.flights import player as playing
-from mission_service.replay.flights.journal_once import refuse_loss
-from mission_service.replay.flights.player import Player
-from mission_service.replay.flights.spool import BLOCK, Spool
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.replay.flights import playback as playing
+from mission_service.replay.flights.entry_cache import BLOCK, EntryCache
+from mission_service.replay.flights.playback import Playback
+from mission_service.replay.flights.write_once_journal import refuse_loss
 from mission_service.replay.verification import verify
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.flights.worlds import journal_in, player_of, run, sought
@@ -29,9 +29,9 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(playing, "KEPT_EVERY_US", 5_000_000)
 
 
-def shown(player: Player) -> Any:
+def shown(player: Playback) -> Any:
     """All that a page shows, but what grows with each change."""
-    picture, service = player.picture, player.shadow.service
+    picture, service = player.picture, player.replay.service
     return msgspec.to_builtins(
         {
             "vehicles": picture.vehicles,
@@ -135,7 +135,7 @@ def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path:
     with player_of(flown, tmp_path) as player:
         run(player)
     refuse_loss(tmp_path / "journal.jsonl", [])
-    header = JournalReader(tmp_path / "journal.jsonl").header
+    header = SegmentReader(tmp_path / "journal.jsonl").header
     assert header["replay"] == [f"{flown.parent.name}/journal.jsonl"]
 
 
@@ -145,7 +145,7 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
     log.write_bytes(make())
     with player_of(log, tmp_path / "out") as player:
         run(player)
-        service = player.shadow.service
+        service = player.replay.service
         assert service.record.telemetry > 5
         assert service.world.fire.burned_ha == 0.0
         assert not np.isfinite(service.world.fire.arrival_time_s).any()
@@ -162,7 +162,7 @@ def test_a_spool_reads_again_what_has_come() -> None:
             taken.append(number)
             yield number
 
-    spool = Spool(stream())
+    spool = EntryCache(stream())
     assert [spool.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
     assert len(taken) == BLOCK + 2  # not more than was needed
     assert [spool.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [

@@ -8,10 +8,10 @@ from mission_service.config.sections import VehicleSection
 from mission_service.config.service import ServiceSection
 from mission_service.errors import FlightError
 from mission_service.fire.setup import landscape_of
-from mission_service.replay.flights.flown import Flown, file_of
-from mission_service.replay.flights.instants import unix_us
+from mission_service.replay.flights.flight_logs import Flight, Survey
+from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
-from mission_service.replay.flights.played import Flight, Survey
+from mission_service.replay.flights.utc_time import unix_us
 
 
 class Asked(NamedTuple):

@@ -24,7 +24,7 @@ from mission_service.events import (
 from mission_service.fire.setup import fire_position
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.registry import way_of
-from mission_service.journal.recorded import Recorded
+from mission_service.journal.reader import JournalReader
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.runtime.record import Record
@@ -61,13 +61,13 @@ class Sample:
 
 
 @dataclass
-class FireStory:
+class FireAnalysis:
     """A run's fire, what was seen of it, and what was decided."""
 
     scenario: Scenario
     landscape: Landscape
     record: Record
-    shadow: bool  # of a logged flight: no mission was sent, none flown
+    open_loop: bool  # of a logged flight: no mission was sent, none flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the fire that was reported
     area_ha: float = 0.0  # burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
@@ -83,18 +83,18 @@ class FireStory:
         return way_of(self.scenario).along_front
 
 
-def fire_story(log: JournalLog) -> FireStory:
+def fire_analysis(log: JournalLog) -> FireAnalysis:
     """Run a journal again. Raises JournalError where its landscape is not here.
 
     What is damaged in it is left out, as the log's ``damage`` says.
     """
-    return _Telling(log, Recorded(log.path)).story()
+    return _Telling(log, JournalReader(log.path)).story()
 
 
 class _Telling:
     """One pass over a journal."""
 
-    def __init__(self, log: JournalLog, recorded: Recorded) -> None:
+    def __init__(self, log: JournalLog, recorded: JournalReader) -> None:
         scenario, landscape = log.scenario, recorded.landscape
         self._log = log
         self._landscape = landscape
@@ -102,7 +102,7 @@ class _Telling:
         self._fire = recorded.fire()
         start_us = round(scenario.start_s * 1e6)
         record = Record(tuple(each.name for each in scenario.vehicles), start_us)
-        self._story = FireStory(scenario, landscape, record, log.shadow)
+        self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
         self._due_us = start_us
         self._sent: dict[tuple[str, int], Upload] = {}
         self._believed: list[tuple[int, str, Floats]] = []
@@ -112,19 +112,19 @@ class _Telling:
             row, col = landscape.row_col_of(*fire_position(scenario, landscape))
             self._centre = (float(round(float(row))), float(round(float(col))))
             lat, lon = landscape.lat_lon_of(*landscape.xy_of(*self._centre))
-            self._story.centre = (float(lat), float(lon))
+            self._analysis.centre = (float(lat), float(lon))
             self._map = FireMap(landscape.shape, *self._centre, 0.0, 0.0)
         self._seen_s = np.full(BEARINGS, np.nan)
 
-    def story(self) -> FireStory:
+    def story(self) -> FireAnalysis:
         """All of it."""
         at_us = self._due_us
         for event in self._events():
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
             self._fire.past(event, commands)
-            self._story.record.add(event, commands)
-            self._story.record.news.clear()
+            self._analysis.record.add(event, commands)
+            self._analysis.record.news.clear()
             self._note(event, commands)
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US
@@ -132,7 +132,7 @@ class _Telling:
         self._fire.world.advance(at_us)
         self._sample(at_us)
         self._compare()
-        return self._story
+        return self._analysis
 
     def _events(self) -> Iterator[AnyEvent]:
         return (each for each in self._log.things() if isinstance(each, AnyEvent))
@@ -154,7 +154,7 @@ class _Telling:
                 name = command.vehicle
                 sent = Upload(name, event.at_us, command.why, len(command.items))
                 self._sent[name, command.mission_id] = sent
-                self._story.uploads.append(sent)
+                self._analysis.uploads.append(sent)
 
     def _look(self, seen: Observed) -> None:
         """Which bearings of the front are in view; again after a while, that is a visit."""
@@ -165,7 +165,7 @@ class _Telling:
             return
         in_view = self._map.observe(seen.row, seen.col, window, at_s)
         away_s = at_s - self._seen_s[in_view]
-        self._story.revisits_s += away_s[away_s >= VISIT_S].tolist()
+        self._analysis.revisits_s += away_s[away_s >= VISIT_S].tolist()
         self._seen_s[in_view] = at_s
 
     def _way(self, name: str, at_us: int) -> None:
@@ -174,7 +174,7 @@ class _Telling:
         phase = getattr(planner, "phase", "approach")
         flies = self._core.steering.presence[name].flies
         way = planner.clockwise if flies and phase != "approach" else None
-        ways = self._story.ways.setdefault(name, [])
+        ways = self._analysis.ways.setdefault(name, [])
         if (ways[-1][1] if ways else None) is not way:
             ways.append((at_us, way))
 
@@ -185,8 +185,8 @@ class _Telling:
             seen = age_s.size / BEARINGS
             recent = np.count_nonzero(age_s <= RECENT_S) / BEARINGS
             known = (seen, float(recent), float(age_s.mean()), float(age_s.max()))
-            self._story.samples.append(Sample(at_us, self._fire.world.fire.burned_ha, *known))
-        if not self._story.follows_front:
+            self._analysis.samples.append(Sample(at_us, self._fire.world.fire.burned_ha, *known))
+        if not self._analysis.follows_front:
             return
         for name, presence in self._core.steering.presence.items():
             planner: Any = self._core.steering.planners[name]
@@ -199,7 +199,7 @@ class _Telling:
 
     def _compare(self) -> None:
         """What was believed against what burned: mean and greatest distance, in metres."""
-        story = self._story
+        story = self._analysis
         fire = self._fire.world.fire
         story.area_ha = fire.burned_ha
         story.arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)

@@ -24,11 +24,16 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.replay.flights.batch import story_beside, story_of
-from mission_service.replay.flights.beside import Replaying, mission_time, replaying, scenario_for
-from mission_service.replay.flights.figures import figures_of
+from mission_service.replay.flights.flight_logs import Flight, flight_of, survey
 from mission_service.replay.flights.journal_log import JournalLog, open_flight
-from mission_service.replay.flights.played import Flight, flight_of, survey
-from mission_service.replay.flights.run_story import RunStory
+from mission_service.replay.flights.run_analysis import RunAnalysis
+from mission_service.replay.flights.run_figures import figures_of
+from mission_service.replay.flights.scenario_pairing import (
+    Replaying,
+    mission_time,
+    replaying,
+    scenario_for,
+)
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import bin_flight, dataflash, round_flight, ulg_flight
@@ -75,7 +80,7 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunStory, JournalLog]:
+def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunAnalysis, JournalLog]:
     what = beside_level(flight_of([str(log)]), **changes)
     return story_beside("round", what, out, "today"), JournalLog(out / "journal.jsonl")
 
@@ -112,7 +117,7 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     found = verify(journal.path)
     assert found.difference is None
     assert found.commands > 5
-    assert journal.shadow
+    assert journal.open_loop
     assert journal.scenario.vehicles[0].stack == "ardupilot"  # by the log, not the scenario
     things = list(journal.things())
     assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in things)

@@ -10,7 +10,7 @@ BLOCK = 500  # things that are read again together
 Thing = TypeVar("Thing")
 
 
-class Spool(Generic[Thing]):
+class EntryCache(Generic[Thing]):
     """Things of a stream by their numbers from 0; nothing is taken from it before it is needed."""
 
     def __init__(self, stream: Iterator[Thing]) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.runtime import notify
+from mission_service.runtime import systemd_notify
 from mission_service.runtime.hub import Hub
-from mission_service.runtime.notify import pulse, tell_systemd, watchdog_s
+from mission_service.runtime.systemd_notify import pulse, tell_systemd, watchdog_s
 from tests.ops.hubs import hub_after_a_flight
 from tests.patience import PATIENCE_S, until
 
@@ -93,4 +93,4 @@ def test_the_watchdog_is_for_the_process_it_names(monkeypatch: pytest.MonkeyPatc
     assert watchdog_s() is None
     monkeypatch.setenv("WATCHDOG_USEC", "")
     assert watchdog_s() is None
-    assert notify.BEAT_S < 5.0
+    assert systemd_notify.BEAT_S < 5.0

@@ -7,7 +7,7 @@ from mission_service.runtime.engine import Service
 from mission_service.runtime.gateway import MissionClock
 
 
-class Ears:
+class PeerListener:
     """Hands on to the service here what ``formation_mqtt`` has heard."""
 
     def __init__(self, service: Service, clock: MissionClock, clock_us: Callable[[], int]) -> None:

@@ -75,7 +75,7 @@ def unheeded(link: str) -> str:
     return f"frames on {link} are signed, and no signing key is given; it may answer nothing"
 
 
-class Refusals:
+class SigningRefusals:
     """What to tell of one vehicle's link: each thing once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:

@@ -14,14 +14,14 @@ from mission_service.events import LinesSkipped
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
 from mission_service.fire.watched import WatchedFire
-from mission_service.journal.journal import Entry, JournalReader
+from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.segments import Chain, begin_state, journal_of
 from mission_service.journal.snapshot import Known, read
 
 SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
-class Recorded:
+class JournalReader:
     """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
 
     Where its beginning was deleted, core and fire are those of the state that stands for it.
@@ -31,8 +31,8 @@ class Recorded:
         """``alone``, or the path of a closed segment: not the segments before this one."""
         self.path = path
         self._chain = None if alone or journal_of(path) is not None else Chain(path)
-        self.readers = [JournalReader(path)] if self._chain is None else self._chain.readers
-        self.at: tuple[JournalReader, Entry] | None = None  # what was read last
+        self.readers = [SegmentReader(path)] if self._chain is None else self._chain.readers
+        self.at: tuple[SegmentReader, Entry] | None = None  # what was read last
         self.damaged = False
         self.skipped = self._lines_skipped()
 
@@ -42,7 +42,7 @@ class Recorded:
         return self.readers[0].segment
 
     @property
-    def last(self) -> JournalReader:
+    def last(self) -> SegmentReader:
         """The last segment; it knows whether it was cut off, once all was read."""
         return self.readers[-1]
 
@@ -63,14 +63,14 @@ class Recorded:
             )
         return found
 
-    def entries(self) -> Iterator[tuple[JournalReader, Entry]]:
+    def entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
         """Each line with the segment it is in; raises JournalError where one cannot be read."""
         self.at = None
         for found in self._entries():
             self.at = found
             yield found
 
-    def _entries(self) -> Iterator[tuple[JournalReader, Entry]]:
+    def _entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
         """Entries without the lines that a restart skipped; those after them are not ``sure``."""
         sure = True
         for reader, number, body, intact in self._lines():
@@ -81,7 +81,7 @@ class Recorded:
             sure = sure or isinstance(entry.content, LinesSkipped)
             yield reader, entry if sure else replace(entry, sure=False)
 
-    def _lines(self) -> Iterator[tuple[JournalReader, int, bytes, bool]]:
+    def _lines(self) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
         if self._chain is not None:
             yield from self._chain.lines(self._chain.begin)
         else:
@@ -100,7 +100,7 @@ class Recorded:
             pass
         return found
 
-    def intact(self) -> Iterator[tuple[JournalReader, Entry]]:
+    def intact(self) -> Iterator[tuple[SegmentReader, Entry]]:
         """As ``entries``; raises JournalError where a line was altered, too."""
         for reader, entry in self.entries():
             if not entry.intact:
@@ -109,7 +109,7 @@ class Recorded:
                 )
             yield reader, entry
 
-    def readable(self) -> Iterator[tuple[JournalReader, Entry]]:
+    def readable(self) -> Iterator[tuple[SegmentReader, Entry]]:
         """As ``entries``, up to what cannot be read: it is ``damaged`` there."""
         try:
             yield from self.entries()
@@ -122,7 +122,7 @@ class Recorded:
         killed = bool(self.last.header.get("live")) and not self.last.ended
         return killed or self.damaged or self.last.cut_at_line is not None
 
-    def place(self, reader: JournalReader, entry: Entry) -> str:
+    def place(self, reader: SegmentReader, entry: Entry) -> str:
         """A line in words."""
         line = f"line {entry.line}"
         return line if len(self.readers) == 1 else f"{reader.path.name}, {line}"

@@ -90,12 +90,19 @@ class Journal:
         except OSError as error:
             raise JournalError(f"{path}: {in_words(error)}") from None
 
-    def event(self, event: AnyEvent) -> None:
-        """Write down an input; call it before the input is handled.
+    def event(self, event: AnyEvent, body: bytes | None = None) -> None:
+        """Append an event before it is handled; an operator's is on the disk when this returns.
 
-        What people said is on the disk when this returns, so that it may be acknowledged.
+        Args:
+            event: What happened.
+            body: Its ``event_body``, where that was computed before.
+
+        Raises:
+            RefusedEventError: The event could not be read back equal.
+            OSError: It could not be written.
         """
-        self.lines([event_body(event)], to_disk=isinstance(event, Crew))
+        body = event_body(event) if body is None else body
+        self.lines([body], to_disk=isinstance(event, Crew))
 
     def commands(self, commands: list[AnyCommand]) -> None:
         """Write down what the last input led to."""
@@ -285,7 +292,7 @@ class Unreadable:
     why: str
 
 
-class JournalReader:
+class SegmentReader:
     """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
 
     Once all is read, ``rest`` says where it goes on, and ``ended`` whether its run ended in order.
