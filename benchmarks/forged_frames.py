@@ -236,15 +236,10 @@ class ForgedRig(Rig):
         self._each = each
         self._forger = Forger(seed, self.mock)
 
-    def next_timer(self) -> int | None:
+    def next_timer(self) -> int:
         """As of any rig, by the link's own timer."""
-        timers = (
-            self.mock.next_timer(),
-            self.link.next_timer(),
-            self._up.next_timer(),
-            self._down.next_timer(),
-        )
-        return min((timer for timer in timers if timer is not None), default=None)
+        timers = (self.link.next_timer(), self._up.next_timer(), self._down.next_timer())
+        return min(self.mock.next_timer(), *(timer for timer in timers if timer is not None))
 
     def advance(self, now_us: int, service: Service) -> None:
         """Let everything happen that is due, with forged frames before and after the true ones."""

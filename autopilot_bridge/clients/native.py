@@ -234,7 +234,7 @@ class NativeClient:
     def next_timer(self) -> int:
         """When to call ``handle_timer`` next."""
         due_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
-        silent_us = self._watch.next_timer()
+        silent_us = self._monitor.next_timer()
         for timer_us in (
             self._jobs.next_timer(),
             self._commands_timer(),

@@ -62,6 +62,11 @@ class TransferQueue:
         self._job: Job | None = None
         self._queue: list[Job] = []
 
+    @property
+    def idle(self) -> bool:
+        """Whether no job waits and none is under way."""
+        return self._job is None and not self._queue
+
     def add(self, job: Job, now_us: int) -> int:
         """Queue a job; an upload takes the place of one of its kind that has not begun."""
         job.transfer_id = self._next_id

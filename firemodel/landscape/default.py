@@ -84,7 +84,7 @@ def _elevation(
             f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
             "ships with matplotlib; ask for fewer or smaller cells (7 km from the centre at most)"
         )
-    return np.round(bilinear(terrain, *places), 1).astype(np.float32)
+    return np.asarray(np.round(bilinear(terrain, *places), 1), dtype=np.float32)
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:

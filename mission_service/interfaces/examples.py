@@ -13,7 +13,7 @@ from mission_service.interfaces.api.states import (
     StatusState,
 )
 from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
-from mission_service.missions.figures import Figures
+from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (

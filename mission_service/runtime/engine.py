@@ -143,7 +143,7 @@ class Service:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
                     self._not_followed(event)
-            elif self._is_good(event):  # checked before the fire advances to its time
+            elif (body := self._body_of(event)) is not None:  # before the fire advances
                 observed = self.fire.look(event)
                 if observed is not None:
                     self._handle(observed, now_us)
@@ -330,8 +330,11 @@ class Service:
         self._follow(event, now_us)
         return True
 
-    def _is_good(self, event: AnyEvent) -> bool:
-        """Whether an event can be journalled; if not, an alarm stands until one of its kind can."""
+    def _body_of(self, event: AnyEvent) -> bytes | None:
+        """An event's line of the journal; None, and an alarm, if it cannot be journalled.
+
+        The alarm stands until an event of its type can be journalled.
+        """
         try:
             body = event_body(event)
         except RefusedEventError as error:

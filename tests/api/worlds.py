@@ -18,8 +18,8 @@ from mission_service.fire.setup import landscape_of
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, Who, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
-from mission_service.requests import Role
 from mission_service.journal.journal_file import Journal, header_of
+from mission_service.requests import Role
 from mission_service.runtime.hub import Hub
 from mission_service.runtime.picture import Picture
 from mission_service.runtime.request_handler import Desk

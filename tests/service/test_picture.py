@@ -23,9 +23,9 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.fire.setup import landscape_of
+from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
 from mission_service.runtime.picture import MOST_NEWS, Picture
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from mission_service.interfaces.mqtt.site import access_for
 from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 
 if TYPE_CHECKING:
-    from mission_service.runtime.ears import Ears
+    from mission_service.runtime.peer_listener import PeerListener
 
 MOST_WAITING = 200  # queued messages, besides states and digests
 MOST_UNREAD = 2000

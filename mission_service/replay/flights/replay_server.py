@@ -17,13 +17,13 @@ from mission_service.fire.simulated import FireWorld
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.client import NAME
 from mission_service.interfaces.control.server import claimed, serve_control
-from mission_service.live.daemon import doors_of, stop_on_signals, untold
 from mission_service.journal.journal_file import header_of
+from mission_service.live.daemon import doors_of, stop_on_signals, untold
 from mission_service.replay.flights.journal_log import JOURNAL
-from mission_service.requests import Replay
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Replaying
 from mission_service.replay.flights.write_once_journal import WriteOnceJournal, refuse_loss
+from mission_service.requests import Replay
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
