@@ -14,7 +14,7 @@ from mission_service import events
 from mission_service.errors import RequestError
 from mission_service.events import SERVICE, CrewEvent
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.guidance.burn.requests import REQUESTS as OF_BURNS
+from mission_service.guidance.registry import WAYS, way_of
 from mission_service.requests import (
     OF_EVERY_RUN,
     OF_VEHICLES,
@@ -37,14 +37,14 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
     return {name_of(kind): kind for kind in kinds}
 
 
-REQUESTS = _table(*OF_EVERY_RUN, *OF_VEHICLES, *OF_BURNS)
+REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
 # With those of replays, which become no events.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
 def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
     """The requests that a run of this scenario accepts."""
-    return _table(*OF_EVERY_RUN, *(OF_VEHICLES if scenario.burn_flown is None else OF_BURNS))
+    return _table(*OF_EVERY_RUN, *way_of(scenario).requests)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
     if isinstance(do, str) and do in accepted:
         return REQUESTS[do]
     if isinstance(do, str) and do in REQUESTS:
-        what = "only in a burn" if REQUESTS[do] in OF_BURNS else "not in a burn"
+        what = "not in a burn" if REQUESTS[do] in OF_VEHICLES else "only in a burn"
         raise RequestError(f"{do}: {what}")
     word = _cut(do) if isinstance(do, str) else "without a word"
     raise RequestError(f"unknown request {word}: do is one of {', '.join((STATUS, *accepted))}")

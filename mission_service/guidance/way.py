@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
+from mission_service.requests import OF_VEHICLES, Request
+
 if TYPE_CHECKING:
     from autopilot_bridge.items import MissionItem
     from firemodel.landscape.landscape import Landscape
@@ -46,6 +48,7 @@ class WayOfFlying:
         resumes_mission: a vehicle that is told to resume flies the mission on board, not a new one.
         messages_peers: its vehicles exchange messages with those of other processes.
         changes_airspeed: it orders airspeeds up to a vehicle's ``most_airspeed_m_s``.
+        requests: what operators may request beside ``OF_EVERY_RUN``.
         rates_hz: message rates other than the usual ones, by the message's id.
         return_height_m: how high above home a return is safe; None: the autopilot's own setting.
         lock: the last check of commands, if the scenario's tables need one.
@@ -64,6 +67,7 @@ class WayOfFlying:
     resumes_mission: bool = False
     messages_peers: bool = False
     changes_airspeed: bool = False
+    requests: tuple[type[Request], ...] = OF_VEHICLES
     rates_hz: Mapping[int, float] = field(default_factory=dict)
     return_height_m: "Callable[[Scenario, Landscape], float | None]" = lambda scenario, land: None
     lock: "Callable[[Scenario, Landscape], Lock | None]" = lambda scenario, land: None

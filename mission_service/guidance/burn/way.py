@@ -5,6 +5,7 @@ from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper, drop
 from mission_service.config.scenario import Scenario
+from mission_service.guidance.burn.requests import REQUESTS
 from mission_service.guidance.way import WayOfFlying, later
 
 
@@ -32,6 +33,7 @@ BURN = WayOfFlying(
     warm_up=later(f"{FOLDER}.warm_up:warm_up"),
     check=_check,
     prescribed=True,
+    requests=REQUESTS,
     rates_hz=DROP_RATES_HZ,
     return_height_m=later(f"{FOLDER}.plan_mission:return_height_m"),
     lock=lambda scenario, land: None if scenario.burn is None else INTERLOCK(scenario.burn, land),
