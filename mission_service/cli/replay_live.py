@@ -33,10 +33,13 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
     Without a scenario, the landscape is level ground around the flight.
     """
     from mission_service.config.scenario import run_of
-    from mission_service.replay.flights.fireless_scenario import fireless_scenario
     from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.journal_log import JournalLog
-    from mission_service.replay.flights.scenario_pairing import replaying, scenario_asked
+    from mission_service.replay.flights.scenario_pairing import (
+        fireless_scenario,
+        replaying,
+        scenario_asked,
+    )
 
     found, first = survey(flight), flight.logs[0]
     if asked.scenario is not None or isinstance(first, JournalLog):
