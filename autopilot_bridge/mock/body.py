@@ -55,41 +55,6 @@ class Body:
     # What there is to see ---------------------------------------------------------------------
 
     @property
-    def roll_rad(self) -> float:
-        """Bank, right wing down positive; 0 for copters."""
-        return self.motion.roll_rad
-
-    @property
-    def heading_rad(self) -> float:
-        """Where the nose points."""
-        return self.motion.heading_rad
-
-    @property
-    def airspeed_m_s(self) -> float:
-        """Speed through the air."""
-        return self.motion.airspeed_m_s
-
-    @property
-    def ground_speed_m_s(self) -> float:
-        """Speed over the ground."""
-        return self.motion.speed_m_s
-
-    @property
-    def climb_m_s(self) -> float:
-        """Upwards positive."""
-        return self.motion.climb_m_s
-
-    @property
-    def wind_from_deg(self) -> float:
-        """Where the wind comes from."""
-        return self.wind.from_deg
-
-    @property
-    def wind_speed_m_s(self) -> float:
-        """How strong the wind is."""
-        return self.wind.speed_m_s
-
-    @property
     def ground_amsl_m(self) -> float:
         """The terrain below; without one, where the vehicle last stood."""
         if self.terrain is None:

@@ -208,8 +208,8 @@ def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]
             "home_lat_deg": round(mock.flight.frame.lat_deg, 7),
             "home_lon_deg": round(mock.flight.frame.lon_deg, 7),
             "home_altitude_amsl_m": round(mock.flight.frame.altitude_m, 2),
-            "wind_from_deg": mock.flight.wind_from_deg,
-            "wind_speed_m_s": mock.flight.wind_speed_m_s,
+            "wind_from_deg": mock.flight.wind.from_deg,
+            "wind_speed_m_s": mock.flight.wind.speed_m_s,
         }
         for mock in fleet.mocks
     ]

@@ -204,10 +204,10 @@ def test_speed_is_changed_within_limits(stack: Stack) -> None:
     dos = (do(178, 0, 14.0), do(178, 0, 99.0))
     flight = flown(stack, (UP, north(200), *dos, north(3000)))
     flight.steps(80.0)
-    assert flight.mock.flight.ground_speed_m_s == 14.0
+    assert flight.mock.flight.motion.speed_m_s == 14.0
     assert flight.mock.flight.change_speed(0, -2.0)
     flight.steps(10.0)
-    assert flight.mock.flight.ground_speed_m_s == 18.0
+    assert flight.mock.flight.motion.speed_m_s == 18.0
 
 
 @each_stack
@@ -218,7 +218,7 @@ def test_landing_ends_on_the_ground_disarmed(stack: Stack) -> None:
     vehicle = flight.mock.flight
     assert not vehicle.armed
     assert not vehicle.crashed
-    assert (vehicle.motion.altitude_m, vehicle.ground_speed_m_s) == (300.0, 0.0)
+    assert (vehicle.motion.altitude_m, vehicle.motion.speed_m_s) == (300.0, 0.0)
     assert vehicle.motion.north_m == pytest.approx(1200.0, abs=25.0)
     assert min(m.climb_m_s for m in motions) >= -4.0
 

@@ -61,7 +61,7 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
     ]
     last = fleet.mocks[2]
     assert (last.stack.name, last.stack.vehicle) == ("ardupilot", "copter")
-    assert (last.flight.wind_speed_m_s, last.flight.ground_amsl_m) == (4.0, 250.0)
+    assert (last.flight.wind.speed_m_s, last.flight.ground_amsl_m) == (4.0, 250.0)
     assert (last.battery_percent, last.missions.faults.loss) == (100.0, 0.5)
 
 
