@@ -83,7 +83,7 @@ class State(msgspec.Struct):
 
 
 class Difference(msgspec.Struct):
-    """Difference to the mission before: equal items at its beginning, and moved positions."""
+    """Difference from the mission before: equal items at its beginning, and moved positions."""
 
     alike_first: int
     added: int
@@ -92,7 +92,7 @@ class Difference(msgspec.Struct):
 
 
 class Preview(msgspec.Struct):
-    """The mission that would be sent now, and its difference to the mission on board."""
+    """The mission that would be sent now, and its difference from the mission on board."""
 
     at_us: int
     vehicle: str

@@ -223,7 +223,7 @@ class Exchange:
         await asyncio.Event().wait()
 
     async def _tell_time(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
-        """Publish mission time regularly, and soon after a message from a process that lags.
+        """Publish mission time regularly, and soon after a time from a process that lags behind.
 
         Mission time of the formation is the latest of all processes.
         """
