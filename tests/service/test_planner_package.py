@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from mission_service.journal.journal import JournalReader
+
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, mock, wait_for
 
