@@ -48,6 +48,7 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
         record=Record((), 0),
         picture=picture,
         recording=SimpleNamespace(trouble=""),
+        core=SimpleNamespace(leader=SimpleNamespace(estimated_fire=None)),
     )
     service.announce = functools.partial(Service.announce, service)
     return Hub(

@@ -300,7 +300,7 @@ def test_names_of_brokers_and_topics() -> None:
             read_broker(text)
     assert check_prefix("uav/east") == "uav/east"
     for text in ("", "/a", "a/", "a/#", "+", "a b", "$SYS"):
-        with pytest.raises(MissionServiceError, match="topics"):
+        with pytest.raises(MissionServiceError, match="topic"):
             check_prefix(text)
     assert site_of("Eight UAVs / #1") == "Eight-UAVs-1"
     assert site_of("/") == "site"
