@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from mission_service.config.service import HttpSection
-from mission_service.interfaces.api.access.limits import Buckets
+from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
@@ -37,7 +37,7 @@ async def fuzz(world: World, examples: int, seed: int) -> int:
     service = served(world)
     guard = service.app.asgi
     for name in ("_reading", "_changing", "_failing"):  # else most answers would be 429
-        setattr(guard, name, Buckets(1e6, 1e6))
+        setattr(guard, name, RateLimiter(1e6, 1e6))
     service.app.api.streams.stopping.set()  # a live stream would never end
     with bound(HttpSection(listen="127.0.0.1:0")) as listening:
         async with serving(guard, listening, asyncio.Event(), None):
@@ -51,7 +51,7 @@ async def fuzz(world: World, examples: int, seed: int) -> int:
                 *("--suppress-health-check", "all", "--request-timeout", "30"),
             ]
             # It leaves a cache where it runs.
-            running = await asyncio.create_subprocess_exec(*line, cwd=world.hub.out)
+            running = await asyncio.create_subprocess_exec(*line, cwd=world.context.out)
             ended = asyncio.create_task(running.wait())
             while not ended.done():
                 await asyncio.wait([ended], timeout=FLY_EVERY_S)

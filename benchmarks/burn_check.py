@@ -65,7 +65,7 @@ def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> It
     drops, unit = plan.drops, situation.unit
     if not 0 < len(drops) <= situation.spheres:
         yield f"{len(drops)} drops with {situation.spheres} spheres"
-    if len(drops) > 1 and np.diff(drops[:, 2]).min() < 60.0 / settings.most_drops_per_min - 1e-6:
+    if len(drops) > 1 and np.diff(drops[:, 2]).min() < 60.0 / settings.max_drops_per_min - 1e-6:
         yield "drops too fast"
     for number in range(4):
         at = np.interp(drops[:, 2], plan.path[:, 3], plan.path[:, min(number, 2)])
@@ -132,13 +132,13 @@ def _of_fire(
     places = _around([_samples(one, other) for _, one, other in low], reach_m)
     places = np.concatenate([places, sources[:, :2], drops[:, :2]])
     fire_s = situation.fire.ignition_time_s(places)
-    least_s = math.inf
+    min_s = math.inf
     for number, one, other in low:
         samples = _samples(one, other)
         if plan.climbs_first and number == 0:
             continue
         margin_s = _least(samples, places, fire_s, situation, settings)
-        least_s = min(least_s, margin_s)
+        min_s = min(min_s, margin_s)
         if margin_s < settings.time_margin_s:
             yield f"leg {number} is in danger: fire {margin_s:.1f} s away"
         # Of its own drops those before: later ones burn later.
@@ -157,8 +157,8 @@ def _of_fire(
             yield (
                 f"leg {number} {first} to {last} is in danger of its own drops: {margin_s:.1f} s"
             )
-    if least_s < plan.least_time_margin_s - 1e-3 and not plan.climbs_first:
-        yield f"least margin {least_s:.2f} s is told as {plan.least_time_margin_s:.2f} s"
+    if min_s < plan.min_time_margin_s - 1e-3 and not plan.climbs_first:
+        yield f"least margin {min_s:.2f} s is told as {plan.min_time_margin_s:.2f} s"
 
 
 def _least(
@@ -174,17 +174,17 @@ def _least(
     wind = situation.wind_m_s * np.array(
         [math.cos(situation.toward_rad), math.sin(situation.toward_rad)]
     )
-    least_s = math.inf
+    min_s = math.inf
     for x, y, _, at_s in samples:
         # Only fire that would be worse than what is known.
-        could = (times - at_s < least_s) & (times > at_s - settings.residence_s)
+        could = (times - at_s < min_s) & (times > at_s - settings.residence_s)
         away = np.array([x, y]) - places[could]
         distance = np.hypot(*away.T)
         downwind = np.maximum(away @ wind, 0.0) / np.maximum(distance, 1e-9)
         near = distance <= settings.distance_margin_m + settings.wind_margin_s * downwind
         if near.any():
-            least_s = float((times[could][near] - at_s).min())
-    return least_s
+            min_s = float((times[could][near] - at_s).min())
+    return min_s
 
 
 def _samples(one: Floats, other: Floats) -> Floats:

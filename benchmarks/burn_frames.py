@@ -20,24 +20,31 @@ import numpy as np
 import shapely
 
 from autopilot_bridge.items import MissionItem
-from mission_service.commands import ClimbAndHold, Drop, Propose, Return, UploadMission, Withdraw
+from mission_service.commands import (
+    ClimbAndHold,
+    Drop,
+    ProposePlan,
+    Return,
+    UploadMission,
+    WithdrawPlan,
+)
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import (
     Aborted,
-    Answered,
+    AnyOperatorEvent,
     Approved,
-    Crew,
-    CrewEvent,
+    BurnUnitSet,
+    ChecklistAnswered,
+    IgnitionReported,
     LinkLost,
-    Lit,
-    PersonTold,
-    PlanWanted,
-    Present,
+    OperatorEvent,
+    OperatorHeartbeat,
+    PersonReported,
+    PlanRequested,
     Rejected,
     Resumed,
-    UnitTold,
-    WindTold,
+    WindSet,
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.burn.controller import burn_flight
@@ -106,44 +113,44 @@ class WildCrew:
         self._hashes: list[str] = ["0" * 64]
         self.leaves_s = float(rng.choice([math.inf, math.inf, 90.0]))
 
-    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+    def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         """What they do by now."""
         if now_us < self._next_us:
             return []
         self._next_us = now_us + 2_000_000
         if now_us > self.leaves_s * 1e6:  # a feed without the role approve goes on
-            return [WindTold(now_us, "wind feed", "boss", 2.0, 0.0)]
-        leader = burn_flight(core.leader)
-        wanted = leader.approvals.plan_hash
+            return [WindSet(now_us, "wind feed", "boss", 2.0, 0.0)]
+        guidance = burn_flight(core.guidance)
+        wanted = guidance.approvals.plan_hash
         if wanted:
             self._hashes.append(wanted)
         who = (now_us, "somebody", "boss")
-        events: list[CrewEvent] = [Present(*who)]
+        events: list[AnyOperatorEvent] = [OperatorHeartbeat(*who)]
         chance = self._rng.random()
-        if not leader.checklist.complete and chance < 0.9:
-            events += [Answered(*who, item, True) for item in self._burn.go_items]
-        if wanted and leader.approvals.approval is None and self._rng.random() < 0.8:
+        if not guidance.checklist.complete and chance < 0.9:
+            events += [ChecklistAnswered(*who, item, True) for item in self._burn.go_items]
+        if wanted and guidance.approvals.approval is None and self._rng.random() < 0.8:
             events.append(Approved(*who, wanted))
         if self._rng.random() < 0.05:
             events.append(self._anything(who))
         return events
 
-    def _anything(self, who: tuple[int, str, str]) -> CrewEvent:
+    def _anything(self, who: tuple[int, str, str]) -> AnyOperatorEvent:
         rng, (at_us, by, _) = self._rng, who
         x, y = (float(value) for value in rng.uniform(0.0, SIDE_M, 2))
         some = str(rng.choice(self._hashes))
         smaller = [place(p, q) for p, q in ((0, 0), (SIDE_M, 0), (SIDE_M, 90), (0, 90))]
-        choices: list[CrewEvent] = [
+        choices: list[AnyOperatorEvent] = [
             Aborted(*who),
             Approved(*who, some),
             Approved(at_us, by, "elsewhere", self._hashes[-1]),
             Rejected(*who, some),
-            Answered(*who, str(rng.choice(self._burn.go_items)), False),
-            PlanWanted(*who, drop_spacing_m=float(rng.uniform(5.0, 20.0))),
-            WindTold(*who, float(rng.uniform(0.0, 8.0)), float(rng.uniform(0.0, 360.0))),
-            PersonTold(*who, "visitor", *place(x, y), float(rng.choice([0.0, 30.0]))),
-            Lit(*who, (place(x, y), place(y, x)), at_us),
-            UnitTold(*who, tuple(smaller)),
+            ChecklistAnswered(*who, str(rng.choice(self._burn.go_items)), False),
+            PlanRequested(*who, drop_spacing_m=float(rng.uniform(5.0, 20.0))),
+            WindSet(*who, float(rng.uniform(0.0, 8.0)), float(rng.uniform(0.0, 360.0))),
+            PersonReported(*who, "visitor", *place(x, y), float(rng.choice([0.0, 30.0]))),
+            IgnitionReported(*who, (place(x, y), place(y, x)), at_us),
+            BurnUnitSet(*who, tuple(smaller)),
             Resumed(at_us, "service", "", 1.0),
         ]
         return choices[int(rng.integers(len(choices)))]
@@ -222,31 +229,31 @@ def check(path: Path, scenario: Scenario, seed: int, boss: str = "boss") -> int:
         where = f"seed {seed}, {reader.path.name}, line {entry.line}: "
         if entry.is_event:
             at_us = what.at_us  # type: ignore[union-attr]
-        if isinstance(what, Crew) and what.station == boss:
+        if isinstance(what, OperatorEvent) and what.station == boss:
             for name, by in approved.items():
                 if what.may_approve or what.by == by:
                     attended_us[name] = at_us
         match what:
-            case Propose():
+            case ProposePlan():
                 plans[what.plan_hash] = what.plan
             case Approved() if what.station == boss and what.plan_hash in plans:
                 if go == set(burn.go_items):
                     approved[what.plan_hash] = what.by
                     attended_us[what.plan_hash] = at_us
-            case Withdraw() | Rejected():
+            case WithdrawPlan() | Rejected():
                 approved.pop(what.plan_hash, None)
             case ClimbAndHold() | LinkLost():
                 approved.clear()
             case Aborted() | Resumed() | Return():
                 approved.clear()
                 go.clear()
-            case Answered():
+            case ChecklistAnswered():
                 (go.add if what.go else go.discard)(what.item)
                 if not what.go:
                     approved.clear()
-            case PersonTold():
+            case PersonReported():
                 people[what.name] = (what.lat_deg, what.lon_deg, what.radius_m)
-            case UnitTold():
+            case BurnUnitSet():
                 area = _polygon(what.points, landscape)
             case UploadMission():
                 assert not has_drop(what.items), where + "a drop in a mission"
@@ -254,7 +261,7 @@ def check(path: Path, scenario: Scenario, seed: int, boss: str = "boss") -> int:
                 ordered += 1
                 _check_drop(what, plans, approved, at_us, where)
                 silent_us = at_us - attended_us[what.plan_hash]
-                assert silent_us <= burn.crew_silent_s * 1e6, where + "nobody was there"
+                assert silent_us <= burn.approver_timeout_s * 1e6, where + "nobody was there"
                 assert (what.plan_hash, what.number) not in done, where + "dropped twice"
                 done.add((what.plan_hash, what.number))
                 here = shapely.Point(landscape.xy_of_lat_lon(what.lat_deg, what.lon_deg))

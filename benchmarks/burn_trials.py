@@ -139,7 +139,7 @@ def _settings(random: Random) -> BurnSection:
             "wind_margin_s": float(random.choice([0.0, random.uniform(0, 3)])),
             "residence_s": float(random.uniform(0, 200)),
             "edge_m": float(random.choice([0.0, random.uniform(0, 8)])),
-            "most_drops_per_min": rate,
+            "max_drops_per_min": rate,
             "ignition_delay_s": float(random.uniform(5, 60)),
             "battery_reserve_s": float(random.uniform(0, 100)),
         }

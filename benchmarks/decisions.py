@@ -25,7 +25,7 @@ from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
 from mission_service.guidance.team.bent_rules import PLANNERS as BENT_PLANNERS
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, TeamRule
 
 SIZES = (500, 1000, 2000, 4000)  # cells of the front
 DECISIONS = 400
@@ -37,8 +37,8 @@ LIMIT_MS = 1.0  # of the median at 2,000 cells
 
 # What is timed: a name, and the planner made for a fire. Add yours.
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
-    "perimeter.damped": lambda burn: perimeter_planner(burn, "damped"),
-    "perimeter.literal": lambda burn: perimeter_planner(burn, "literal"),
+    "perimeter.damped": lambda burn: perimeter_planner(burn, "islam_hu_damped"),
+    "perimeter.literal": lambda burn: perimeter_planner(burn, "islam_hu"),
     "perimeter.predictive": lambda burn: _told_the_wind(predictive_planner(burn), burn),
 }
 UAVS = 4

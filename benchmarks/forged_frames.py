@@ -31,10 +31,10 @@ from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime.engine import Service
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import rates_hz
-from mission_service.runtime.links import most_speed_m_s
-from mission_service.simulation.sim import Rig, Simulation
+from mission_service.runtime.vehicle_links import max_speed_m_s
+from mission_service.simulation.sim import SimulatedVehicle, Simulation
 
 OWN = "192.0.2.1:14550"
 MAX_REMOTES = 5000
@@ -220,7 +220,7 @@ def _offset(kind: str, name: str) -> int:
     return _layout(kind)[name][1]
 
 
-class ForgedRig(Rig):
+class ForgedRig(SimulatedVehicle):
     """A vehicle of the simulation whose client is on a link of its own, as in the daemon."""
 
     def __init__(
@@ -230,7 +230,7 @@ class ForgedRig(Rig):
         self.__dict__.update(simulation.rigs[place].__dict__)
         section = scenario.flown[place]
         self.link = SharedLink("link", rates_hz=rates_hz(scenario), expects=True)
-        self.client = self.link.expect(section.system_id, most_speed_m_s(section, scenario))
+        self.client = self.link.expect(section.system_id, max_speed_m_s(section, scenario))
         self.gateway.client = self.client
         self.forged = Forged()
         self._each = each
@@ -241,7 +241,7 @@ class ForgedRig(Rig):
         timers = (self.link.next_timer(), self._up.next_timer(), self._down.next_timer())
         return min(self.mock.next_timer(), *(timer for timer in timers if timer is not None))
 
-    def advance(self, now_us: int, service: Service) -> None:
+    def advance(self, now_us: int, service: Engine) -> None:
         """Let everything happen that is due, with forged frames before and after the true ones."""
         if self._weather is not None:
             self._blow(self._weather.at(self._clock.now_us / 1e6))

@@ -36,20 +36,20 @@ from mission_service.core.core import Core
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.guidance.formation.map_grid import map_grid_of
 from mission_service.guidance.formation.members import settings_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
-from mission_service.interfaces.control.client import Control
-from mission_service.interfaces.mqtt.peers import TIME, channel_of, decoded
+from mission_service.interfaces.control.control_client import ControlClient
+from mission_service.interfaces.mqtt.peer_exchange import TIME, channel_of, decoded
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.peer_messages import State
+from mission_service.peer_messages import AgentState
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 PRESENT_S = 10.0  # who said nothing for longer is not there
-LEAST_S, MOST_S = 120.0, 300.0  # for a formation to come to rest
+MIN_S, MAX_S = 120.0, 300.0  # for a formation to come to rest
 SAME_TIME_S = 1.0  # of two states that are compared
 NOT_ORDERED = "not ordered, selected by its autopilot or pilot"
 
@@ -77,12 +77,12 @@ class Stage:
         self.names = [section.name for section in self.scenario.vehicles]
         self.broker = broker
         self.journals: dict[str, list[Path]] = {name: [] for name in self.names}
-        self.states: dict[str, State] = {}
+        self.states: dict[str, AgentState] = {}
         self.now_us = 0
         self.closest_m = math.inf
         self.messages = self.bytes = 0
         landscape = landscape_of(self.scenario)
-        self._world = FireWorld(fire_of(self.scenario, landscape), landscape)
+        self._world = SimulatedFire(fire_of(self.scenario, landscape), landscape)
         self._settings = settings_of(self.scenario, self.scenario.vehicles[0])
         grid = map_grid_of(landscape)
         near_m = self._settings.augmentation_m(grid.cell_m)
@@ -111,7 +111,7 @@ class Stage:
         )
         await self.passes(10.0)
         if self._text(name).count(NOT_ORDERED) > reported:
-            with Control(self.journals[name][-1].parent) as operator:
+            with ControlClient(self.journals[name][-1].parent) as operator:
                 order = {"do": "resume", "vehicle": name, "confirmed": True}
                 operator.ask(**order, by="ann", station="desk")
 
@@ -173,14 +173,14 @@ class Stage:
             return
         message = decoded(name, payload, latest_us=2**60)
         self.now_us = max(self.now_us, message.at_us)
-        if isinstance(message, State):
+        if isinstance(message, AgentState):
             self.states[name] = message
             for other in self.states.values():
                 apart_s = (message.at_us - other.at_us) / 1e6
                 if other.sender != name and abs(apart_s) <= SAME_TIME_S:
                     self.closest_m = min(self.closest_m, _distance_m(message, other, apart_s))
 
-    def present(self) -> list[State]:
+    def present(self) -> list[AgentState]:
         """What those said last who are there."""
         since_us = self.now_us - PRESENT_S * 1e6
         return [state for state in self.states.values() if state.at_us >= since_us]
@@ -222,7 +222,7 @@ class Stage:
         await self.until(lambda: self.now_us >= end_us, within_s, f"{mission_s:.0f} s passed")
 
 
-def _distance_m(one: State, other: State, later_s: float) -> float:
+def _distance_m(one: AgentState, other: AgentState, later_s: float) -> float:
     """Between two UAVs, the second moved on by so many seconds."""
     return math.hypot(
         one.x_m - other.x_m - later_s * other.velocity_x_m_s,
@@ -264,7 +264,7 @@ def map_of(journal: Path) -> NDArray[np.bool_]:
     for entry in reader:
         if entry.is_event:
             core.handle(entry.content)  # type: ignore[arg-type]
-    (seat,) = cast(FormationFlight, core.leader).formation.members.values()
+    (seat,) = cast(FormationFlight, core.guidance).formation.members.values()
     return seat.agent.map.fire
 
 
@@ -275,8 +275,8 @@ async def run(count: int, speedup: float, folder: Path) -> dict[str, Any]:
     async with formation(folder, count, speedup) as stage:
 
         async def settled(of_count: int, what: str) -> None:
-            await stage.passes(LEAST_S)
-            end_us = stage.now_us + MOST_S * 1e6
+            await stage.passes(MIN_S)
+            end_us = stage.now_us + MAX_S * 1e6
             await stage.until(
                 lambda: stage.has_settled(of_count) or stage.now_us > end_us, 120.0, what
             )

@@ -39,7 +39,7 @@ RADIO = mavlink.MAVLINK_MSG_ID_RADIO_STATUS
 NOW_US = 1_790_000_000_000_000
 BATCH = 500
 BAD_IN_TRANSFER = 250
-MOST_VIRTUAL_S = 240.0
+MAX_VIRTUAL_S = 240.0
 SMALLEST_GOOD_BYTES = 12
 GROWTH_ALLOWED_MB = 16.0
 MISSION_IDS = (39, 40, 41, 42, 43, 44, 45, 46, 47, 51, 73, 76, 77, 110)
@@ -228,7 +228,7 @@ def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> s
     )
     client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
-    while now_us < MOST_VIRTUAL_S * 1e6:
+    while now_us < MAX_VIRTUAL_S * 1e6:
         now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
         mock.handle_timer(now_us)
         client.handle_timer(now_us)

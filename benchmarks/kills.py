@@ -36,11 +36,16 @@ from benchmarks.burn_frames import check as unapproved
 from benchmarks.link_shared import free_ports
 from mission_service.config.scenario import Scenario, flying, load_run
 from mission_service.errors import ControlError, RequestError
-from mission_service.interfaces.control.client import Control
+from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.journal.segments import begin_state, closed_segments
 from mission_service.replay.verification import verify
 
-RULES = {"damped": "demo", "team.balanced": "team", "formation": "virtual-agents", "burn": "burn"}
+RULES = {
+    "islam_hu_damped": "demo",
+    "team.balanced": "team",
+    "formation": "virtual-agents",
+    "burn": "burn",
+}
 GOES_ON_WITHIN_S = 5.0
 KILLS_A_RUN = 25
 TOLD_EVERY = 50
@@ -71,10 +76,10 @@ class Found:
     def line(self) -> str:
         """In one line."""
         ordered = sorted(self.restarts_s) or [0.0]
-        most_cpu_s = max(self.cpu_s, default=0.0)
+        max_cpu_s = max(self.cpu_s, default=0.0)
         return (
             f"{self.kills} kills: goes on after {ordered[len(ordered) // 2]:.2f} s (median), "
-            f"{ordered[-1]:.2f} s at most ({most_cpu_s:.2f} s of CPU); "
+            f"{ordered[-1]:.2f} s at most ({max_cpu_s:.2f} s of CPU); "
             f"{self.asked} requests acknowledged; missions read back: "
             f"{self.recognised} recognised, {self.unknown} others; {self.drops} drops; "
             f"{self.events} events replayed; wrong: {len(self.wrong)}"
@@ -85,11 +90,11 @@ def changes_of(rule: str, ports: list[int], keep: dict[str, float]) -> tuple[str
     """What a shipped scenario is changed by."""
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{port}"' for n, port in enumerate(ports)]
     kept = [f"service.keep.{name}={value}" for name, value in keep.items()]
-    late = {"damped": 3600.0, "team.balanced": 3590.0}.get(rule)
+    late = {"islam_hu_damped": 3600.0, "team.balanced": 3590.0}.get(rule)
     start = [] if late is None else [f"start_s={late}", f"deploy_at_s={late}"]
     if rule == "burn":
         start = ["deploy_at_s=1", "landscape.rows=120", "landscape.cols=120"]
-    if rule == "damped":  # the only one of them with a map
+    if rule == "islam_hu_damped":  # the only one of them with a map
         start.append('service.http.listen="127.0.0.1:0"')
     return (*links, *kept, *start, "duration_s=1e7")
 
@@ -182,7 +187,7 @@ class Watched:
         with (self.out / "run.log").open("ab") as log:
             self._process = subprocess.Popen(self._command, stdout=log, stderr=log)
         while True:
-            with contextlib.suppress(ControlError), Control(self.out) as there:
+            with contextlib.suppress(ControlError), ControlClient(self.out) as there:
                 there.ask(do="status")
                 self.cpu_s = cpu_s(self._process.pid)
                 return time.monotonic() - began_s
@@ -196,13 +201,13 @@ class Watched:
         """Ask for this and that until the journal has so many bytes more."""
         until_s = time.monotonic() + WAITS_S
         enough = self._bytes() + more_bytes
-        with contextlib.suppress(ControlError), Control(self.out) as there:
+        with contextlib.suppress(ControlError), ControlClient(self.out) as there:
             while self._bytes() < enough and time.monotonic() < until_s:
                 for request in self._wanted(there):
                     self._ask(there, request)
                 time.sleep(self.rng.uniform(0.0, 0.3))
 
-    def _ask(self, there: Control, request: dict[str, Any]) -> None:
+    def _ask(self, there: ControlClient, request: dict[str, Any]) -> None:
         self._number += 1
         by = f"ann-{self._number}"
         try:
@@ -213,16 +218,16 @@ class Watched:
         self._acknowledged.append(by)
         self.found.asked += 1
 
-    def _wanted(self, there: Control) -> Iterator[dict[str, Any]]:
+    def _wanted(self, there: ControlClient) -> Iterator[dict[str, Any]]:
         rng = self.rng
         if self.rule == "burn":
             status = there.ask(do="status")["status"]
             yield {"do": "present"}
             for item in status["open_items"]:
                 yield {"do": "go", "item": item}
-            leader = status["leader"]
-            if leader["phase"] == "proposed" and leader["plan_hash"]:
-                yield {"do": "approve", "hash": leader["plan_hash"]}
+            guidance = status["guidance"]
+            if guidance["phase"] == "proposed" and guidance["plan_hash"]:
+                yield {"do": "approve", "hash": guidance["plan_hash"]}
             if rng.random() < 0.01:
                 yield {"do": "abort"}
             return
@@ -298,7 +303,7 @@ class Watched:
                     unread = set(sent)
                 case "UploadMission" | "StartMission" if name in unread and self.rule != "burn":
                     self._is_wrong(f"{name}: {kind} before it was read back")
-                case "MissionHeld":
+                case "MissionReadBack":
                     unread.discard(name)
                     if thing["mission_id"]:
                         on_board[name] = {thing["mission_id"]}
@@ -317,7 +322,7 @@ class Watched:
             under_way = len(on_board[name]) > 1
             if mine and known and not under_way and not any(same(mine, each) for each in known):
                 self._is_wrong(f"{name} holds {len(mine)} items that the journal does not know")
-        told = whole.count(b'"type":"MissionHeld"')
+        told = whole.count(b'"type":"MissionReadBack"')
         unknown = whole.count(b'"mission_id":0,"items"')
         self._read_back = (told - unknown, unknown)
 
@@ -353,7 +358,7 @@ LOOKED_AT = (
     b'"Resumed"',
     b'"UploadMission"',
     b'"StartMission"',
-    b'"MissionHeld"',
+    b'"MissionReadBack"',
     b'"UploadFinished"',
     b'"VehicleRebooted"',
 )
@@ -399,8 +404,8 @@ def run(
     try:
         watched.start()
         for number in range(kills):
-            most_bytes = MAX_BYTES * len(watched.scenario.vehicles)
-            watched.ask_for(round(rng.uniform(0.0, most_bytes)) if rng.random() < 0.9 else 0)
+            max_bytes = MAX_BYTES * len(watched.scenario.vehicles)
+            watched.ask_for(round(rng.uniform(0.0, max_bytes)) if rng.random() < 0.9 else 0)
             watched.kill()
             if found.kills % TOLD_EVERY == 0:
                 sys.stdout.write(found.line() + "\n")

@@ -22,7 +22,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.faults import parse_faults
 from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
-from mission_service.simulation.mocks import Surroundings, from_scenario
+from mission_service.simulation.mocks import MockEnvironment, from_scenario
 
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
@@ -50,14 +50,14 @@ class PacedClock:
         real_us = clock_us()
         if real_us - self._looked_us >= LOOK_EVERY_US:
             self._looked_us = real_us
-            self._waits = most_unread_bytes(self._ports) > MAX_UNREAD_BYTES
+            self._waits = max_unread_bytes(self._ports) > MAX_UNREAD_BYTES
         if not self._waits:
             self._now_us += min(real_us - self._seen_us, self._max_step_us)
         self._seen_us = real_us
         return self._now_us
 
 
-def most_unread_bytes(ports: Collection[int]) -> int:
+def max_unread_bytes(ports: Collection[int]) -> int:
     """Of the UDP sockets on these ports (IPv4), what waits in the fullest."""
     waiting = 0
     for line in Path("/proc/net/udp").read_text("ascii").splitlines()[1:]:
@@ -119,7 +119,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
-    mocks = from_scenario(given.scenario, None, None, Surroundings())
+    mocks = from_scenario(given.scenario, None, None, MockEnvironment())
     clock: Callable[[], int] = clock_us
     if given.paced:
         ports = [int(each.link.rpartition(":")[2]) for each in mocks]

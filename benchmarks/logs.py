@@ -22,7 +22,7 @@ from pyulog import ULog
 from autopilot_bridge.logs.reading import open_log
 
 BYTES = 100_000_000
-LEAST_PER_S, MOST_FIRST_S, MOST_MIB = 100_000, 0.5, 300
+MIN_PER_S, MAX_FIRST_S, MAX_MIB = 100_000, 0.5, 300
 
 
 def measured(path: Path) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def measured(path: Path) -> dict[str, Any]:
         "messages_per_s": round(log.messages / taken_s),
         "events": events,
         "first_event_s": round(first_s, 3),
-        "most_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "max_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         "damage": len(log.damage),
     }
 
@@ -85,9 +85,9 @@ def main() -> int:
             found = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
         found["peer_per_s"] = peer_per_s(path)
         sys.stdout.write(f"{path.name}: {json.dumps(found)}\n")
-        slow = path.suffix.lower() != ".ulg" and found["messages_per_s"] < LEAST_PER_S
-        late = found["first_event_s"] > MOST_FIRST_S
-        beyond |= slow or late or found["most_mib"] > MOST_MIB
+        slow = path.suffix.lower() != ".ulg" and found["messages_per_s"] < MIN_PER_S
+        late = found["first_event_s"] > MAX_FIRST_S
+        beyond |= slow or late or found["max_mib"] > MAX_MIB
     return int(beyond)
 
 

@@ -14,7 +14,7 @@ from firemodel.landscape.default import jacksboro
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from mission_service.fire.forecast import Forecasts
 from mission_service.interfaces.maps import overlay
 from mission_service.interfaces.maps.fronts import contours_geojson, probability_geojson

@@ -14,10 +14,10 @@ from typing import Any
 
 import msgspec
 
-from mission_service.core.requests import ABORT, ALL_REQUESTS
+from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.examples import AT_US, UNIX_US, example_of
-from mission_service.interfaces.mqtt.commands import TAKEN
-from mission_service.interfaces.mqtt.messages import Command
+from mission_service.interfaces.mqtt.command_gate import TAKEN
+from mission_service.interfaces.mqtt.payloads import Command
 from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, TOPICS
 from mission_service.requests import summary_of
 

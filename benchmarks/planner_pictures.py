@@ -21,14 +21,14 @@ from mission_service.guidance.front.perimeter_planner import Rule
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
-from mission_service.guidance.team.ring import TeamRule
+from mission_service.guidance.team.front_ring import TeamRule
 
 Floats = NDArray[np.float64]
 
 UAVS = 4
 SHOWN_S = 3600.0
 COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#b34700")
-ALONE_RULES: tuple[Rule, ...] = ("circling", "literal", "damped")
+ALONE_RULES: tuple[Rule, ...] = ("circling", "islam_hu", "islam_hu_damped")
 TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
     "team.balanced": Balanced,
     "team.circling": Circling,

@@ -32,22 +32,22 @@ from msgspec import inspect as kinds
 
 from benchmarks.folds import difference
 from mission_service.config.scenario import Scenario, flying, load_scenario, one_of_many
-from mission_service.core import requests
+from mission_service.core import request_events
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
 from mission_service.guidance.registry import way_of
-from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
+from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
 from mission_service.live.daemon import desk_of, replay
 from mission_service.replay.verification import verify
-from mission_service.runtime.engine import Service
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.engine import Engine
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 REQUESTS = 10_000
@@ -85,7 +85,7 @@ CASES = {
 
 @dataclass
 class Found:
-    """What came of all requests."""
+    """What came of all request_events."""
 
     asked: Counter[str] = field(default_factory=Counter)
     done: Counter[str] = field(default_factory=Counter)
@@ -102,7 +102,7 @@ class Found:
         """In one line."""
         kinds_done = ", ".join(f"{name} {count}" for name, count in sorted(self.done.items()))
         return (
-            f"{self.asked.total()} requests, {self.done.total()} done ({kinds_done}), "
+            f"{self.asked.total()} request_events, {self.done.total()} done ({kinds_done}), "
             f"{self.refused.total()} refused; wrong: {len(self.wrong)}"
         )
 
@@ -118,16 +118,18 @@ ODD: tuple[Any, ...] = (
 class Asker:
     """Draws requests from the table."""
 
-    def __init__(self, rng: Rng, service: Service, scenario: Scenario) -> None:
+    def __init__(self, rng: Rng, service: Engine, scenario: Scenario) -> None:
         self._rng = rng
         self._service = service
         self._scenario = scenario
         burn = scenario.burn_flown
         self._stations = ["desk"] if burn is None else [each.name for each in burn.stations]
         self._items = ["weather"] if burn is None else list(burn.go_items)
-        self._kinds = {word: kind for word, kind in requests.REQUESTS.items() if word != "abort"}
+        self._kinds = {
+            word: kind for word, kind in request_events.REQUESTS.items() if word != "abort"
+        }
         self._words = sorted(self._kinds)
-        self._wanted = sorted(requests.accepted_in(scenario).keys() & self._kinds.keys())
+        self._wanted = sorted(request_events.accepted_in(scenario).keys() & self._kinds.keys())
 
     def request(self) -> dict[str, Any]:
         """One of this guidance as a rule, now and then any; a wrong one in six."""
@@ -205,17 +207,17 @@ class Asker:
                 raise AssertionError(f"no values of {kind} are known here")
 
     def _hashes(self) -> list[str]:
-        picture = self._service.picture
-        assert picture is not None
-        proposed = (each.proposed for each in picture.missions.values())
+        state_view = self._service.state_view
+        assert state_view is not None
+        proposed = (each.proposed for each in state_view.missions.values())
         found = [mission.mission_hash for mission in proposed if mission is not None]
-        return [*found, *([picture.plan_hash] if picture.plan_hash else [])] or ["1" * 64]
+        return [*found, *([state_view.plan_hash] if state_view.plan_hash else [])] or ["1" * 64]
 
     def _centre(self) -> tuple[float, float]:
         """Where something burns, or a vehicle is."""
-        picture = self._service.picture
-        assert picture is not None
-        heard = list(picture.telemetry.values())
+        state_view = self._service.state_view
+        assert state_view is not None
+        heard = list(state_view.telemetry.values())
         if heard and self._rng.random() < 0.3:
             here = heard[int(self._rng.integers(len(heard)))]
             return here.lat_deg, here.lon_deg
@@ -253,12 +255,12 @@ class Asker:
 # Who is asked ---------------------------------------------------------------------------------
 
 
-class Engine:
+class FuzzedEngine:
     """A flight as the daemon has it: a durable journal, a picture, a desk; in virtual time."""
 
     def __init__(self, case: Case, folder: Path) -> None:
         scenario = flying(load_scenario(case.scenario, case.changes))
-        self.scenario = one_of_many(scenario, case.vehicle, talks=False)
+        self.scenario = one_of_many(scenario, case.vehicle, peer_messaging=False)
         self.landscape = landscape_of(self.scenario)
         way_of(self.scenario).warm_up(self.scenario, self.landscape)
         self.known = Known(self.scenario, self.landscape)
@@ -267,11 +269,11 @@ class Engine:
         journal = Journal(self.path, self.header, durable=True)
         self.simulation = Simulation(self.scenario, journal, self.landscape)
         start_us = self.simulation.clock.now_us
-        self.simulation.service.picture = Picture(self.scenario, self.landscape, start_us)
+        self.simulation.service.state_view = StateView(self.scenario, self.landscape, start_us)
         self.simulation.world.advance(start_us)
 
     @property
-    def service(self) -> Service:
+    def service(self) -> Engine:
         """What is asked."""
         return self.simulation.service
 
@@ -298,7 +300,7 @@ class Engine:
         journal = Journal(self.path, self.header, durable=True, rest=old.rest)
         self.service.recording.journal = journal
 
-    def again(self) -> Service:
+    def again(self) -> Engine:
         """What a restart knows, before it goes on."""
         cut_off = unfinished(self.path, self.known, self.scenario)
         if cut_off is None:
@@ -308,14 +310,14 @@ class Engine:
         names = tuple(section.name for section in self.scenario.flown)
         world = world_of(self.scenario, self.landscape)
         world.advance(start_us)
-        service = Service(
+        service = Engine(
             self.scenario,
             Core(self.scenario, self.landscape),
             world,
             self.service.recording.journal,
-            Record(names, start_us),
+            RunStatistics(names, start_us),
             dict.fromkeys(names),  # type: ignore[arg-type]  # nothing is carried out
-            picture=Picture(self.scenario, self.landscape, start_us),
+            state_view=StateView(self.scenario, self.landscape, start_us),
         )
         if cut_off.objects is not None:
             service.restore(cut_off.objects)
@@ -325,7 +327,7 @@ class Engine:
         return service
 
 
-def differs(live: Service, again: Service) -> str:
+def differs(live: Engine, again: Engine) -> str:
     """What a restart does not know, or otherwise."""
     for service in (live, again):
         service.world.advance(live.record.at_us)
@@ -334,18 +336,18 @@ def differs(live: Service, again: Service) -> str:
     return next(filter(None, (difference(ours[name], theirs[name], name) for name in ours)), "")
 
 
-def ask(engine: Engine, rng: Rng, count: int, found: Found) -> None:
+def ask(engine: FuzzedEngine, rng: Rng, count: int, found: Found) -> None:
     """Ask for so many things, flying on in between."""
     simulation = engine.simulation
-    desk = desk_of(engine.scenario, engine.service, simulation.clock, {})
-    doorkeeper = Doorkeeper(desk.ask)
+    request_handler = desk_of(engine.scenario, engine.service, simulation.clock, {})
+    doorkeeper = CommandGate(request_handler.ask)
     asker = Asker(rng, engine.service, engine.scenario)
     for number in range(count):
         asked = asker.request()
         word = ascii(asked.get("do")).strip("'")[:20]
         way = rng.random()
         try:
-            answer = _answer(desk, doorkeeper, asked, number, way, simulation)
+            answer = _answer(request_handler, doorkeeper, asked, number, way, simulation)
         except Exception:
             found.wrong.append(f"{asked!r:.500}: {traceback.format_exc()}")
             return
@@ -360,18 +362,18 @@ def ask(engine: Engine, rng: Rng, count: int, found: Found) -> None:
 
 
 def _answer(
-    desk: Any,
-    doorkeeper: Doorkeeper,
+    request_handler: Any,
+    doorkeeper: CommandGate,
     asked: dict[str, Any],
     number: int,
     way: float,
     simulation: Simulation,
 ) -> dict[str, Any]:
     if way < 0.6 or not isinstance(asked.get("do"), str):
-        answer: dict[str, Any] = desk.ask(asked)
+        answer: dict[str, Any] = request_handler.ask(asked)
         return answer
     if way < 0.8 or asked["do"] not in TAKEN:
-        return desk.answer(json.dumps(asked).encode())  # type: ignore[no-any-return]
+        return request_handler.answer(json.dumps(asked).encode())  # type: ignore[no-any-return]
     told = {key: value for key, value in asked.items() if key != "do"}
     told |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
     payload = json.dumps(told).encode()
@@ -381,7 +383,7 @@ def _answer(
     return msgspec.to_builtins(reply)  # type: ignore[no-any-return]
 
 
-def trial(engine: Engine, seed: int, count: int, folder: Path, whole: bool) -> Found:
+def trial(engine: FuzzedEngine, seed: int, count: int, folder: Path, whole: bool) -> Found:
     """Ask, then look at what is left; in a process of its own."""
     found, rng = Found(), np.random.default_rng(seed)
     engine.move_journal(folder, whole)
@@ -443,7 +445,7 @@ def run(name: str, count: int, seed: int, found: Found, a_fork: int = A_FORK) ->
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "flown"
         folder.mkdir()
-        engine = Engine(case, folder)
+        engine = FuzzedEngine(case, folder)
         at_s = 0.0
         for number, moment_s in enumerate(sorted(rng.uniform(0.0, case.ends_s, forks))):
             engine.run(float(moment_s) - at_s)

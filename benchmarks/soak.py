@@ -37,7 +37,7 @@ FAKETIME = Path("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1")
 INSIDE = "SOAK_INSIDE"  # of a mount namespace of its own
 DISK_MB = 96
 WARM_UP = 0.35  # of the time: caches and tracks have grown by then
-MOST_GROWTH_MIB_H = 15.0  # of simulated time
+MAX_GROWTH_MIB_H = 15.0  # of simulated time
 LOOK_EVERY_S = 0.5
 CLI = (sys.executable, "-m", "mission_service.cli")
 SETTLES_S = 40.0
@@ -231,7 +231,7 @@ def soak(given: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], list[
         "the daemon crashed": crashed,
         f"it ended with code {code}": code != 0,
         f"tracebacks in its log: {len(traces)}": bool(traces),
-        f"memory grows by {growth:.1f} MiB an hour": growth > MOST_GROWTH_MIB_H,
+        f"memory grows by {growth:.1f} MiB an hour": growth > MAX_GROWTH_MIB_H,
         f"never raised: {sorted(expected - seen.raised)}": bool(expected - seen.raised),
         f"still stand: {sorted(seen.standing)}": bool(seen.standing - set(given.may_stand)),
         f"the journal: {verified.stdout}{verified.stderr}": verified.returncode != 0,

@@ -24,7 +24,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection, Peer
 from benchmarks.link_shared import clock_us, free_ports
 
-MOST_SHARE = 0.25
+MAX_SHARE = 0.25
 TICK_S = 0.02
 SETTLE_S = 3.0
 PERIOD_TICKS = round(0.25 / TICK_S)
@@ -152,11 +152,11 @@ def main() -> None:
     failed = False
     for one_port in (False, True):
         found = asyncio.run(receive(arguments.vehicles, one_port, arguments.seconds))
-        failed |= found["share"] > MOST_SHARE or found["not heard"] != 0
+        failed |= found["share"] > MAX_SHARE or found["not heard"] != 0
         where = "one port" if one_port else "a port each"
         sys.stdout.write(
             f"{arguments.vehicles} vehicles, {where}: {100 * found['share']:.1f} % of a core "
-            f"({found['share'] / MOST_SHARE:.2f} of the limit), {found['sent']:.0f} frames, "
+            f"({found['share'] / MAX_SHARE:.2f} of the limit), {found['sent']:.0f} frames, "
             f"{found['not heard']:.0f} lost ({found['missed']:.0f} by sequence), "
             f"{found['events']:.0f} events\n"
         )

@@ -42,7 +42,7 @@ class Probe:
 
 def places(world: World, count: int, radius: float = 0.1, wave: float = 0.0) -> list[list[float]]:
     """A ring on the middle of the map as [lat, lon]; ``wave``: its corners alternate by so much."""
-    land = world.hub.landscape
+    land = world.context.landscape
     rows, cols = land.shape
     found = []
     for k in range(count):
@@ -150,7 +150,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         world = world_in(Path(folder), scenario_of("demo", ()))
         world.fly(3700.0)
-        rows, cols = world.hub.landscape.shape
+        rows, cols = world.context.landscape.shape
         click.echo(f"landscape of {rows} x {cols} cells; limit {LIMIT_MS:g} ms")
         return 0 if asyncio.run(measured(world)) else 1
 

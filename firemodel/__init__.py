@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from firemodel.simulate import burn
     from firemodel.spread.arrival_map import draw_map
     from firemodel.spread.behaviour import behaviour_of
-    from firemodel.spread.fire import Fire
+    from firemodel.spread.fire_scheme import Fire
     from firemodel.spread.schemes import SCHEMES
     from firemodel.spread.writers import write_fronts, write_rasters
 
 _MODULES = {
     "FUEL_MODELS": "firemodel.physics.fuels",
     "SCHEMES": "firemodel.spread.schemes",
-    "Fire": "firemodel.spread.fire",
+    "Fire": "firemodel.spread.fire_scheme",
     "FireModelError": "firemodel.errors",
     "Landscape": "firemodel.landscape.landscape",
     "Weather": "firemodel.physics.weather",

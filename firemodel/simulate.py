@@ -9,7 +9,7 @@ from firemodel.landscape.default import jacksboro
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells
 from firemodel.physics.weather import Weather, WeatherStream
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import SchemeName, new_fire
 
 HOUR_S = 3600.0

@@ -42,7 +42,7 @@ class ProposeMission(Command, frozen=True, tag=True):
 
 
 class WithdrawMission(Command, frozen=True, tag=True):
-    """Withdraw a proposed mission, so that it can no longer be accepted."""
+    """WithdrawPlan a proposed mission, so that it can no longer be accepted."""
 
     mission_id: int
     why: str
@@ -75,7 +75,7 @@ class ChangeSpeed(Command, frozen=True, tag=True):
     airspeed_m_s: float
 
 
-class Decided(Command, frozen=True, tag=True):
+class DirectionDecision(Command, frozen=True, tag=True):
     """A planner's decision on the direction; importances are 0 where the rule has none."""
 
     direction: Direction
@@ -107,7 +107,7 @@ class ClearAlarm(Command, frozen=True, tag=True):
     alarm: str
 
 
-class Say(Command, frozen=True, tag=True):
+class BroadcastMessage(Command, frozen=True, tag=True):
     """Send a message to the UAVs that other processes fly."""
 
     message: AnyMessage
@@ -121,15 +121,15 @@ class ClimbAndHold(Command, frozen=True, tag=True):
     altitude_amsl_m: float
 
 
-class Propose(Command, frozen=True, tag=True):
+class ProposePlan(Command, frozen=True, tag=True):
     """Propose an ignition plan; an operator approves it by its hash."""
 
     plan: IgnitionPlan
     plan_hash: str
 
 
-class Withdraw(Command, frozen=True, tag=True):
-    """Withdraw a plan that was proposed or approved."""
+class WithdrawPlan(Command, frozen=True, tag=True):
+    """WithdrawPlan a plan that was proposed or approved."""
 
     plan_hash: str
     why: str
@@ -156,14 +156,14 @@ AnyCommand = (
     | Return
     | Orbit
     | ChangeSpeed
-    | Decided
+    | DirectionDecision
     | Announce
     | RaiseAlarm
     | ClearAlarm
-    | Say
+    | BroadcastMessage
     | ClimbAndHold
-    | Propose
-    | Withdraw
+    | ProposePlan
+    | WithdrawPlan
     | Drop
 )
 

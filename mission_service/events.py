@@ -117,7 +117,7 @@ class UploadFinished(Event, frozen=True, tag=True):
     reason: str
 
 
-class MissionHeld(Event, frozen=True, tag=True):
+class MissionReadBack(Event, frozen=True, tag=True):
     """The mission on board, read back from a vehicle after a restart of the service.
 
     ``mission_id`` is the number of the mission that was sent, or 0 for any other mission. ``items``
@@ -144,25 +144,25 @@ class ModeChanged(Event, frozen=True, tag=True):
     mode: str = ""  # the bridge's name of the mode
 
 
-class Heard(Event, frozen=True, tag=True):
+class PeerMessage(Event, frozen=True, tag=True):
     """A message from a UAV that another process flies."""
 
     message: AnyMessage
 
 
-class Contact(Event, frozen=True, tag=True):
+class PeerLinkChanged(Event, frozen=True, tag=True):
     """The link to UAVs that other processes fly was lost or restored."""
 
     there: bool
 
 
-class BatteryTold(Event, frozen=True, tag=True):
+class BatteryUpdated(Event, frozen=True, tag=True):
     """The remaining charge of the battery has changed."""
 
     percent: Percent
 
 
-class FixTold(Event, frozen=True, tag=True):
+class GpsFixChanged(Event, frozen=True, tag=True):
     """The kind of position fix has changed; ``good``: a fix in three dimensions."""
 
     good: bool
@@ -233,7 +233,7 @@ class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     station: str
 
 
-class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
+class OperatorEvent(_ByUser, frozen=True, tag=True, kw_only=True):
     """An action or a report of an operator at ``station``; it is not of one vehicle.
 
     ``may_approve``: whether the user has the role approve, as checked by the interface.
@@ -245,14 +245,14 @@ class Crew(_ByUser, frozen=True, tag=True, kw_only=True):
 Place = tuple[Latitude, Longitude]  # degrees
 
 
-class Lit(Crew, frozen=True, tag=True):
+class IgnitionReported(OperatorEvent, frozen=True, tag=True):
     """The crew lit a point or a line; all of it ignited at ``lit_at_us``."""
 
     points: tuple[Place, ...]
     lit_at_us: MissionUs
 
 
-class Corrected(Crew, frozen=True, tag=True):
+class Corrected(OperatorEvent, frozen=True, tag=True):
     """A correction of the fire on a point, along a line or in a polygon.
 
     ``state`` holds at ``marked_at_us``, which may be past or future: with ``burned`` the fire
@@ -265,7 +265,7 @@ class Corrected(Crew, frozen=True, tag=True):
     marked_at_us: MissionUs
 
 
-class Erased(Crew, frozen=True, tag=True):
+class Erased(OperatorEvent, frozen=True, tag=True):
     """Corrections within ``radius_m`` of a place are removed."""
 
     lat_deg: Latitude
@@ -273,22 +273,22 @@ class Erased(Crew, frozen=True, tag=True):
     radius_m: Radius
 
 
-class Undone(Crew, frozen=True, tag=True):
+class Undone(OperatorEvent, frozen=True, tag=True):
     """The last correction or erasure is undone."""
 
 
-class Redone(Crew, frozen=True, tag=True):
+class Redone(OperatorEvent, frozen=True, tag=True):
     """The last undone correction or erasure is restored."""
 
 
-class WindTold(Crew, frozen=True, tag=True):
+class WindSet(OperatorEvent, frozen=True, tag=True):
     """The crew set the wind 6.1 m above the vegetation; its direction is from true north."""
 
     speed_m_s: WindSpeed
     from_deg: Bearing
 
 
-class PersonTold(Crew, frozen=True, tag=True):
+class PersonReported(OperatorEvent, frozen=True, tag=True):
     """A person is at a place; ``radius_m`` is kept clear, and 0 removes the person."""
 
     name: str
@@ -297,53 +297,53 @@ class PersonTold(Crew, frozen=True, tag=True):
     radius_m: Radius
 
 
-class UnitTold(Crew, frozen=True, tag=True):
+class BurnUnitSet(OperatorEvent, frozen=True, tag=True):
     """The boundary of the burn unit was set to this polygon."""
 
     points: tuple[Place, ...]
 
 
-class Answered(Crew, frozen=True, tag=True):
+class ChecklistAnswered(OperatorEvent, frozen=True, tag=True):
     """An answer, GO or NO-GO, to one item of the checklist."""
 
     item: str
     go: bool
 
 
-class PlanWanted(Crew, frozen=True, tag=True):
+class PlanRequested(OperatorEvent, frozen=True, tag=True):
     """A plan of the next ignition line is requested; given spacings replace the present ones."""
 
     line_spacing_m: float | None = None
     drop_spacing_m: float | None = None
 
 
-class Approved(Crew, frozen=True, tag=True):
+class Approved(OperatorEvent, frozen=True, tag=True):
     """An operator approved the plan with this hash."""
 
     plan_hash: str
 
 
-class Rejected(Crew, frozen=True, tag=True):
+class Rejected(OperatorEvent, frozen=True, tag=True):
     """An operator rejected the plan with this hash."""
 
     plan_hash: str
 
 
-class Aborted(Crew, frozen=True, tag=True):
+class Aborted(OperatorEvent, frozen=True, tag=True):
     """An operator aborted: no further drop; vehicles climb to the safe height and hold."""
 
 
-class Present(Crew, frozen=True, tag=True):
+class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
     """An operator's display is open; sent every few seconds."""
 
 
-class Resumed(Crew, frozen=True, tag=True):
+class Resumed(OperatorEvent, frozen=True, tag=True):
     """The service was restarted after ``down_s``; earlier approvals are unconfirmed."""
 
     down_s: DurationS
 
 
-class LinesSkipped(Crew, frozen=True, tag=True):
+class LinesSkipped(OperatorEvent, frozen=True, tag=True):
     """Lines of the journal that a restart skipped, as (segment, line, reason).
 
     These lines could not be read or handled. The restart applied the other lines, with the commands
@@ -356,7 +356,7 @@ class LinesSkipped(Crew, frozen=True, tag=True):
 Order = Literal["hold", "resume", "return", "start"]
 
 
-class Ordered(Crew, frozen=True, tag=True):
+class OrderGiven(OperatorEvent, frozen=True, tag=True):
     """An operator's order to one vehicle, or to all vehicles if ``vehicle`` is empty.
 
     A ``confirmed`` order may end a mode that autopilot or pilot selected, such as a failsafe.
@@ -370,27 +370,27 @@ class Ordered(Crew, frozen=True, tag=True):
 SERVICE = "service"  # ``by`` of the service's own orders; no interface accepts it
 
 
-class MissionWanted(Crew, frozen=True, tag=True):
+class MissionRequested(OperatorEvent, frozen=True, tag=True):
     """A new mission is requested for a vehicle, or for all vehicles if ``vehicle`` is empty."""
 
     vehicle: str
 
 
-class MissionAccepted(Crew, frozen=True, tag=True):
+class MissionAccepted(OperatorEvent, frozen=True, tag=True):
     """An operator accepted the proposed mission with this hash."""
 
     vehicle: Name
     mission_hash: str
 
 
-class MissionRefused(Crew, frozen=True, tag=True):
+class MissionRefused(OperatorEvent, frozen=True, tag=True):
     """An operator refused the proposed mission with this hash."""
 
     vehicle: Name
     mission_hash: str
 
 
-class SettingsTold(Crew, frozen=True, tag=True):
+class SettingsChanged(OperatorEvent, frozen=True, tag=True):
     """Settings of the planners changed; None leaves a setting as it is.
 
     Each has the name that it has in the scenario's table ``[planner]``.
@@ -415,29 +415,29 @@ class SettingsTold(Crew, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsTold.__annotations__)  # their types with bounds, by name
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types with bounds, by name
 
 
-CrewEvent = (
-    Lit
+AnyOperatorEvent = (
+    IgnitionReported
     | Corrected
     | Erased
     | Undone
     | Redone
-    | WindTold
-    | PersonTold
-    | UnitTold
-    | Answered
-    | PlanWanted
+    | WindSet
+    | PersonReported
+    | BurnUnitSet
+    | ChecklistAnswered
+    | PlanRequested
     | Approved
     | Rejected
     | Aborted
-    | Present
-    | Ordered
-    | MissionWanted
+    | OperatorHeartbeat
+    | OrderGiven
+    | MissionRequested
     | MissionAccepted
     | MissionRefused
-    | SettingsTold
+    | SettingsChanged
     | Resumed
     | LinesSkipped
 )
@@ -454,13 +454,13 @@ VehicleEvent = (
     | AirspeedMeasured
     | ThrustStatusChanged
     | UploadFinished
-    | MissionHeld
+    | MissionReadBack
     | CommandFinished
     | ModeChanged
-    | Heard
-    | Contact
-    | BatteryTold
-    | FixTold
+    | PeerMessage
+    | PeerLinkChanged
+    | BatteryUpdated
+    | GpsFixChanged
     | AutopilotText
     | SystemStateChanged
     | LandedStateChanged
@@ -469,4 +469,4 @@ VehicleEvent = (
     | DropFinished
     | HostTime
 )
-AnyEvent = VehicleEvent | CrewEvent
+AnyEvent = VehicleEvent | AnyOperatorEvent

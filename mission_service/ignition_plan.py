@@ -28,7 +28,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """One ignition line, with all that it was planned on.
 
     ``digest`` is that of the burn unit, its fence and people, and of the settings.
-    ``least_time_margin_s``: the least time, over path and drops, that fire is away. ``skipped``:
+    ``min_time_margin_s``: the least time, over path and drops, that fire is away. ``skipped``:
     places (lat, lon) on the line that are not safe to drop at.
     """
 
@@ -48,7 +48,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     wind_from_deg: float
     time_margin_s: float
     distance_margin_m: float
-    least_time_margin_s: float
+    min_time_margin_s: float
     spheres_left: int  # after it
     digest: str
 

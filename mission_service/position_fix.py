@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Here:
+class PositionFix:
     """Position in grid cells and in map metres, and velocity over the ground."""
 
     at_s: float

@@ -67,7 +67,7 @@ class Request(
     """
 
     # Its event, which takes time, user, station and the request's own keys in their order.
-    makes: ClassVar[Callable[..., events.CrewEvent]]
+    makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
     role: ClassVar[Role]  # that a user needs
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
@@ -80,7 +80,7 @@ class Request(
     by: Name
     station: Name
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """The event that it becomes at mission time ``at_us``. Raises RequestError."""
         own = (getattr(self, name) for name in self.__struct_fields__[len(WHO) :])
         return self.makes(*self.user(at_us), *own)
@@ -127,7 +127,7 @@ class Correct(FireRequest, frozen=True):
     points: Places
     in_s: Annotated[Seconds, Meta(description="When it is so, from now; negative: it was.")] = 0.0
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """``Corrected``."""
         count, least = len(self.points), _MIN_POINTS[self.shape]
         if count < least or (self.shape == "point" and count > 1):
@@ -152,9 +152,11 @@ class Lit(FireRequest, frozen=True):
         float, Meta(ge=0, le=MAX_DURATION_S, description="When it was lit, before now.")
     ] = 0.0
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """``Lit``."""
-        return events.Lit(*self.user(at_us), self.points, at_us - round(self.ago_s * 1e6))
+        return events.IgnitionReported(
+            *self.user(at_us), self.points, at_us - round(self.ago_s * 1e6)
+        )
 
 
 class Erase(FireRequest, frozen=True):
@@ -167,7 +169,7 @@ class Erase(FireRequest, frozen=True):
     lon_deg: Longitude
     radius_m: Radius
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """As its keys are, but for a radius of 0."""
         if self.radius_m == 0.0:
             raise RequestError("erase: radius_m must be more than 0")
@@ -189,7 +191,7 @@ class Redo(FireRequest, frozen=True):
 class Wind(FireRequest, frozen=True):
     """Set the wind from now on, 6.1 m (20 ft) above the vegetation, from true north."""
 
-    makes = events.WindTold
+    makes = events.WindSet
     path = "/wind"
     example: ClassVar = {"speed_m_s": 5.0, "from_deg": 270.0}
 
@@ -200,7 +202,7 @@ class Wind(FireRequest, frozen=True):
 class Present(Request, frozen=True):
     """Report that a user watches; to be sent every few seconds."""
 
-    makes = events.Present
+    makes = events.OperatorHeartbeat
     role = "approve"
     path = "/burn/{do}"
     operation = "burn_{do}"
@@ -224,10 +226,10 @@ class OrderRequest(Request, frozen=True):
         bool, Meta(description="Even if it ends a mode that autopilot or pilot selected.")
     ] = False
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """``Ordered``, with the request's name as the order."""
         order = cast("events.Order", name_of(type(self)))
-        return events.Ordered(*self.user(at_us), self.vehicle, order, self.confirmed)
+        return events.OrderGiven(*self.user(at_us), self.vehicle, order, self.confirmed)
 
 
 class Hold(OrderRequest, frozen=True):
@@ -258,7 +260,7 @@ class MissionRequest(Request, frozen=True):
 class Renew(MissionRequest, frozen=True):
     """Plan a new mission and send it now."""
 
-    makes = events.MissionWanted
+    makes = events.MissionRequested
     example: ClassVar = {"vehicle": "hawk"}
 
     vehicle: AnyVehicle = ""
@@ -280,7 +282,7 @@ class Refuse(MissionRequest, frozen=True):
     hash: Hash
 
 
-def _settings_event(request: Any, at_us: int) -> events.CrewEvent:
+def _settings_event(request: Any, at_us: int) -> events.AnyOperatorEvent:
     if all(getattr(request, name) is None for name in events.TUNED):
         *others, last = events.TUNED
         raise RequestError(f"settings: give {', '.join(others)} or {last}")
@@ -298,7 +300,7 @@ Settings = cast(
         frozen=True,
         namespace={
             "__doc__": "Change settings of the planner from now on.",
-            "makes": events.SettingsTold,
+            "makes": events.SettingsChanged,
             "role": "fly",
             "path": "/planner",
             "method": "PATCH",
@@ -323,7 +325,7 @@ class Replay(Request, frozen=True):
     ] = None
     seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """None: only replays accept it, and handle it themselves."""
         raise RequestError("replay: this run is no replay")
 

@@ -9,7 +9,7 @@ from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.fire import check_shape
+from firemodel.spread.fire_scheme import check_shape
 from firemodel.spread.front import earliest_neighbour
 
 Floats = NDArray[np.float64]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import burn_until
-from firemodel.spread.fire import Burning, Fire, Ignition, StartArea
+from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea
 from firemodel.spread.heap import push
 from firemodel.spread.labels import ActivePaths, Heap, Labels, empty_paths
 from firemodel.spread.local_spread import perturbed

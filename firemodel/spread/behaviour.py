@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firemodel.compiled import compiled
 from firemodel.physics import rothermel
 from firemodel.physics.fuels import FUEL_MODELS
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.local_spread import (
     burnable_codes,
     head_of,

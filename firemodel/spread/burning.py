@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
-from firemodel.spread.fire import Burning, check_shape
+from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
 APART_CELLS = 0.5  # points on a front, at most

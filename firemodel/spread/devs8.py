@@ -35,7 +35,7 @@ from firemodel.spread.devs8_kernels import (
     change_rates,
     set_out,
 )
-from firemodel.spread.fire import Burning, Fire, Ignition
+from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
 from firemodel.spread.local_spread import burnable_codes, perturbed, tables_of, terrain_of

@@ -30,7 +30,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.fire import (
+from firemodel.spread.fire_scheme import (
     BURNED,
     BURNING,
     CANNOT_BURN,

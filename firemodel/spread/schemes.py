@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
     from firemodel.physics.weather import WeatherStream
-    from firemodel.spread.fire import Burning, Fire, Ignition
+    from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 
 SchemeName = Literal["anyangle", "devs8", "probabilistic"]
 

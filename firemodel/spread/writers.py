@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.behaviour import behaviour_of
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
 MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre

@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from mission_service import __version__
-from mission_service.cli.burn import burn
-from mission_service.cli.experiment import experiment
-from mission_service.cli.fire import bench, fire
-from mission_service.cli.log import log
-from mission_service.cli.mission import mission, signing
-from mission_service.cli.parts import (
+from mission_service.cli.burn_commands import burn
+from mission_service.cli.experiment_commands import experiment
+from mission_service.cli.fire_commands import bench, fire
+from mission_service.cli.log_commands import log
+from mission_service.cli.mission_commands import mission, signing
+from mission_service.cli.options import (
     JSON,
     LOG,
     LOG_LEVEL,
@@ -25,15 +25,15 @@ from mission_service.cli.parts import (
     reporter,
     tell_address,
 )
-from mission_service.cli.replay import replay
-from mission_service.cli.report import report
-from mission_service.cli.requests import request
-from mission_service.cli.token import token
-from mission_service.cli.tune import tune
+from mission_service.cli.replay_commands import replay
+from mission_service.cli.report_commands import report
+from mission_service.cli.request_commands import request
+from mission_service.cli.token_commands import token
+from mission_service.cli.tune_commands import tune
 from mission_service.runtime.clocks import now_text
 
 
-class Guarded(click.Group):
+class ErrorReportingGroup(click.Group):
     """A group of commands that reports a known error in one line with exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -59,7 +59,7 @@ def _first(error: BaseException) -> BaseException:
     return error
 
 
-@click.group(cls=Guarded, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=ErrorReportingGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="mission-service")
 def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
@@ -142,7 +142,7 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     "--prefix", default="mission-service", show_default=True, help="Prefix of MQTT topics."
 )
 @click.option(
-    "--anew", is_flag=True, help="Start a new run; do not resume the interrupted run in OUT."
+    "--fresh", is_flag=True, help="Start a new run; do not resume the interrupted run in OUT."
 )
 @click.option(
     "--skip-unreadable",
@@ -161,7 +161,7 @@ def run(
     vehicle: str | None,
     broker: str | None,
     prefix: str,
-    anew: bool,
+    fresh: bool,
     skip_unreadable: bool,
     overrides: tuple[str, ...],
     tlog: Path | None,
@@ -180,7 +180,7 @@ def run(
     import asyncio
 
     from mission_service.config.scenario import flying, load_run, one_of_many, with_signing_key
-    from mission_service.interfaces.mqtt.peers import channel_of
+    from mission_service.interfaces.mqtt.peer_exchange import channel_of
     from mission_service.journal.private_files import private
     from mission_service.live.daemon import Run, serve
     from mission_service.runtime.outputs import write_outputs
@@ -188,7 +188,7 @@ def run(
     loaded, settings = load_run(config, overrides)
     scenario = flying(loaded)
     channel = None if broker is None else channel_of(broker, prefix, scenario.name, settings.mqtt)
-    scenario = one_of_many(scenario, vehicle, talks=channel is not None)
+    scenario = one_of_many(scenario, vehicle, peer_messaging=channel is not None)
     if signing_key is not None:
         scenario = with_signing_key(scenario, signing_key)
     made = folder(out)
@@ -202,7 +202,7 @@ def run(
         tlog,
         logs,
         channel=channel,
-        goes_on=not anew,
+        goes_on=not fresh,
         skip_unreadable=skip_unreadable,
     )
     with private():
@@ -290,8 +290,8 @@ def mock(
     from dataclasses import replace
 
     from mission_service.simulation.mocks import (
-        OnLink,
-        Surroundings,
+        MockEnvironment,
+        MocksOnLink,
         by_hand,
         from_scenario,
         listening,
@@ -304,7 +304,7 @@ def mock(
         raise click.UsageError("--count is for mocks without a scenario")
     if not scenario and vehicle not in (None, "plane", "copter"):
         raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
-    around = Surroundings(
+    around = MockEnvironment(
         read_wind(wind),
         battery_minutes,
         terrain_amsl_m,
@@ -317,7 +317,7 @@ def mock(
         mocks = from_scenario(scenario, vehicle, link, around)
     else:
         fleet = by_hand(stack, vehicle or "plane", system_id, home, count, around)
-        mocks = [OnLink(fleet, link or "udpout:127.0.0.1:14550")]
+        mocks = [MocksOnLink(fleet, link or "udpout:127.0.0.1:14550")]
     if signing_key is not None:
         mocks = [replace(each, signing_key=signing_key) for each in mocks]
     run(mocks, speedup, as_json, click.echo, until_eof)

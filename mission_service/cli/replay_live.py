@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.parts import folder, reporter, tell_address
+from mission_service.cli.options import folder, reporter, tell_address
 
 if TYPE_CHECKING:
     from mission_service.config.service import ServiceSection

@@ -17,7 +17,7 @@ from pydantic import (
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
-from mission_service.config.rules import Way, own_ways, way_named
+from mission_service.config.rule_lookup import Way, own_ways, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
@@ -285,7 +285,7 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
     return scenario.model_copy(update={"vehicles": vehicles})
 
 
-def one_of_many(scenario: Scenario, vehicle: str | None, talks: bool) -> Scenario:
+def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -> Scenario:
     """The scenario for a process that flies only one vehicle, or talks to other processes.
 
     Raises ScenarioError for a vehicle that it has not, and for a rule without a word to say.
@@ -293,12 +293,12 @@ def one_of_many(scenario: Scenario, vehicle: str | None, talks: bool) -> Scenari
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
         raise ScenarioError(f"--vehicle {vehicle}: {scenario.name} has {', '.join(names)}")
-    if talks and not scenario.way.messages_peers:
+    if peer_messaging and not scenario.way.messages_peers:
         able = " or ".join(f'"{rule}"' for rule, way in own_ways().items() if way.messages_peers)
         raise ScenarioError(
             f"--broker is for rule = {able}; {scenario.name} flies {scenario.planner.rule}"
         )
-    formation = scenario.formation.model_copy(update={"talks": talks})
+    formation = scenario.formation.model_copy(update={"talks": peer_messaging})
     return scenario.model_copy(update={"only": vehicle, "formation": formation})
 
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
-from mission_service.config.rules import way_named
+from mission_service.config.rule_lookup import way_named
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -175,12 +175,12 @@ class PlannerSection(Section):
     Rules that begin with ``team.`` direct all vehicles together, on one map.
     """
 
-    rule: str = "damped"
+    rule: str = "islam_hu_damped"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
     # What a team's user wishes; it is told how many vehicles that takes.
-    worst_age_s: Positive | None = None
-    unseen_advance_m: Positive | None = None
+    max_revisit_s: Positive | None = None
+    max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
     first_direction: Literal["clockwise", "anticlockwise"] = "clockwise"
     ignition_known: bool = True
@@ -189,7 +189,7 @@ class PlannerSection(Section):
     baseline_s: Positive = 600.0
     smoothing_deg: Annotated[int, Field(ge=0, le=90)] = 10
     reversal_margin: NotNegative = 0.5
-    least_gain_cells: NotNegative = 0.5
+    min_gain_cells: NotNegative = 0.5
     dwell_s: NotNegative = 200.0
 
     @field_validator("rule")
@@ -222,9 +222,11 @@ class FormationSection(Section):
     range_m: Positive = 2000.0
     # The paper's velocity obstacles choose headings, which an autopilot on an orbit is not given.
     avoidance: Literal["intent", "none"] = "intent"
-    apart_by_height_m: Positive | None = None  # vehicles whose heights differ so need no avoidance
+    vertical_separation_m: Positive | None = (
+        None  # vehicles whose heights differ so need no avoidance
+    )
     synchronises: bool = True
-    talks: bool = False  # to UAVs that other processes fly
+    peer_messaging: bool = False  # to UAVs that other processes fly
 
 
 LatLon = tuple[Latitude, Longitude]
@@ -316,18 +318,18 @@ class BurnSection(Section):
     residence_s: NotNegative = 120.0
     edge_m: NotNegative = 5.0  # drops stay so far inside the unit, and off no-drop areas
     spheres: Annotated[int, Field(ge=0)] = 450
-    most_drops_per_min: Positive = 120.0
+    max_drops_per_min: Positive = 120.0
     ignition_delay_s: NotNegative = 30.0
     battery_s: Positive = 1500.0  # of flight a load
     battery_reserve_s: NotNegative = 240.0
     reload_s: NotNegative = 300.0  # on the ground between two loads
     dropper: Dropper = Dropper()
-    miss_m: Positive = 4.0  # a sphere that would fall farther off its place is not dropped
+    max_miss_m: Positive = 4.0  # a sphere that would fall farther off its place is not dropped
     approval_s: Positive = 600.0  # an approval is good for so long
-    crew_silent_s: Positive = 15.0  # an approver not heard for so long is gone
+    approver_timeout_s: Positive = 15.0  # an approver not heard for so long is gone
     wind_changes_m_s: Positive = 2.0
     wind_changes_deg: Positive = 30.0
-    least_battery_pct: Annotated[float, Field(ge=0, le=90)] = 25.0
+    min_battery_pct: Annotated[float, Field(ge=0, le=90)] = 25.0
 
     @model_validator(mode="after")
     def _consistent(self) -> "BurnSection":
@@ -335,11 +337,11 @@ class BurnSection(Section):
             raise ValueError("needs either unit (corners) or unit_file")
         if self.safe_height_m <= self.drop_height_m:
             raise ValueError("safe_height_m must be more than drop_height_m")
-        least_m = self.speed_m_s * 60.0 / self.most_drops_per_min
-        if self.drop_spacing_m < least_m:
+        min_m = self.speed_m_s * 60.0 / self.max_drops_per_min
+        if self.drop_spacing_m < min_m:
             raise ValueError(
-                f"drop_spacing_m must be at least {least_m:g} m at {self.speed_m_s:g} m/s and "
-                f"{self.most_drops_per_min:g} drops a minute"
+                f"drop_spacing_m must be at least {min_m:g} m at {self.speed_m_s:g} m/s and "
+                f"{self.max_drops_per_min:g} drops a minute"
             )
         if len({station.name for station in self.stations}) != len(self.stations):
             raise ValueError("stations must have different names")
@@ -355,9 +357,9 @@ class MissionSection(Section):
     """
 
     horizon_m: Positive = 2500.0
-    lead_m: Positive = 150.0
+    lookahead_m: Positive = 150.0
     path_tolerance_m: Positive = 45.0
-    least_upload_interval_s: NotNegative = 4.0
+    min_upload_interval_s: NotNegative = 4.0
     layer_m: NotNegative = 40.0
     separation_m: Positive = 30.0
     approval: Literal["none", "each"] = "none"  # each: a person accepts every mission
@@ -386,11 +388,11 @@ class VehicleSection(Section):
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    least_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``most_airspeed_m_s``
-    most_airspeed_m_s: Positive = 25.0
+    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``max_airspeed_m_s``
+    max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
-    least_leg_m: Positive = 90.0
+    min_leg_m: Positive = 90.0
     loiter_radius_m: Positive = 90.0
     # A disc of this angle; with camera_along_deg, the angle along the track, a rectangle that turns
     # with the vehicle.
@@ -405,8 +407,8 @@ class VehicleSection(Section):
 
     @model_validator(mode="after")
     def _speeds_in_order(self) -> "VehicleSection":
-        if self.least_airspeed_m_s >= self.most_airspeed_m_s:
-            raise ValueError("least_airspeed_m_s must be less than most_airspeed_m_s")
+        if self.min_airspeed_m_s >= self.max_airspeed_m_s:
+            raise ValueError("min_airspeed_m_s must be less than max_airspeed_m_s")
         return self
 
     @field_validator("signing_key")

@@ -111,7 +111,7 @@ class CotSection(Section):
         return int(self.url.rpartition(":")[2])
 
 
-class KeepSection(Section):
+class JournalSection(Section):
     """Rotation and retention of the journal on disk."""
 
     rotate_mb: Positive = 64.0  # size of one segment of the journal
@@ -125,7 +125,7 @@ class ServiceSection(Section):
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
-    keep: KeepSection = KeepSection()
+    keep: JournalSection = JournalSection()
     # The command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold
     # at the present position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"

@@ -7,7 +7,7 @@ FW_AIRSPD_MAX. Routes, endurance and separation are planned with ``airspeed_m_s`
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm
 from mission_service.vehicles.availability import MISSION
-from mission_service.vehicles.state import Vehicle
+from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
 DIFFERENCE_M_S = 2.0  # the greater of these two is the tolerance
@@ -22,9 +22,9 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     difference or the mission has ended.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
-    presence = vehicle.presence
-    led = presence.airborne and not presence.taken_over
-    in_mission = led and (presence.mode == MISSION or presence.held_by_upload)
+    availability = vehicle.availability
+    led = availability.airborne and not availability.taken_over
+    in_mission = led and (availability.mode == MISSION or availability.held_by_upload)
     if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
         return _compared_equal(vehicle)
     if abs(measured_m_s - commanded_m_s) <= max(DIFFERENCE_M_S, DIFFERENCE_SHARE * commanded_m_s):

@@ -15,7 +15,7 @@ from mission_service.events import (
     VehicleEvent,
 )
 from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
-from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, say
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
@@ -42,16 +42,16 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
             words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
         case ThrustStatusChanged():
-            failed = vehicle.presence.airborne and not event.sufficient
+            failed = vehicle.availability.airborne and not event.sufficient
             sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
             words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
             return _alarm(vehicle, THRUST, failed, words, "severe")
-        case LandedStateChanged(state="landing") if vehicle.presence.airborne:
+        case LandedStateChanged(state="landing") if vehicle.availability.airborne:
             return [say(vehicle, "landing", warning=True)]
         case LandedStateChanged():
-            mode = vehicle.presence.mode
+            mode = vehicle.availability.mode
             lands = mode in GOING_HOME  # it is disarmed next
-            down = vehicle.presence.airborne and event.state == "on ground" and not lands
+            down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in mode {mode}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
         case _:
@@ -60,7 +60,7 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
 
 def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
     """Raise the alarm about a mode that was not ordered."""
-    mode = vehicle.presence.mode
+    mode = vehicle.availability.mode
     doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
     until = "nothing is sent to it until it is back in its mission or an operator orders it"
     words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"

@@ -23,21 +23,21 @@ from mission_service.core.autopilot_reports import (
     taken_over,
     texts_over,
 )
-from mission_service.core.operator_orders import CrewOrders, hold_again
-from mission_service.core.steering import Steering
+from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.events import (
     AirspeedMeasured,
     AnyEvent,
+    AnyOperatorEvent,
     CommandFinished,
-    Crew,
-    CrewEvent,
     FenceStatusChanged,
     LinkLost,
     LinkRestored,
     MissionAccepted,
-    MissionHeld,
     MissionProgress,
+    MissionReadBack,
     ModeChanged,
+    OperatorEvent,
     Resumed,
     SystemStateChanged,
     Telemetry,
@@ -48,15 +48,15 @@ from mission_service.events import (
 )
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
-from mission_service.guidance.way import WayOfFlying
+from mission_service.guidance.way_of_flying import WayOfFlying
 from mission_service.missions.landing import Landing
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION, Presence
+from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION, VehicleAvailability
 from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.reconciliation import doubt, in_words, recognised
-from mission_service.vehicles.state import Pending, Vehicle, say
-from mission_service.vehicles.traffic import Spacing
+from mission_service.vehicles.reconciliation import in_words, recognised, unconfirmed
+from mission_service.vehicles.traffic import TrafficManager
+from mission_service.vehicles.vehicle_state import Pending, Vehicle, say
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
@@ -78,23 +78,25 @@ class Core:
         if scenario.mission.approval == "each":
             settings = scenario.mission
             self._approvals = MissionApprovals(settings.path_tolerance_m, settings.horizon_m)
-        presence = {section.name: Presence() for section in scenario.vehicles}
-        self.spacing = Spacing(scenario, landscape, presence)
-        self.leader: Guidance = self._way.guidance(
-            scenario, landscape, self.spacing, self._missions
+        availability = {section.name: VehicleAvailability() for section in scenario.vehicles}
+        self.traffic = TrafficManager(scenario, landscape, availability)
+        self.guidance: Guidance = self._way.guidance(
+            scenario, landscape, self.traffic, self._missions
         )
-        self.steering = Steering(scenario, landscape, self.leader.planners, presence)
+        self.decision_engine = DecisionEngine(
+            scenario, landscape, self.guidance.planners, availability
+        )
         self.vehicles = {
             section.name: Vehicle(
                 section,
-                presence[section.name],
+                availability[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
                 Landing(scenario, section, landscape),
             )
             for section in scenario.flown
         }
-        self._orders = CrewOrders(
-            scenario, self.steering, self.vehicles, self._start, self._approvals
+        self._orders = OperatorOrders(
+            scenario, self.decision_engine, self.vehicles, self._start, self._approvals
         )
 
     @property
@@ -111,9 +113,9 @@ class Core:
         if self._approvals is not None and not isinstance(event, MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self.leader.after(event, commands, self.vehicles)
+        commands += self.guidance.after(event, commands, self.vehicles)
         for command in commands:
-            self.steering.sent(command, at_s)
+            self.decision_engine.sent(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
             elif isinstance(command, Hold):
@@ -130,34 +132,39 @@ class Core:
         if type(command) not in LEADS_TO:
             return False
         vehicle = self.vehicles[command.vehicle]
-        presence, uploads = vehicle.presence, isinstance(command, UploadMission)
-        if presence.taken_over and (presence.airborne or not uploads):
+        availability, uploads = vehicle.availability, isinstance(command, UploadMission)
+        if availability.taken_over and (availability.airborne or not uploads):
             if uploads:
                 vehicle.pending = None
             return True
-        on_ground = isinstance(command, StartMission) and not presence.airborne
+        on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_crew
 
     def _handle(self, event: AnyEvent) -> list[AnyCommand]:
-        if isinstance(event, Crew):
+        if isinstance(event, OperatorEvent):
             return self._told(event)
         vehicle = self.vehicles[event.vehicle]
-        presence = vehicle.presence
-        was = _Was(presence.airborne, presence.recalled, presence.taken_over, presence.armed)
-        decision = self.steering.take(event)
+        availability = vehicle.availability
+        was = _Was(
+            availability.airborne,
+            availability.recalled,
+            availability.taken_over,
+            availability.armed,
+        )
+        decision = self.decision_engine.take(event)
         commands = self._answer(vehicle, event, decision, was)
-        return [*commands, *self.leader.heard(vehicle, event)]
+        return [*commands, *self.guidance.heard(vehicle, event)]
 
-    def _told(self, event: CrewEvent) -> list[AnyCommand]:
+    def _told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         if isinstance(event, Resumed):  # links and commands under way are unknown
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
                     self._approvals.withdraw(vehicle, "the service was restarted")
-                doubt(vehicle)
+                unconfirmed(vehicle)
         if self._way.prescribed:
-            return self.leader.told(event)
-        return [*self._orders.take(event), *self.leader.told(event)]
+            return self.guidance.told(event)
+        return [*self._orders.take(event), *self.guidance.told(event)]
 
     def _answer(
         self,
@@ -170,7 +177,7 @@ class Core:
             case Telemetry():
                 at_s = event.at_us / 1e6
                 told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
-                if vehicle.presence.airborne and not was.airborne:
+                if vehicle.availability.airborne and not was.airborne:
                     vehicle.start_again_at_s = None  # the due start was this takeoff
                     told += self._found_in_air(vehicle, was)
                 return [*told, *self._moved(vehicle, at_s, decision)]
@@ -181,8 +188,8 @@ class Core:
                 return [say(vehicle, f"connected ({event.stack})")]
             case LinkLost():
                 then = "the mission on board ends in a loiter"
-                left = vehicle.presence.taken_over or vehicle.presence.recalled
-                if left or not self.leader.in_mission(vehicle.name):
+                left = vehicle.availability.taken_over or vehicle.availability.recalled
+                if left or not self.guidance.in_mission(vehicle.name):
                     then = "it keeps circling, or its autopilot carries out its failsafe"
                 words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
                 return [say(vehicle, words, warning=True)]
@@ -193,7 +200,7 @@ class Core:
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
             case CommandFinished():
                 return self._command_finished(vehicle, event)
-            case MissionHeld():
+            case MissionReadBack():
                 return self._held(vehicle, event)
             case ModeChanged():
                 vehicle.mode = event.mode
@@ -206,47 +213,47 @@ class Core:
                 return []
             case SystemStateChanged() | FenceStatusChanged():
                 told = reported(vehicle, event)
-                if vehicle.presence.taken_over and not was.taken_over:  # hold by a failsafe
+                if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
                     told += self._taken_over(vehicle)
                 return told
             case _:
                 return reported(vehicle, event)
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        presence = vehicle.presence
-        here = presence.here
-        if here is None or not presence.online or at_s < self.scenario.deploy_at_s:
+        availability = vehicle.availability
+        here = availability.here
+        if here is None or not availability.online or at_s < self.scenario.deploy_at_s:
             return []
-        if presence.taken_over and presence.airborne:
+        if availability.taken_over and availability.airborne:
             return []
-        if presence.recalled:
+        if availability.recalled:
             return self._return_again(vehicle, at_s)
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if vehicle.doubt is not None and not self._way.prescribed:
+        if vehicle.unconfirmed is not None and not self._way.prescribed:
             return []  # wait until its mission is read back
-        if presence.in_failsafe and presence.mode == MISSION:
+        if availability.in_failsafe and availability.mode == MISSION:
             return []  # ArduPlane may land by its mission: a new one would end the landing
-        if not presence.position_good:
+        if not availability.position_good:
             return []  # no decision by dead reckoning: it flies the mission on board
         commands: list[AnyCommand] = []
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
-        commands += self.leader.news(vehicle, at_s, decision)
+        commands += self.guidance.news(vehicle, at_s, decision)
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, here)]
-        if not presence.airborne:
+        if not availability.airborne:
             return [*commands, *self._on_the_ground(vehicle, here)]
         if self._start_is_due(vehicle, at_s):
             return [*commands, *self._start(vehicle, at_s)]
         if vehicle.pending is None and self._must_return(vehicle, here):
-            led_home = self.leader.way_home(vehicle, here)
+            led_home = self.guidance.way_home(vehicle, here)
             return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
-        return [*commands, *self.leader.lead(vehicle, here)]
+        return [*commands, *self.guidance.lead(vehicle, here)]
 
     # To the fire and home ---------------------------------------------------------------------
 
-    def _on_the_ground(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _on_the_ground(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Repeat a start that was refused; upload a mission to a vehicle that has none."""
         if self._start_is_due(vehicle, here.at_s):
             return self._start(vehicle, here.at_s)
@@ -263,12 +270,12 @@ class Core:
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Start the mission; a takeoff waits for separation, and after a landing for an order."""
         vehicle.start_again_at_s = None
-        if vehicle.presence.taken_over:
+        if vehicle.availability.taken_over:
             return []
-        if vehicle.waits_for_crew and not vehicle.presence.airborne:
+        if vehicle.waits_for_crew and not vehicle.availability.airborne:
             return [say(vehicle, WAITS, warning=True)]
-        measured = vehicle.presence.position_good or not vehicle.presence.airborne
-        if measured and (vehicle.presence.airborne or self._may_take_off(vehicle, at_s)):
+        measured = vehicle.availability.position_good or not vehicle.availability.airborne
+        if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
             return [StartMission(vehicle.name)]
         vehicle.start_again_at_s = at_s + CHECK_EVERY_S
         return []
@@ -283,18 +290,18 @@ class Core:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
             if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
                 return False
-        return self.spacing.may_take_off(vehicle.name, at_s)
+        return self.traffic.may_take_off(vehicle.name, at_s)
 
-    def _deploy(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _deploy(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Upload the mission to the fire, if the guidance has a path already."""
-        path = self.leader.first_path(vehicle, here)
+        path = self.guidance.first_path(vehicle, here)
         if path is None:
             return []
         vehicle.deployed = True
-        items = self.leader.items(vehicle, path, here)
+        items = self.guidance.items(vehicle, path, here)
         return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
 
-    def _must_return(self, vehicle: Vehicle, here: Here) -> bool:
+    def _must_return(self, vehicle: Vehicle, here: PositionFix) -> bool:
         """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
@@ -302,36 +309,36 @@ class Core:
         if section.endurance_s is None:
             return False
         against_m_s = max(
-            section.airspeed_m_s - vehicle.presence.wind_m_s, section.airspeed_m_s / 3
+            section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
         )
         home_s = math.dist((here.x_m, here.y_m), vehicle.home_m) / against_m_s
-        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        flown_s = here.at_s - vehicle.availability.took_off_at_s
         return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
 
-    def _send_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
-        self.steering.recall(vehicle.name, here.at_s)
+    def _send_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+        self.decision_engine.recall(vehicle.name, here.at_s)
         vehicle.end_intentions()
         vehicle.sent_home = vehicle.waits_for_crew = True
-        flown_min = (here.at_s - vehicle.presence.took_off_at_s) / 60.0
+        flown_min = (here.at_s - vehicle.availability.took_off_at_s) / 60.0
         words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly used up"
         return [say(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        again_at_s, airborne = vehicle.return_again_at_s, vehicle.presence.airborne
+        again_at_s, airborne = vehicle.return_again_at_s, vehicle.availability.airborne
         if again_at_s is None or at_s < again_at_s or not airborne:
             return []
         vehicle.return_again_at_s = None
         return [Return(vehicle.name)]
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
-        presence = vehicle.presence
+        availability = vehicle.availability
         if was.armed and not event.armed:
             return self._disarmed(vehicle, was.airborne)
         if event.mode == MISSION and event.armed:
             vehicle.start_again_at_s = None
-        if presence.taken_over and (presence.airborne or vehicle.started):
+        if availability.taken_over and (availability.airborne or vehicle.started):
             return self._taken_over(vehicle)
-        if presence.recalled and not was.recalled:
+        if availability.recalled and not was.recalled:
             return [_on_its_way_home(vehicle, event.mode)]
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
@@ -340,14 +347,14 @@ class Core:
 
     def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
         """Handle the mode of a vehicle that has taken off, or is first reported in the air."""
-        if vehicle.presence.taken_over:
+        if vehicle.availability.taken_over:
             return self._taken_over(vehicle)
-        if vehicle.presence.recalled and not was.recalled:
-            return [_on_its_way_home(vehicle, vehicle.presence.mode)]
+        if vehicle.availability.recalled and not was.recalled:
+            return [_on_its_way_home(vehicle, vehicle.availability.mode)]
         return []
 
     def _taken_over(self, vehicle: Vehicle) -> list[AnyCommand]:
-        why = f"mode {vehicle.presence.mode} was not ordered"
+        why = f"mode {vehicle.availability.mode} was not ordered"
         return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
@@ -364,13 +371,13 @@ class Core:
             return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
         # The mission on board begins in the air: a takeoff needs a new one.
         vehicle.flown_line = vehicle.refusal = None
-        self.spacing.forget(vehicle.name)
+        self.traffic.forget(vehicle.name)
         return [*ended, say(vehicle, "landed")]
 
-    def _held(self, vehicle: Vehicle, event: MissionHeld) -> list[AnyCommand]:
+    def _held(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
         """Handle the mission read back after a restart of the service; a burn only announces it."""
-        at_s, name, presence = event.at_us / 1e6, vehicle.name, vehicle.presence
-        was, vehicle.doubt = vehicle.doubt, None
+        at_s, name, availability = event.at_us / 1e6, vehicle.name, vehicle.availability
+        was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
             return []
         if self._way.prescribed:
@@ -380,9 +387,9 @@ class Core:
         if vehicle.read_back == "new":
             assert was.pending is not None
             commands += self._accepted(vehicle, was.pending, at_s)
-        sent_home = was.recalled and not vehicle.ordered and not presence.taken_over
-        if sent_home and presence.airborne and vehicle.mode not in GOING_HOME:
-            self.steering.recall(name, at_s)
+        sent_home = was.recalled and not vehicle.ordered and not availability.taken_over
+        if sent_home and availability.airborne and vehicle.mode not in GOING_HOME:
+            self.decision_engine.recall(name, at_s)
             return [commands[0], Return(name)]
         if vehicle.ordered:
             if vehicle.mode in ("mission", *GOING_HOME):
@@ -391,7 +398,7 @@ class Core:
                 commands[0],
                 say(vehicle, "an earlier order to hold applies until it is resumed", warning=True),
             ]
-        if not presence.airborne:
+        if not availability.airborne:
             if vehicle.waits_for_crew:
                 commands.append(say(vehicle, WAITS, warning=True))
             elif was.starting and vehicle.flown_line is not None:
@@ -400,13 +407,15 @@ class Core:
                 vehicle.holding, vehicle.start_again_at_s = True, None
             elif vehicle.started and not vehicle.start_again_at_s:  # landed or rebooted meanwhile
                 commands.append(say(vehicle, WAITS, warning=True))
-        elif presence.taken_over:
+        elif availability.taken_over:
             pass
         elif was.resumed and vehicle.read_back == "unknown":
             vehicle.started = False  # it gets a new mission and starts that
         elif was.resumed:
             commands.append(StartMission(name))
-        elif presence.recalled or vehicle.mode == "mission" or not self.leader.in_mission(name):
+        elif (
+            availability.recalled or vehicle.mode == "mission" or not self.guidance.in_mission(name)
+        ):
             pass
         elif was.starting or was.pending is not None:  # it holds for a start or an upload
             if vehicle.flown_line is None:
@@ -433,7 +442,7 @@ class Core:
                 warning=True,
             )
         ]
-        in_mission = vehicle.presence.flies and self.leader.in_mission(vehicle.name)
+        in_mission = vehicle.availability.flies and self.guidance.in_mission(vehicle.name)
         if in_mission and vehicle.started:
             # PX4 loiters by itself if the new mission is not feasible. ArduPilot may have parts of
             # the old and of the new mission on board.
@@ -448,7 +457,7 @@ class Core:
         if vehicle.ordered:  # the hold was ordered during the upload
             vehicle.hold_again_at_s = at_s
             return []
-        if not vehicle.started and vehicle.section.autostart and not vehicle.presence.recalled:
+        if not vehicle.started and vehicle.section.autostart and not vehicle.availability.recalled:
             vehicle.started = True
             return self._start(vehicle, at_s)
         if vehicle.holding:
@@ -472,7 +481,7 @@ class Core:
         vehicle.start_told = False
         refused = f"{event.command} refused: {event.reason}"
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
-        if event.command == "return" and vehicle.presence.recalled:
+        if event.command == "return" and vehicle.availability.recalled:
             vehicle.return_again_at_s = again_at_s
         elif event.command == "start mission" and self._may_start_again(vehicle):
             vehicle.start_again_at_s = again_at_s
@@ -486,14 +495,14 @@ class Core:
         Autopilots refuse to arm until they have a position: on the ground the start is repeated. In
         the air it is repeated only for a vehicle that flies by its mission.
         """
-        presence = vehicle.presence
-        if presence.taken_over or presence.recalled or vehicle.ordered:
+        availability = vehicle.availability
+        if availability.taken_over or availability.recalled or vehicle.ordered:
             return False
-        return self.leader.in_mission(vehicle.name) or not presence.airborne
+        return self.guidance.in_mission(vehicle.name) or not availability.airborne
 
     def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
         """Whether a start in flight was announced before, with no refusal, hold or return since."""
-        known = vehicle.start_told and vehicle.presence.airborne
+        known = vehicle.start_told and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
             vehicle.start_told = event.command == "start mission"
         return known and event.command == "start mission"
@@ -505,13 +514,13 @@ class Core:
         """
         ended = self._end_intentions(vehicle, "the autopilot was restarted")
         vehicle.deployed = vehicle.started = vehicle.going_home = False
-        vehicle.sent_home &= vehicle.presence.recalled
+        vehicle.sent_home &= vehicle.availability.recalled
         if vehicle.sent_home:
             vehicle.return_again_at_s = at_s
-        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.doubt = None
+        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
-        self.spacing.forget(vehicle.name)
+        self.traffic.forget(vehicle.name)
         waits = "it waits for an operator to start it"
         then = waits if vehicle.waits_for_crew else "a mission is sent"
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)

@@ -6,20 +6,20 @@ from dataclasses import replace
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
-from mission_service.core.steering import Steering
+from mission_service.core.decision_engine import DecisionEngine
 from mission_service.events import (
     SERVICE,
     Aborted,
-    CrewEvent,
+    AnyOperatorEvent,
     MissionAccepted,
     MissionRefused,
-    MissionWanted,
+    MissionRequested,
     Order,
-    Ordered,
+    OrderGiven,
 )
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, say
 
 HOLD_AGAIN_S = 3.0
 UNANSWERED_S = 30.0  # longer than the bridge repeats a hold
@@ -28,27 +28,27 @@ START_AFTER_S = 2.0
 Start = Callable[[Vehicle, float], list[AnyCommand]]
 
 
-class CrewOrders:
+class OperatorOrders:
     """Applies operators' orders; their effect on a vehicle is kept in its ``Vehicle``."""
 
     def __init__(
         self,
         scenario: Scenario,
-        steering: Steering,
+        decision_engine: DecisionEngine,
         vehicles: dict[str, Vehicle],
         start: Start,
         approvals: MissionApprovals | None,
     ) -> None:
         self._resumes_mission = way_of(scenario).resumes_mission
-        self.steering = steering
+        self.decision_engine = decision_engine
         self.vehicles = vehicles
         self._start = start
         self._approvals = approvals
 
-    def take(self, event: CrewEvent) -> list[AnyCommand]:
+    def take(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event; returns the commands that it causes."""
         match event:
-            case Ordered():
+            case OrderGiven():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
             case Aborted():
                 why = f"aborted by {event.by}"
@@ -56,7 +56,7 @@ class CrewOrders:
                     *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
                     *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
                 ]
-            case MissionWanted():
+            case MissionRequested():
                 return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
             case MissionAccepted() | MissionRefused():
                 return self._decided_on(event)
@@ -68,43 +68,43 @@ class CrewOrders:
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
-    def _ordered(self, vehicle: Vehicle, event: Ordered) -> list[AnyCommand]:
+    def _ordered(self, vehicle: Vehicle, event: OrderGiven) -> list[AnyCommand]:
         """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
             return [say(vehicle, obstacle, warning=True)]
-        was_taken_over = vehicle.presence.taken_over
-        if self.steering.ordered(vehicle.name, event):
+        was_taken_over = vehicle.availability.taken_over
+        if self.decision_engine.ordered(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
-            return [say(vehicle, f"no order is sent: it stays in mode {vehicle.presence.mode}")]
-        presence = vehicle.presence
+            return [say(vehicle, f"no order is sent: it stays in mode {vehicle.availability.mode}")]
+        availability = vehicle.availability
         why = (
             "which its autopilot or pilot selected"
-            if presence.taken_over
+            if availability.taken_over
             else "while its autopilot reports a failsafe"
         )
-        chosen = f"mode {presence.mode}, {why}"
+        chosen = f"mode {availability.mode}, {why}"
         asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{asked}; order it again, confirmed, to carry it out"
         return [say(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
         """The reason why an order cannot be carried out, even if confirmed; empty if it can."""
-        presence, on_board = vehicle.presence, self._resumes_mission
+        availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: resume it first"
-        if order == "resume" and on_board and presence.airborne and not presence.online:
+        if order == "resume" and on_board and availability.airborne and not availability.online:
             return "its link is lost: resume it when the link is restored"
         return ""
 
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
         """Order a hold; a vehicle in a mode of its autopilot or pilot holds when that mode ends."""
-        at_s, mode = event.at_us / 1e6, vehicle.presence.mode
-        if self.steering.aborted(vehicle.name):
+        at_s, mode = event.at_us / 1e6, vehicle.availability.mode
+        if self.decision_engine.aborted(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()
@@ -121,15 +121,15 @@ class CrewOrders:
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
                 vehicle.waits_for_crew = True
-                presence, words = vehicle.presence, f"return ordered by {by}"
+                availability, words = vehicle.availability, f"return ordered by {by}"
                 vehicle.sent_home = True
-                if presence.airborne and presence.online:
+                if availability.airborne and availability.online:
                     return [say(vehicle, words), Return(vehicle.name)]
                 # On the ground too: a start that was ordered before may still take effect.
                 vehicle.return_again_at_s = at_s
-                if presence.airborne:
+                if availability.airborne:
                     return [say(vehicle, words)]
-                if presence.armed:
+                if availability.armed:
                     return [say(vehicle, f"{words}: as soon as it has taken off")]
                 why = "it is on the ground: nothing is sent until an operator starts it"
                 return [say(vehicle, f"{words}, but {why}", warning=True)]
@@ -139,7 +139,7 @@ class CrewOrders:
                 vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
                 vehicle.return_again_at_s = None
                 self._call_off_return(vehicle)
-                if vehicle.flown_line is None or not vehicle.presence.online:
+                if vehicle.flown_line is None or not vehicle.availability.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
                     return [say(vehicle, f"start ordered by {by}: as soon as it has a mission")]
                 return [say(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
@@ -150,25 +150,25 @@ class CrewOrders:
         vehicle.end_intentions()
         self._call_off_return(vehicle)
         words = say(vehicle, f"{why} by {by}", warning=True)
-        presence = vehicle.presence
-        if not presence.online or not (presence.airborne or presence.armed):
+        availability = vehicle.availability
+        if not availability.online or not (availability.airborne or availability.armed):
             vehicle.hold_again_at_s = at_s
             return [words]
         return [words, Hold(vehicle.name)]
 
     def _call_off_return(self, vehicle: Vehicle) -> None:
         vehicle.sent_home = vehicle.going_home = False
-        if vehicle.doubt is not None:
-            vehicle.doubt = replace(vehicle.doubt, recalled=False)
+        if vehicle.unconfirmed is not None:
+            vehicle.unconfirmed = replace(vehicle.unconfirmed, recalled=False)
 
     def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         self._call_off_return(vehicle)
         vehicle.return_again_at_s, vehicle.refusal = None, None
         vehicle.waits_for_crew = False
-        on_board = self._resumes_mission and vehicle.presence.airborne
-        if on_board and vehicle.doubt is not None:
-            vehicle.doubt = replace(vehicle.doubt, resumed=True)
+        on_board = self._resumes_mission and vehicle.availability.airborne
+        if on_board and vehicle.unconfirmed is not None:
+            vehicle.unconfirmed = replace(vehicle.unconfirmed, resumed=True)
             return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if on_board:
             if vehicle.flown_line is None:  # its mission on board is unknown
@@ -176,7 +176,7 @@ class CrewOrders:
                 return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
             # Its mission ends at the fire's edge; the formation controls it from there.
             return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
-        if vehicle.presence.airborne:  # by a new mission: the front has moved on
+        if vehicle.availability.airborne:  # by a new mission: the front has moved on
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
@@ -185,12 +185,14 @@ class CrewOrders:
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"requested by {by}", None
-        presence = vehicle.presence
-        if not presence.position_good:
+        availability = vehicle.availability
+        if not availability.position_good:
             return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
-        led = not (presence.airborne and (presence.taken_over or vehicle.ordered))
-        if presence.recalled or not led:
-            words = f"mode {presence.mode}: a mission is sent once the planner controls it again"
+        led = not (availability.airborne and (availability.taken_over or vehicle.ordered))
+        if availability.recalled or not led:
+            words = (
+                f"mode {availability.mode}: a mission is sent once the planner controls it again"
+            )
             return [say(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} requested another mission")
 
@@ -223,10 +225,10 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """Repeat a hold until the autopilot accepts it, each time after an answer to the last one."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
-    since_s, presence = vehicle.hold_under_way_s, vehicle.presence
+    since_s, availability = vehicle.hold_under_way_s, vehicle.availability
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
-    if not (presence.airborne or presence.armed):
+    if not (availability.airborne or availability.armed):
         return []  # it stands on the ground, disarmed: nothing to hold
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

@@ -18,14 +18,14 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
-from firemodel.spread.fire import Burning, Fire
+from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.events import (
+    AnyOperatorEvent,
     Corrected,
-    CrewEvent,
     Erased,
     Redone,
     Undone,
-    WindTold,
+    WindSet,
 )
 from mission_service.fire.correction_log import CorrectionLog, Held, not_erased, observations_held
 
@@ -56,13 +56,13 @@ class CorrectedFire:
         self._base.advance(fire.time_s)
         return [fire, self._base]
 
-    def apply_report(self, event: CrewEvent, fire: Fire) -> Fire:
+    def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """The fire from now on; the same object if nothing has changed.
 
         Raises FireModelError for what cannot be; nothing is changed then.
         """
         match event:
-            case WindTold():
+            case WindSet():
                 # A restarted fire needs no earlier weather, so the stream stays short for weeks.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from firemodel.spread.fire import Fire, StartArea
+from firemodel.spread.fire_scheme import Fire, StartArea
 
 # Odd, and no share of them is 10, 50 or 90 %: bands never run along the centres of cells.
 MEMBERS = 15

@@ -16,11 +16,11 @@ from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Corrected,
     Erased,
-    Lit,
+    IgnitionReported,
     Observed,
     Redone,
     Undone,
-    WindTold,
+    WindSet,
 )
 from mission_service.fire.correction_log import (
     CorrectionLog,
@@ -115,7 +115,7 @@ class EstimatedFire:
         """
         before = self.version
         match event:
-            case Lit():
+            case IgnitionReported():
                 self.ignite(
                     _sources(self._landscape.xy_of_places(event.points), event.lit_at_us / 1e6)
                 )
@@ -131,7 +131,7 @@ class EstimatedFire:
                 if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
                     self._mark()
-            case WindTold():
+            case WindSet():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
                 pass

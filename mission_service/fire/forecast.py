@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from mission_service.fire.ensemble import (
     Arrival,
     Ensemble,

@@ -14,8 +14,8 @@ from firemodel.landscape.rasterise import burnable_cells, with_barriers
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
-from firemodel.spread.fire import BURNING, Burning, Fire, check_burning, check_ignitions
-from firemodel.spread.fire import Ignition as CellIgnition
+from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
+from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import (

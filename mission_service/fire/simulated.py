@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.links.signing import read_key
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
-from mission_service.events import CrewEvent, Observed, Telemetry
+from mission_service.events import AnyOperatorEvent, Observed, Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
@@ -52,7 +52,7 @@ def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
     return tuple(text[start : start + width] for start in range(0, len(text), width))
 
 
-class FireWorld:
+class SimulatedFire:
     """The burning truth, and what cameras observe of it."""
 
     def __init__(
@@ -76,7 +76,7 @@ class FireWorld:
             for fire in fires:
                 fire.light(row, col, max(at_s, fire.time_s))
 
-    def apply_report(self, event: CrewEvent) -> Window | None:
+    def apply_report(self, event: AnyOperatorEvent) -> Window | None:
         """Apply a report of fire or wind; returns the window of cells that burn otherwise.
 
         Raises FireModelError for what cannot be; nothing is changed then.
@@ -133,7 +133,7 @@ class FireWorld:
         return Observed(telemetry.at_us, telemetry.vehicle, top, left, in_letters(codes))
 
 
-def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
+def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
     """The fire of a scenario, corrected by operators.
 
     In a burn it is the simulated truth: reports change the estimate, not what burns.
@@ -141,7 +141,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> FireWorld:
     corrected = None
     if scenario.burn_flown is None:
         corrected = CorrectedFire(landscape, partial(begun_again, scenario, landscape))
-    return FireWorld(fire_of(scenario, landscape), landscape, corrected)
+    return SimulatedFire(fire_of(scenario, landscape), landscape, corrected)
 
 
 def check(scenario: Scenario) -> dict[str, object]:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import AnyCommand, Decided, Drop
-from mission_service.events import AnyEvent, CrewEvent, Observed, VehicleEvent
-from mission_service.position_fix import Here
-from mission_service.vehicles.state import Vehicle
+from mission_service.commands import AnyCommand, DirectionDecision, Drop
+from mission_service.events import AnyEvent, AnyOperatorEvent, Observed, VehicleEvent
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.vehicle_state import Vehicle
 
 if TYPE_CHECKING:
     from mission_service.fire.estimated import EstimatedFire
@@ -92,9 +92,9 @@ class Planner(Steered, Protocol):
         """The fire as the planner believes it to be: its front in cells on 360 bearings."""
 
 
-def decided(name: str, planner: Planner, decision: Decision) -> Decided:
+def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
     """A vehicle's decision as it is announced and recorded."""
-    return Decided(
+    return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
         decision.reversed,
@@ -135,10 +135,10 @@ class Guidance(ABC):
     planners: Mapping[str, Steered]
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Take note of any event; it has been taken in by ``Steering`` already."""
+        """Take note of any event; it has been taken in by ``DecisionEngine`` already."""
         return []
 
-    def told(self, event: CrewEvent) -> list[AnyCommand]:
+    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """What a person did or said."""
         return []
 
@@ -147,19 +147,19 @@ class Guidance(ABC):
         return []
 
     @abstractmethod
-    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """What the vehicle is to do now; it flies, and has time left."""
 
-    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
         """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
         return None
 
     @abstractmethod
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
         """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     @abstractmethod
-    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
 
     def in_mission(self, name: str) -> bool:
@@ -178,11 +178,11 @@ class Guidance(ABC):
         """Where it stands; ``complete``: nothing would be lost if it ended now."""
         return {"complete": True}
 
-    def preview(self, vehicle: Vehicle, here: Here) -> tuple[MissionItem, ...] | None:
+    def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
         """The mission it would be sent now; nothing is changed by asking. None: there is none."""
         return None
 
-    def compared(self, name: str, here: Here) -> Compared | None:
+    def compared(self, name: str, here: PositionFix) -> Compared | None:
         """What its planner compares at a place; None where it compares nothing."""
         return None
 

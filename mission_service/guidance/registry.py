@@ -5,13 +5,13 @@ Both are looked up by their rule in ``config/rules.py``.
 
 from typing import TYPE_CHECKING, cast
 
-from mission_service.config.rules import way_named
+from mission_service.config.rule_lookup import way_named
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.burn.way import BURN
 from mission_service.guidance.formation.way import FORMATION
 from mission_service.guidance.front.way import FRONT
 from mission_service.guidance.team.way import TEAM
-from mission_service.guidance.way import WayOfFlying
+from mission_service.guidance.way_of_flying import WayOfFlying
 
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape

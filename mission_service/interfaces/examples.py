@@ -4,32 +4,32 @@ from typing import Any
 
 import msgspec
 
-from mission_service.interfaces.api.states import (
-    Difference,
+from mission_service.interfaces.api.models import (
+    FullState,
     Importance,
-    Land,
+    LandscapeExtent,
+    MissionDifference,
     Preview,
-    State,
     StatusState,
 )
-from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
 from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     Alarm,
+    Announcement,
     ItemState,
     Mission,
     MissionState,
-    NewsLine,
     OrbitState,
     TelemetryState,
     VehicleState,
 )
 
 AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
-TOLD = {"ok": True, "at_s": 4215.3, "event": "Ordered", "said": ["hawk: hold, by anna"]}
-PLANNER = {"rule": "damped", "alpha": 1.0}
+TOLD = {"ok": True, "at_s": 4215.3, "event": "OrderGiven", "said": ["hawk: hold, by anna"]}
+PLANNER = {"rule": "islam_hu_damped", "alpha": 1.0}
 TELEMETRY = TelemetryState(
     AT_US, "hawk", 36.364232, -84.140907, 561.2, 250.1, 149.8, 41.5, 17.9, 43.2
 )
@@ -65,7 +65,7 @@ MISSION = MissionState(
     on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
 )
 ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
-NEWS = NewsLine(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
+NEWS = Announcement(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
 REPLAY = ReplayState(
     AT_US,
     ("flight.tlog",),
@@ -79,7 +79,7 @@ REPLAY = ReplayState(
     False,
     0,
 )
-STATUS = StatusState(AT_US, UNIX_US, "default", "damped", 7200.0, [], False)
+STATUS = StatusState(AT_US, UNIX_US, "default", "islam_hu_damped", 7200.0, [], False)
 FIRE = {
     "schema": "fire/1",
     "at_us": AT_US,
@@ -90,14 +90,14 @@ FIRE = {
     "wind_told_by": "anna",
     "corrections": [],
 }
-LAND = Land(
+LAND = LandscapeExtent(
     (-84.26, 36.29, -84.06, 36.41),
     ((-84.26, 36.41), (-84.06, 36.41), (-84.06, 36.29), (-84.26, 36.29)),
     30.0,
     500,
     500,
 )
-STATE = State(
+STATE = FullState(
     4711,
     STATUS,
     ("look", "correct", "fly", "approve"),
@@ -110,12 +110,12 @@ STATE = State(
     [ALARM],
     [NEWS],
     LAND,
-    "damped",
+    "islam_hu_damped",
     PLANNER,
 )
 FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
-PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, Difference(2, 4, 3, 84.0))
-IMPORTANCE = Importance(AT_US, "hawk", "damped", 81.2, 77.9, [(36.3512, -84.1603, 0.41)])
+PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, MissionDifference(2, 4, 3, 84.0))
+IMPORTANCE = Importance(AT_US, "hawk", "islam_hu_damped", 81.2, 77.9, [(36.3512, -84.1603, 0.41)])
 AREA = {"type": "Polygon", "coordinates": [[[-84.16, 36.35], [-84.15, 36.35], [-84.15, 36.36]]]}
 FRONT = {"type": "Feature", "geometry": AREA, "properties": {"at_s": 3600.0, "in_s": 1770.0}}
 FRONTS = {"type": "FeatureCollection", "features": [FRONT]}
@@ -128,9 +128,9 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, NEWS, REPLAY, STATE, PREVIEW, IMPORTANCE),
-        ServiceStatus(AT_US, UNIX_US, True, "default", "damped", ("hawk",)),
+        ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
-        Reply("7f3a", "hold", AT_US, True, event="Ordered", said=("hawk: holds",)),
+        Reply("7f3a", "hold", AT_US, True, event="OrderGiven", said=("hawk: holds",)),
     )
 }
 

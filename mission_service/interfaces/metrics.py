@@ -1,7 +1,7 @@
 """Figures of a run for Prometheus, read off the hub when somebody asks. Nothing is counted here.
 
 What only an interface knows (how many read the live stream, whether the broker is there) it gives
-as a function in ``hub.gauges``, under the name it has here without the prefix.
+as a function in ``context.gauges``, under the name it has here without the prefix.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from prometheus_client.registry import Collector
 from mission_service import __version__
 from mission_service.journal.segments import closed_segments, newest_state
 from mission_service.runtime.clocks import last_written_s, wall_us
-from mission_service.runtime.hub import Hub
+from mission_service.runtime.run_context import RunContext
 
 PREFIX = "mission_service_"
 # Name without the prefix: help, labels. Those that end in _total only grow.
@@ -39,7 +39,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "uploads_total": ("Missions sent, by result.", ("vehicle", "outcome")),
     "drops_total": ("Spheres ordered, by result.", ("vehicle", "outcome")),
     "alarms_active": ("Active alarms, by kind.", ("kind",)),
-    "news_total": ("Announcements to operators.", ()),
+    "announcements_total": ("Announcements to operators.", ()),
     "fire_area_hectares": ("Estimated burned area.", ()),
     "fire_changes_total": ("Corrections of the fire and wind by operators.", ()),
     "journal_bytes": ("Size of all journal segments on disk.", ()),
@@ -53,19 +53,19 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def metrics_of(hub: Hub) -> tuple[bytes, str]:
+def metrics_of(context: RunContext) -> tuple[bytes, str]:
     """The text that Prometheus reads, and its media type."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(Figures(hub))
+    registry.register(MetricsCollector(context))
     ProcessCollector(registry=registry)  # process_cpu_seconds_total and its like
     return generate_latest(registry), CONTENT_TYPE_LATEST
 
 
-class Figures(Collector):
+class MetricsCollector(Collector):
     """Reads a hub when it is asked."""
 
-    def __init__(self, hub: Hub) -> None:
-        self._hub = hub
+    def __init__(self, context: RunContext) -> None:
+        self._hub = context
 
     def collect(self) -> Iterator[Metric]:
         """Each figure that there is anything to say of."""
@@ -84,20 +84,20 @@ class Figures(Collector):
 Samples = list[tuple[tuple[str, ...], float]]
 
 
-def _of_run(hub: Hub) -> Iterable[tuple[str, Samples]]:
-    picture, scenario = hub.picture, hub.scenario
+def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
+    state_view, scenario = context.state_view, context.scenario
     yield "info", [((__version__, scenario.name, scenario.planner.rule), 1.0)]
-    yield "ready", [((), float(not hub.ready() and not hub.stopping))]
-    yield "mission_time_seconds", [((), hub.clock.now_us / 1e6)]
-    yield "telemetry_total", [((), picture.telemetry_count)]
-    yield "observations_total", [((), picture.observations)]
-    kinds = Counter(key.partition("/")[0] for key in picture.alarms)
+    yield "ready", [((), float(not context.ready() and not context.stopping))]
+    yield "mission_time_seconds", [((), context.clock.now_us / 1e6)]
+    yield "telemetry_total", [((), state_view.telemetry_count)]
+    yield "observations_total", [((), state_view.observations)]
+    kinds = Counter(key.partition("/")[0] for key in state_view.alarms)
     yield "alarms_active", [((kind,), count) for kind, count in sorted(kinds.items())]
-    yield "news_total", [((), picture.news_id)]
-    yield "fire_area_hectares", [((), hub.fire()["area_ha"])]
-    yield "fire_changes_total", [((), picture.fire_version - 1)]
-    yield "journal_bytes", [((), _bytes_of(hub.journal_path))]
-    state = newest_state(hub.journal_path)
+    yield "announcements_total", [((), state_view.news_id)]
+    yield "fire_area_hectares", [((), context.fire()["area_ha"])]
+    yield "fire_changes_total", [((), state_view.fire_version - 1)]
+    yield "journal_bytes", [((), _bytes_of(context.journal_path))]
+    state = newest_state(context.journal_path)
     if state.exists():
         yield "state_age_seconds", [((), wall_us() / 1e6 - last_written_s(state))]
 
@@ -108,28 +108,28 @@ def _bytes_of(journal: Path) -> int:
     return sum(piece.stat().st_size for piece in pieces if piece.exists())
 
 
-def _of_vehicles(hub: Hub) -> dict[str, Samples]:
+def _of_vehicles(context: RunContext) -> dict[str, Samples]:
     found: dict[str, Samples] = {}
 
     def say(name: str, labels: tuple[str, ...], value: float) -> None:
         found.setdefault(name, []).append((labels, value))
 
-    picture = hub.picture
-    online = [state.link == "online" for state in picture.vehicles.values()]
+    state_view = context.state_view
+    online = [state.link == "online" for state in state_view.vehicles.values()]
     say("vehicles", (), len(online))
     say("vehicles_online", (), sum(online))
-    for name, state in picture.vehicles.items():
+    for name, state in state_view.vehicles.items():
         say("vehicle_online", (name,), state.link == "online")
         if state.battery_pct is not None:
             say("vehicle_battery_percent", (name,), state.battery_pct)
-        here = picture.telemetry.get(name)
+        here = state_view.telemetry.get(name)
         if here is not None:
-            say("telemetry_age_seconds", (name,), (hub.clock.now_us - here.at_us) / 1e6)
+            say("telemetry_age_seconds", (name,), (context.clock.now_us - here.at_us) / 1e6)
         say("decisions_total", (name,), state.decisions)
         say("reversals_total", (name,), state.reversals)
         say("uploads_total", (name, "accepted"), state.uploads_accepted)
         say("uploads_total", (name, "failed"), state.uploads_failed)
-        if hub.scenario.burn_flown is not None:
+        if context.scenario.burn_flown is not None:
             say("drops_total", (name, "done"), state.drops_done)
             say("drops_total", (name, "refused"), state.drops_refused)
             say("drops_total", (name, "unknown"), state.drops_unknown)

@@ -9,7 +9,7 @@ import msgspec
 from mission_service.commands import AnyCommand
 from mission_service.journal.journal_file import Entry
 
-MOST_FIELDS = 8
+MAX_FIELDS = 8
 ABSENT = "(nothing)"
 
 
@@ -29,18 +29,18 @@ def compare(journal: object, replay: object) -> str:
     """The fields in which two commands differ, in words."""
     if type(journal) is not type(replay):
         return f"journal has {cut(journal)}, replay gives {cut(replay)}"
-    found = fields_that_differ(journal, replay, MOST_FIELDS + 1)
+    found = fields_that_differ(journal, replay, MAX_FIELDS + 1)
     words = [
         f"{each['field']}: journal has {cut(each['journal'], 60)}, "
         f"replay gives {cut(each['replay'], 60)}"
-        for each in found[:MOST_FIELDS]
+        for each in found[:MAX_FIELDS]
     ]
-    more = ["and more"] if len(found) > MOST_FIELDS else []
+    more = ["and more"] if len(found) > MAX_FIELDS else []
     return "; ".join([*words, *more]) or "no field differs"
 
 
 def fields_that_differ(
-    journal: object, replay: object, most: int = MOST_FIELDS
+    journal: object, replay: object, most: int = MAX_FIELDS
 ) -> list[dict[str, Any]]:
     """The first fields in which two commands differ, nested ones too, with both values."""
     theirs, ours = msgspec.to_builtins(journal), msgspec.to_builtins(replay)

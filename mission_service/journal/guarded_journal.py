@@ -12,7 +12,7 @@ from mission_service.commands import AnyCommand
 from mission_service.events import Aborted, AnyEvent
 from mission_service.journal.journal_file import Journal, command_body, event_body
 
-MOST_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
+MAX_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
 
 
 class GuardedJournal:
@@ -32,7 +32,7 @@ class GuardedJournal:
         ``body`` is its ``event_body``, where that was computed before. Raises RefusedEventError for
         an event that could not be read back.
         """
-        self._urgent = isinstance(event, Aborted) and len(self._waiting) < MOST_WAITING
+        self._urgent = isinstance(event, Aborted) and len(self._waiting) < MAX_WAITING
         self._before_waiting = len(self._waiting)
         if not self.trouble:
             try:

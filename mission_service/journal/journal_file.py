@@ -25,7 +25,7 @@ from mission_service import __version__
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError, RefusedEventError
-from mission_service.events import AnyEvent, Crew
+from mission_service.events import AnyEvent, OperatorEvent
 from mission_service.journal.private_files import in_words, opened
 
 FORMAT = 1
@@ -102,7 +102,7 @@ class Journal:
             OSError: It could not be written.
         """
         body = event_body(event) if body is None else body
-        self.lines([body], to_disk=isinstance(event, Crew))
+        self.lines([body], to_disk=isinstance(event, OperatorEvent))
 
     def commands(self, commands: list[AnyCommand]) -> None:
         """Write down what the last input led to."""

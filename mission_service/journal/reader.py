@@ -11,9 +11,9 @@ from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.core.core import Core
 from mission_service.errors import JournalError, StateError
 from mission_service.events import LinesSkipped
+from mission_service.fire.observed import ObservedFire
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import world_of
-from mission_service.fire.watched import WatchedFire
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.segments import Chain, begin_state, journal_of
 from mission_service.journal.snapshot import Known, read
@@ -134,11 +134,11 @@ class JournalReader:
         core: Core = self._state()["core"]
         return core
 
-    def fire(self) -> WatchedFire:
+    def fire(self) -> ObservedFire:
         """The fire as it was at the beginning."""
         if self.segment == 1:
-            return WatchedFire(self.scenario, world_of(self.scenario, self.landscape))
-        fire: WatchedFire = self._state()["fire"]
+            return ObservedFire(self.scenario, world_of(self.scenario, self.landscape))
+        fire: ObservedFire = self._state()["fire"]
         return fire
 
     def _state(self) -> dict[str, Any]:

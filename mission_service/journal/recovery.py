@@ -30,7 +30,7 @@ from mission_service.journal.private_files import refuse_links
 from mission_service.journal.segments import Chain, closed_segments, complete, move, states
 from mission_service.journal.snapshot import Known, header_of, read
 
-ANEW = "; to begin anew, start with --anew (the journal is kept under another name)"
+ANEW = "; to begin anew, start with --fresh (the journal is kept under another name)"
 SKIP = "; --skip-unreadable goes on without that line"
 
 Line = tuple[int, int]  # segment, line
@@ -104,7 +104,7 @@ class Unfinished:
             why = "; ".join(self.passed_over) or "there is none"
             raise JournalError(
                 f"{path}: cannot be gone on with: its beginning was deleted, and no state can be "
-                f"used ({why}); go on with the version that wrote it, or start with --anew and "
+                f"used ({why}); go on with the version that wrote it, or start with --fresh and "
                 "report what burns (the journal is kept under another name)"
             )
 

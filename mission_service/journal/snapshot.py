@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.rules import versions_of_others
+from mission_service.config.rule_lookup import versions_of_others
 from mission_service.config.scenario import Scenario
 from mission_service.errors import StateError
 from mission_service.journal.journal_file import Rest

@@ -14,36 +14,43 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
-from mission_service.core.requests import RequestScope, accepted_in
+from mission_service.core.request_events import RequestScope, accepted_in
 from mission_service.errors import UnhandledLineError
-from mission_service.events import SERVICE, CrewEvent, Ordered
+from mission_service.events import SERVICE, AnyOperatorEvent, OrderGiven
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.fire.simulated import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
-from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import claimed, serve_control
-from mission_service.interfaces.mqtt.peers import Channel, Exchange
+from mission_service.interfaces.control.control_client import NAME
+from mission_service.interfaces.control.control_server import claimed, serve_control
+from mission_service.interfaces.mqtt.peer_exchange import Channel, PeerExchange
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, written_by_others
 from mission_service.journal.recovery import Unfinished, resumed, set_aside, unfinished
 from mission_service.journal.snapshot import Frozen, Known, thawed
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
-from mission_service.runtime.engine import Progress, Service, unheard, unshown
+from mission_service.runtime.engine import Engine, Progress, unheard, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
-from mission_service.runtime.hub import Hub
-from mission_service.runtime.links import SEVERITIES, Link, Silence, alarms, connected, open_links
 from mission_service.runtime.peer_listener import PeerListener
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
-from mission_service.runtime.request_handler import Desk
+from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.retention import Keeping
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
+from mission_service.runtime.vehicle_links import (
+    SEVERITIES,
+    Link,
+    LinkMonitor,
+    alarms,
+    connected,
+    open_links,
+)
 
 STATUS_EVERY_S = 0.2
 
 # An interface: a coroutine that runs beside the vehicles until it is cancelled.
-Door = Callable[[Hub], Coroutine[Any, Any, None]]
+Door = Callable[[RunContext], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,7 @@ async def serve(
     progress: Progress = unshown,
     watch: Callable[[], None] = unwatched,
     address: Callable[[str], None] = untold,
-) -> tuple[Record, FireWorld]:
+) -> tuple[RunStatistics, SimulatedFire]:
     """Run until the end of the scenario, SIGINT or SIGTERM; returns the record and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless ``on_shutdown`` of the
@@ -95,7 +102,7 @@ async def serve(
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     landscape = landscape_of(scenario)
     way_of(scenario).warm_up(scenario, landscape)
-    service: Service | None = None
+    service: Engine | None = None
     early: list[tuple[str, str]] = []  # announcements before the service exists
 
     def tell(vehicle: str, text: str) -> None:
@@ -121,38 +128,38 @@ async def serve(
         stack.callback(journal.close)
         gateways = {name: link.gateway for name, link in links.items()}
         latest_us = round(scenario.duration_s * 1e6)
-        exchange = None if run.channel is None else Exchange(run.channel, gateways, latest_us)
+        exchange = None if run.channel is None else PeerExchange(run.channel, gateways, latest_us)
         say = unheard if exchange is None else exchange.say
-        core, world, record, picture = _begun(scenario, landscape, clock, cut_off)
-        service = Service(scenario, core, world, journal, record, gateways, say, picture)
+        core, world, record, state_view = _begun(scenario, landscape, clock, cut_off)
+        service = Engine(scenario, core, world, journal, record, gateways, say, state_view)
         if cut_off is not None:
             await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
             tell("service", f"resumes the run of {run.journal_path}; approvals are void")
             for why in cut_off.skips_now.values():
                 tell("service", f"journal line skipped: {why}")
             core, world, record = service.core, service.world, service.record
-            assert service.picture is not None
-            picture = service.picture
+            assert service.state_view is not None
+            state_view = service.state_view
         keeping = Keeping(service, known, run.settings.keep)
         for name, text in early:
             tell(name, text)
-        desk = desk_of(scenario, service, clock, links)
-        hub = Hub(
+        request_handler = desk_of(scenario, service, clock, links)
+        context = RunContext(
             scenario,
             run.settings,
             service,
-            picture,
-            desk,
+            state_view,
+            request_handler,
             clock,
             links,
             run.out,
             run.journal_path,
         )
-        hub.gauges["state_seconds"] = lambda: keeping.took_s
-        hub.not_ready = dict.fromkeys(links, "no heartbeat yet")
-        silence = Silence(links, clock_us())
+        context.gauges["state_seconds"] = lambda: keeping.took_s
+        context.not_ready = dict.fromkeys(links, "no heartbeat yet")
+        silence = LinkMonitor(links, clock_us())
         health_monitor = HealthMonitor(
-            picture, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6)
+            state_view, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6)
         )
         stop = asyncio.Event()
         signals = stop_on_signals(stop)
@@ -162,33 +169,35 @@ async def serve(
                 await exchange.join()
             else:
                 tasks = []
-            tasks += [group.create_task(_fly(on_it, service, hub)) for on_it in connected(links)]
-            others = [group.create_task(serve_control(listening, desk))]
-            others += [group.create_task(door(hub)) for door in doors]
+            tasks += [
+                group.create_task(_fly(on_it, service, context)) for on_it in connected(links)
+            ]
+            others = [group.create_task(serve_control(listening, request_handler))]
+            others += [group.create_task(door(context)) for door in doors]
             others.append(group.create_task(keeping.run(clock)))
             group.create_task(asyncio.to_thread(_load_for_corrections))
             while not stop.is_set() and clock.now_us < latest_us:
                 watch()
                 if service.defect is not None:
                     raise service.defect
-                _look_around(hub, health_monitor, silence)
+                _look_around(context, health_monitor, silence)
                 progress(record, world)
-                hub.ring()
+                context.ring()
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
-            hub.stopping = True
+            context.stopping = True
             is_over = clock.now_us >= latest_us
             if not is_over:
-                await _told_to_stop(hub)
+                await _told_to_stop(context)
             for task in [*others, *tasks]:
                 task.cancel()
         # After SIGTERM, a supervisor's stop, the next start resumes the run.
         by_hand = signal.SIGTERM not in signals
-        if is_over or (by_hand and core.leader.status()["complete"]):
+        if is_over or (by_hand and core.guidance.status()["complete"]):
             journal.end()
     world.advance(clock.now_us)
     progress(record, world)
-    record.alarms = picture.alarm_counts
+    record.alarms = state_view.alarm_counts
     return record, world
 
 
@@ -217,19 +226,19 @@ def _load_for_corrections() -> None:
 
 def _begun(
     scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
-) -> tuple[Core, FireWorld, Record, Picture]:
+) -> tuple[Core, SimulatedFire, RunStatistics, StateView]:
     """Core, fire, record and picture: new, or from the latest snapshot of a resumed run."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
         return kept["core"], kept["fire"].world, kept["record"], kept["picture"]
     world = world_of(scenario, landscape)
     world.advance(clock.now_us)
-    record = Record(tuple(section.name for section in scenario.flown), clock.now_us)
-    picture = Picture(scenario, landscape, clock.now_us)
-    return Core(scenario, landscape), world, record, picture
+    record = RunStatistics(tuple(section.name for section in scenario.flown), clock.now_us)
+    state_view = StateView(scenario, landscape, clock.now_us)
+    return Core(scenario, landscape), world, record, state_view
 
 
-async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, down_s: float) -> None:
+async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down_s: float) -> None:
     """Resume an interrupted run: apply its journal in a thread, while links stay open."""
     began_us = clock_us()
     if cut_off.objects is not None:
@@ -238,13 +247,13 @@ async def _go_on(cut_off: Unfinished, service: Service, clock: MissionClock, dow
     last_us = max(cut_off.last_us, service.record.at_us)
     news = resumed(last_us, down_s)
     clock.go_on(news.at_us, began_us)
-    if service.picture is not None:
-        service.picture.clear_all_but("abort")
-        service.picture.told_before = service.picture.news_id
+    if service.state_view is not None:
+        service.state_view.clear_all_but("abort")
+        service.state_view.told_before = service.state_view.news_id
     service.go_on(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
 
 
-def replay(cut_off: Unfinished, service: Service) -> None:
+def replay(cut_off: Unfinished, service: Engine) -> None:
     """Apply the journal to a fresh core and all other folds; no command is carried out.
 
     Starts over without a line that cannot be applied, if it may be skipped. Raises JournalError.
@@ -280,11 +289,11 @@ def doors_of(
 
     doors: list[Door] = [pulse]
     if logs:
-        from mission_service.runtime.logs import news_to_log
+        from mission_service.runtime.service_log import news_to_log
 
         doors.append(news_to_log)
     if settings.http is not None:
-        from mission_service.interfaces.api.door import http_door
+        from mission_service.interfaces.api.listener import http_door
 
         door = stack.enter_context(http_door(settings.http, out))
         address(door.address)
@@ -301,14 +310,14 @@ def doors_of(
 
 
 def desk_of(
-    scenario: Scenario, service: Service, clock: MissionClock, links: dict[str, Link]
-) -> Desk:
+    scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
+) -> RequestHandler:
     """The handler of operators' requests; the frames that a request causes are sent at once."""
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items
 
-    def told(event: CrewEvent) -> list[str]:
+    def told(event: AnyOperatorEvent) -> list[str]:
         news = service.record.news
         before = len(news)
         service.tell(event, clock_us())
@@ -323,7 +332,7 @@ def desk_of(
             "stations": stations,
             "items": items,
             **service.status(),
-            "leader": service.core.leader.status(),
+            "guidance": service.core.guidance.status(),
         }
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:
@@ -337,7 +346,7 @@ def desk_of(
     names = tuple(section.name for section in scenario.flown)
     scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return Desk(told, status, lambda: clock.now_us, scope, area)
+    return RequestHandler(told, status, lambda: clock.now_us, scope, area)
 
 
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
@@ -349,49 +358,52 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     ]
 
 
-def _look_around(hub: Hub, health_monitor: HealthMonitor, silence: Silence) -> None:
+def _look_around(context: RunContext, health_monitor: HealthMonitor, silence: LinkMonitor) -> None:
     """Check for silent links, refused frames and other alarms, and advance the fire."""
     now_us = clock_us()
-    hub.service.clock_read(now_us)
+    context.service.clock_read(now_us)
     health_monitor.look(now_us)
     for name, line in silence.news(now_us):
-        hub.service.announce(name, line)
-        hub.picture.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
-    for name, kind, words in alarms(hub.links):
+        context.service.announce(name, line)
+        context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
+    for name, kind, words in alarms(context.links):
         if words:
-            hub.service.announce(name, words)
-            hub.picture.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
+            context.service.announce(name, words)
+            context.state_view.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
         else:
-            hub.picture.clear(f"{kind}/{name}")
-    for name, line in _refusals(hub.links):
-        hub.service.announce(name, line)
-    hub.clock.wall_passed(now_us)
-    hub.world.advance(hub.clock.now_us)
-    for name in [name for name in hub.not_ready if name in hub.links and hub.links[name].heard]:
-        del hub.not_ready[name]
+            context.state_view.clear(f"{kind}/{name}")
+    for name, line in _refusals(context.links):
+        context.service.announce(name, line)
+    context.clock.wall_passed(now_us)
+    context.world.advance(context.clock.now_us)
+    for name in [
+        name for name in context.not_ready if name in context.links and context.links[name].heard
+    ]:
+        del context.not_ready[name]
 
 
-async def _told_to_stop(hub: Hub) -> None:
+async def _told_to_stop(context: RunContext) -> None:
     """Send the order that ``on_shutdown`` sets to the vehicles and wait for their answers.
 
-    A vehicle in a mode that its autopilot or pilot selected stays in it (``Steering.ordered``).
+    A vehicle in a mode that its autopilot or pilot selected stays in it (see
+    ``DecisionEngine.ordered``).
     """
-    settings = hub.settings
-    if settings.on_shutdown == "leave" or hub.scenario.burn_flown is not None:
+    settings = context.settings
+    if settings.on_shutdown == "leave" or context.scenario.burn_flown is not None:
         return
-    presence = hub.core.steering.presence
-    waiting = {name for name in hub.links if presence[name].flies}
-    at_us = hub.clock.now_us
-    hub.service.tell(Ordered(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
-    for on_it in connected(hub.links):
+    availability = context.core.decision_engine.availability
+    waiting = {name for name in context.links if availability[name].flies}
+    at_us = context.clock.now_us
+    context.service.tell(OrderGiven(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
+    for on_it in connected(context.links):
         on_it[0].connection.flush()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(settings.shutdown_s):
-            while waiting - hub.service.answered(settings.on_shutdown, at_us):
-                await hub.changed(hub.picture.version)
+            while waiting - context.service.answered(settings.on_shutdown, at_us):
+                await context.changed(context.state_view.version)
 
 
-async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
+async def _fly(on_it: list[Link], service: Engine, context: RunContext) -> None:
     """Pass the events of all vehicles of one connection to the service until cancelled."""
     connection = on_it[0].connection
     while True:
@@ -400,7 +412,7 @@ async def _fly(on_it: list[Link], service: Service, hub: Hub) -> None:
         for link in on_it:
             service.take(link.gateway.events(now_us), now_us)
         connection.flush()
-        hub.ring()
+        context.ring()
 
 
 def stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:

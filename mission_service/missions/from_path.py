@@ -33,10 +33,10 @@ def no_least(points_m: Floats) -> Floats:
     return np.full(len(points_m), -np.inf)
 
 
-def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_m: float) -> Floats:
+def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
     """A path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
 
-    Simplified to ``tolerance_m``; a point nearer to the last one than ``least_leg_m``, or than a
+    Simplified to ``tolerance_m``; a point nearer to the last one than ``min_leg_m``, or than a
     fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
     The last point always stays.
     """
@@ -55,9 +55,9 @@ def flyable(path_m: Floats, turn_radius_m: float, least_leg_m: float, tolerance_
             - math.pi
         )
         needed_m = turn_radius_m * math.tan(min(turn, 2.6) / 2.0)
-        if np.hypot(*leg) >= max(least_leg_m, needed_m):
+        if np.hypot(*leg) >= max(min_leg_m, needed_m):
             kept.append(points[index])
-    if len(kept) > 1 and np.hypot(*(points[-1] - kept[-1])) < least_leg_m:
+    if len(kept) > 1 and np.hypot(*(points[-1] - kept[-1])) < min_leg_m:
         kept.pop()
     return np.array([*kept, points[-1]])
 
@@ -67,32 +67,32 @@ def leg_altitudes_m(
     landscape: Landscape,
     altitude_agl_m: float,
     around_last_m: float,
-    least_at: LeastAltitude = no_least,
+    min_at: LeastAltitude = no_least,
 ) -> list[float]:
     """Altitude above sea level for each point so that all legs clear the terrain under them.
 
     The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
-    ``least_at`` gives the least altitude at points (n, 2), whatever the terrain.
+    ``min_at`` gives the least altitude at points (n, 2), whatever the terrain.
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []
     for start, end in pairwise(points_m):
         count = max(2, math.ceil(np.hypot(*(end - start)) / spacing_m) + 1)
         along = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        highest.append(_needed_m(along, landscape, altitude_agl_m, least_at))
+        highest.append(_needed_m(along, landscape, altitude_agl_m, min_at))
     turns = np.linspace(0.0, math.tau, 32, endpoint=False)
     circle = around_last_m * np.column_stack([np.cos(turns), np.sin(turns)])
     around = np.concatenate([points_m[-1] + share * circle for share in (0.0, 0.5, 1.0)])
-    highest.append(_needed_m(around, landscape, altitude_agl_m, least_at))
+    highest.append(_needed_m(around, landscape, altitude_agl_m, min_at))
     legs = [highest[0], *highest]
     return [round(max(before, after), 1) for before, after in pairwise(legs)]
 
 
 def _needed_m(
-    points_m: Floats, landscape: Landscape, altitude_agl_m: float, least_at: LeastAltitude
+    points_m: Floats, landscape: Landscape, altitude_agl_m: float, min_at: LeastAltitude
 ) -> float:
     terrain_m = float(np.max(landscape.elevation_at(points_m[:, 0], points_m[:, 1])))
-    return max(terrain_m + altitude_agl_m, float(np.max(least_at(points_m))))
+    return max(terrain_m + altitude_agl_m, float(np.max(min_at(points_m))))
 
 
 def mission_along(
@@ -102,7 +102,7 @@ def mission_along(
     landscape: Landscape,
     from_ground: bool,
     landing: tuple[MissionItem, ...] = (),
-    least_at: LeastAltitude = no_least,
+    min_at: LeastAltitude = no_least,
     start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
     """The items that fly a path (x, y in metres) and then loiter at its end without end.
@@ -111,13 +111,13 @@ def mission_along(
     ``landing`` comes behind the loiter, for autopilots that ask for one; ``start_m`` is where the
     vehicle is, if it is in the air.
     """
-    points = flyable(path_m, vehicle.turn_radius_m, vehicle.least_leg_m, landscape.cell_size_m / 2)
+    points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
-        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, least_at
+        points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, min_at
     )
     if start_m is not None:  # from where it is it climbs to the first point's altitude
         first = np.linspace(start_m, points[0], 10)
-        needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, least_at)
+        needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, min_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
     items = [change_speed(speed_type(vehicle.kind), vehicle.airspeed_m_s)]

@@ -17,9 +17,9 @@ class Figures(msgspec.Struct):
     items: int
     length_m: float
     duration_s: float
-    least_height_agl_m: float
-    least_height_lat_deg: float
-    least_height_lon_deg: float
+    min_height_agl_m: float
+    min_height_lat_deg: float
+    min_height_lon_deg: float
     highest_amsl_m: float
     farthest_from_home_m: float
     outside_landscape: bool
@@ -45,9 +45,9 @@ def figures_of(
         items=len(items),
         length_m=round(way_m),
         duration_s=round(way_m / section.airspeed_m_s),
-        least_height_agl_m=round(float(lowest_m[at]), 1),
-        least_height_lat_deg=round(float(lat_deg), 6),
-        least_height_lon_deg=round(float(lon_deg), 6),
+        min_height_agl_m=round(float(lowest_m[at]), 1),
+        min_height_lat_deg=round(float(lat_deg), 6),
+        min_height_lon_deg=round(float(lon_deg), 6),
         highest_amsl_m=round(float(track.highest_m.max()), 1),
         farthest_from_home_m=round(float(np.hypot(x_m - home_m[0], y_m - home_m[1]).max()), 1),
         outside_landscape=not all(on_map),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem, has_position
 from firemodel.landscape.landscape import Landscape
 from mission_service.missions.heights import heights_near
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
-def places_of(heres: list[Here]) -> Track:
+def places_of(heres: list[PositionFix]) -> Track:
     """Where vehicles are now, at least one."""
     places = np.array([(here.x_m, here.y_m, here.altitude_m) for here in heres])
     return Track(places[:, :2], places[:, 2], places[:, 2])
@@ -124,7 +124,9 @@ def comes_too_low(track: Track, others: list[Track], separation_m: float) -> boo
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
-def is_near(own: Here, other: Here, separation_m: float, turn_radius_m: float) -> bool:
+def is_near(
+    own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
+) -> bool:
     """Whether two at about the same height are close, or will be before one could turn away."""
     if abs(own.altitude_m - other.altitude_m) >= separation_m:
         return False
@@ -141,7 +143,7 @@ def is_near(own: Here, other: Here, separation_m: float, turn_radius_m: float) -
     return 0.0 < until_s < AHEAD_S and missed_m < near_m
 
 
-def gives_way(own: Here, other: Here, own_comes_later: bool) -> bool:
+def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
     """Of two that are near: the one that flies at the other's back, else the later in order."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
@@ -149,7 +151,9 @@ def gives_way(own: Here, other: Here, own_comes_later: bool) -> bool:
     return own_comes_later if towards == comes else towards
 
 
-def has_passed(own: Here, other: Here, separation_m: float, turn_radius_m: float) -> bool:
+def has_passed(
+    own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
+) -> bool:
     """Whether the way is free for one that gave way; heights change too soon to count."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     distance_m = math.hypot(east_m, north_m)
@@ -158,7 +162,9 @@ def has_passed(own: Here, other: Here, separation_m: float, turn_radius_m: float
     return distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
-def place_aside(own: Here, other: Here, away_from_m: tuple[float, float], aside_m: float) -> Floats:
+def place_aside(
+    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], aside_m: float
+) -> Floats:
     """Where to wait, (1, 2): a little ahead, and to a side.
 
     The side that leads away from the fire, unless the other one comes by there.

@@ -9,20 +9,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from mission_service.commands import Decided, Return
-from mission_service.config.rules import rules
+from mission_service.commands import DirectionDecision, Return
+from mission_service.config.rule_lookup import rules
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
-from mission_service.core.steering import Steering
+from mission_service.core.decision_engine import DecisionEngine
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     Aborted,
-    Crew,
-    CrewEvent,
-    MissionHeld,
-    Ordered,
+    AnyOperatorEvent,
+    MissionReadBack,
+    OperatorEvent,
+    OrderGiven,
     Resumed,
-    SettingsTold,
+    SettingsChanged,
     VehicleEvent,
     VehicleRebooted,
 )
@@ -32,7 +32,7 @@ from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
 
-Timed = tuple[int, Decided]  # at_us, decision
+Timed = tuple[int, DirectionDecision]  # at_us, decision
 
 
 @dataclass(frozen=True)
@@ -74,31 +74,31 @@ def decisions_alone(
 ) -> tuple[list[Timed], list[Timed]]:
     """The decisions of a scenario's planners on the events of a journal, and those recorded."""
     core, silent = _begun(journal, scenario)
-    steering = core.steering
-    planners = cast(Mapping[str, Planner], steering.planners)  # of all rules along a front
+    decision_engine = core.decision_engine
+    planners = cast(Mapping[str, Planner], decision_engine.planners)  # of all rules along a front
     found: list[Timed] = []
     recorded: list[Timed] = []
     at_us = 0
     for _, entry in entries:
         content = entry.content
-        if isinstance(content, Decided):
+        if isinstance(content, DirectionDecision):
             if entry.sure:
                 recorded.append((at_us, content))
         elif isinstance(content, Return):
-            steering.recall(content.vehicle, at_us / 1e6)
-            steering.sent(content, at_us / 1e6)
-        elif isinstance(content, Crew):
+            decision_engine.recall(content.vehicle, at_us / 1e6)
+            decision_engine.sent(content, at_us / 1e6)
+        elif isinstance(content, OperatorEvent):
             at_us = content.at_us
             _told(content, core, silent)
         elif not entry.is_event:
-            steering.sent(content, at_us / 1e6)  # type: ignore[arg-type]
+            decision_engine.sent(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
             name, at_us = event.vehicle, event.at_us
-            decision = steering.take(event)
+            decision = decision_engine.take(event)
             if decision is not None and entry.sure and name not in silent.held | silent.doubted:
                 found.append((at_us, decided(name, planners[name], decision)))
-            if isinstance(event, MissionHeld | VehicleRebooted):
+            if isinstance(event, MissionReadBack | VehicleRebooted):
                 silent.doubted.discard(name)
     return found, recorded
 
@@ -118,40 +118,42 @@ def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
     core = journal.core()
     silent = _Silent(
         {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
-        {name for name, vehicle in core.vehicles.items() if vehicle.doubt is not None},
+        {name for name, vehicle in core.vehicles.items() if vehicle.unconfirmed is not None},
     )
     if scenario == journal.scenario:
         return core, silent
-    anew = Core(scenario, journal.landscape)
-    anew.steering.presence = core.steering.presence
-    return anew, silent
+    fresh = Core(scenario, journal.landscape)
+    fresh.decision_engine.availability = core.decision_engine.availability
+    return fresh, silent
 
 
-def _told(event: CrewEvent, core: Core, silent: _Silent) -> None:
+def _told(event: AnyOperatorEvent, core: Core, silent: _Silent) -> None:
     """What people say that planners decide by, and whether a vehicle is led at all."""
-    steering = core.steering
+    decision_engine = core.decision_engine
     match event:
-        case SettingsTold():
-            core.leader.told(event)
+        case SettingsChanged():
+            core.guidance.told(event)
         case Aborted():
-            silent.held |= set(steering.presence)
-            for name in steering.presence:
-                steering.aborted(name)
-        case Ordered():
-            for name in [event.vehicle] if event.vehicle else list(steering.presence):
-                _ordered(name, event, steering, silent)
+            silent.held |= set(decision_engine.availability)
+            for name in decision_engine.availability:
+                decision_engine.aborted(name)
+        case OrderGiven():
+            for name in [event.vehicle] if event.vehicle else list(decision_engine.availability):
+                _ordered(name, event, decision_engine, silent)
         case Resumed():
-            silent.doubted |= set(steering.presence)
-            for presence in steering.presence.values():
-                presence.online = False
+            silent.doubted |= set(decision_engine.availability)
+            for availability in decision_engine.availability.values():
+                availability.online = False
         case _:
             pass
 
 
-def _ordered(name: str, event: Ordered, steering: Steering, silent: _Silent) -> None:
+def _ordered(
+    name: str, event: OrderGiven, decision_engine: DecisionEngine, silent: _Silent
+) -> None:
     if event.order == "start" and name in silent.held:
         return
-    if not steering.ordered(name, event):
+    if not decision_engine.ordered(name, event):
         return
     if event.order == "hold":
         silent.held.add(name)

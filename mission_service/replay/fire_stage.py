@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mission_service.events import Aborted, Observed, Resumed, Telemetry
-from mission_service.fire.watched import WatchedFire
+from mission_service.fire.observed import ObservedFire
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.stage import Stage
 
@@ -79,7 +79,7 @@ def _unseen(told: Observed) -> int:
 
 
 def _cells(
-    told: Observed, again: Observed | None, here: Telemetry, fire: WatchedFire
+    told: Observed, again: Observed | None, here: Telemetry, fire: ObservedFire
 ) -> Iterator[dict[str, Any]]:
     """The cells in which two observations differ, and whether they differ too much."""
     was, now = _letters(told), _letters(again)
@@ -116,7 +116,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
     }
 
 
-def _edge(here: Telemetry, fire: WatchedFire) -> set[Cell]:
+def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
     """The cells that a slightly wider footprint has and a slightly narrower one has not."""
     wide, narrow = (
         {cell for cell, letter in _letters(fire.seen_from(here, wider)).items() if letter != UNSEEN}
@@ -125,7 +125,7 @@ def _edge(here: Telemetry, fire: WatchedFire) -> set[Cell]:
     return wide - narrow
 
 
-def _arrival_s(fire: WatchedFire, cell: Cell) -> float | None:
+def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
     """When the fire comes to a cell; None: not that it is known, or outside the landscape."""
     rows, cols = fire.world.landscape.shape
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):

@@ -199,7 +199,7 @@ def core_stage(recorded: JournalReader) -> Stage:
         else:
             expected.popleft()
             counts["commands"] += 1
-            counts["decisions"] += type(entry.content).__name__ == "Decided"
+            counts["decisions"] += type(entry.content).__name__ == "DirectionDecision"
     if not expected or recorded.damaged or recorded.last.cut_at_line is not None:
         return Stage("core", counts)
     if recorded.cut_off:  # killed between two lines

@@ -16,29 +16,29 @@ from mission_service.config.scenario import Scenario, apply_override, flying, pa
 from mission_service.core.core import Core
 from mission_service.errors import JournalError, ScenarioError
 from mission_service.events import (
-    Answered,
     AnyEvent,
+    AnyOperatorEvent,
     Approved,
-    Crew,
-    CrewEvent,
+    ChecklistAnswered,
     MissionAccepted,
     MissionRefused,
-    Present,
+    OperatorEvent,
+    OperatorHeartbeat,
     Rejected,
     Resumed,
-    SettingsTold,
+    SettingsChanged,
 )
-from mission_service.fire.watched import WatchedFire
+from mission_service.fire.observed import ObservedFire
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.outputs import summary_of, write_outputs
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
 
 SHORT = {"planner": "rule"}
 NEVER_AGAIN = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
-OF_SIMULATED_CREW = (Answered, Present)
+OF_SIMULATED_CREW = (ChecklistAnswered, OperatorHeartbeat)
 
 
 @dataclass
@@ -46,15 +46,15 @@ class PastRun:
     """What a journal tells of its run."""
 
     scenario: Scenario
-    record: Record
-    fire: WatchedFire
-    people: list[CrewEvent] = field(default_factory=list)
+    record: RunStatistics
+    fire: ObservedFire
+    people: list[AnyOperatorEvent] = field(default_factory=list)
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """One turn of it."""
         self.fire.past(event, commands)
         self.record.add(event, commands)
-        if isinstance(event, Crew):
+        if isinstance(event, OperatorEvent):
             self.people.append(event)
 
 
@@ -66,7 +66,7 @@ def past_run(journal: JournalReader) -> PastRun:
         )
     scenario = journal.scenario
     names = tuple(section.name for section in scenario.flown)
-    run = PastRun(scenario, Record(names, round(scenario.start_s * 1e6)), journal.fire())
+    run = PastRun(scenario, RunStatistics(names, round(scenario.start_s * 1e6)), journal.fire())
     event: AnyEvent | None = None
     commands: list[AnyCommand] = []
     for _, entry in journal.intact():
@@ -136,10 +136,10 @@ def what_if(
 class Script:
     """People who say what they said, each at its time."""
 
-    def __init__(self, events: Sequence[CrewEvent]) -> None:
+    def __init__(self, events: Sequence[AnyOperatorEvent]) -> None:
         self._events = list(events)
 
-    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+    def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         """What is said by now."""
         count = next(
             (place for place, each in enumerate(self._events) if each.at_us > now_us),
@@ -171,13 +171,15 @@ def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenari
     return scenario, {key: getattr(scenario.planner, key) for key in keys}
 
 
-def told_again(people: Sequence[CrewEvent], changed: dict[str, Any]) -> list[CrewEvent]:
+def told_again(
+    people: Sequence[AnyOperatorEvent], changed: dict[str, Any]
+) -> list[AnyOperatorEvent]:
     """What people said, but approvals, and settings of keys that are given."""
-    found: list[CrewEvent] = []
+    found: list[AnyOperatorEvent] = []
     for event in people:
         if isinstance(event, NEVER_AGAIN):
             continue
-        if isinstance(event, SettingsTold):
+        if isinstance(event, SettingsChanged):
             event = msgspec.structs.replace(
                 event, **{key: None for key in changed if key in event.given}
             )

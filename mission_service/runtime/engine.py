@@ -24,11 +24,11 @@ from firemodel.errors import FireModelError
 from mission_service.commands import (
     Announce,
     AnyCommand,
+    BroadcastMessage,
     ClimbAndHold,
     Drop,
     Hold,
     Level,
-    Say,
     UploadMission,
 )
 from mission_service.config.scenario import Scenario
@@ -37,33 +37,33 @@ from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    AnyOperatorEvent,
     AutopilotText,
     CommandFinished,
-    Contact,
-    Crew,
-    CrewEvent,
     DropFinished,
-    Heard,
     HostTime,
     LinesSkipped,
     ModeChanged,
     Observed,
+    OperatorEvent,
+    PeerLinkChanged,
+    PeerMessage,
     Resumed,
     Telemetry,
     UploadFinished,
     VehicleEvent,
 )
-from mission_service.fire.simulated import FireWorld, Window
-from mission_service.fire.watched import OF_FIRE, WatchedFire
+from mission_service.fire.observed import OF_FIRE, ObservedFire
+from mission_service.fire.simulated import SimulatedFire, Window
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
 from mission_service.journal.journal_file import Journal, command_body, event_body
 from mission_service.journal.snapshot import Known, copied
-from mission_service.missions.held import MissionsHeld
+from mission_service.missions.recognition import MissionsHeld
 from mission_service.peer_messages import AnyMessage
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from mission_service.vehicles.availability import MISSION
 
 NO_BURN = "the scenario has no burn"
@@ -81,10 +81,10 @@ KEPT = (
 )
 TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
 
-Progress = Callable[[Record, FireWorld], None]
+Progress = Callable[[RunStatistics, SimulatedFire], None]
 
 
-def unshown(record: Record, world: FireWorld) -> None:
+def unshown(record: RunStatistics, world: SimulatedFire) -> None:
     """Show no progress."""
 
 
@@ -92,26 +92,26 @@ def unheard(message: AnyMessage) -> None:
     """Drop a message: there are no other processes."""
 
 
-class Service:
+class Engine:
     """Joins core, journal, simulated fire and the vehicles' gateways."""
 
     def __init__(
         self,
         scenario: Scenario,
         core: Core,
-        world: FireWorld,
+        world: SimulatedFire,
         journal: Journal,
-        record: Record,
+        record: RunStatistics,
         gateways: dict[str, Gateway],
         say: Callable[[AnyMessage], None] = unheard,
-        picture: Picture | None = None,
+        state_view: StateView | None = None,
     ) -> None:
-        """``say`` sends messages to other processes; ``picture`` is the state for interfaces."""
+        """``say`` sends messages to other processes; ``state_view`` is the state for interfaces."""
         self._scenario = scenario
         self.core = core
-        self.fire = WatchedFire(scenario, world)
+        self.fire = ObservedFire(scenario, world)
         self.record = record
-        self.picture = picture
+        self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
         self._owed: dict[str, Window] = {}  # corrected windows that a planner has not received yet
@@ -127,7 +127,7 @@ class Service:
         self.defect: RefusedEventError | None = None  # memory and journal differ
 
     @property
-    def world(self) -> FireWorld:
+    def world(self) -> SimulatedFire:
         """The simulated fire."""
         return self.fire.world
 
@@ -149,21 +149,21 @@ class Service:
                     self._handle(observed, now_us)
                 if self._written(event, body):
                     self._follow(event, now_us)
-                elif self.picture:
-                    self.picture.take(event, [])
+                elif self.state_view:
+                    self.state_view.take(event, [])
 
     def _not_followed(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
 
         Autopilot or pilot selected a mode that a vehicle changed to meanwhile.
         """
-        if not self.recording.trouble or self.picture is None:
+        if not self.recording.trouble or self.state_view is None:
             return
         name = event.vehicle
         if isinstance(event, ModeChanged):
             self._modes_meanwhile[name] = event.mode
             words = f"{name}: mode {event.mode} since nothing can be recorded"
-            self.picture.alarm(f"unrecorded/{name}", words, "severe", name)
+            self.state_view.alarm(f"unrecorded/{name}", words, "severe", name)
         elif isinstance(event, AutopilotText):
             self.announce(name, f"autopilot: {event.text}")
 
@@ -186,9 +186,9 @@ class Service:
     def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle a message from a vehicle of another process, for each vehicle of this one."""
         for name in self._gateways:
-            self._handle(Heard(at_us, name, message), now_us)
+            self._handle(PeerMessage(at_us, name, message), now_us)
 
-    def tell(self, event: CrewEvent, now_us: int) -> None:
+    def tell(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event; the journal on disk has it when this returns.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
@@ -210,7 +210,7 @@ class Service:
         self._owe(window)
         self._pay(event.at_us, now_us)
 
-    def _try(self, event: CrewEvent, now_us: int) -> None:
+    def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Apply a request to a copy of the state. Raises RefusedEventError if that raises."""
         trial = copy.copy(self)
         try:
@@ -226,24 +226,24 @@ class Service:
                     gateway.execute(Hold(name), now_us)
             raise _cannot(event, error) from error
 
-    def _told_of_fire(self, event: CrewEvent) -> Window | None:
+    def _told_of_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible ones."""
         found = self.fire.apply_report(event)
-        if self.picture is not None and isinstance(event, OF_FIRE):
-            self.picture.fire_changed()
+        if self.state_view is not None and isinstance(event, OF_FIRE):
+            self.state_view.fire_changed()
         return found
 
     def contact(self, there: bool, at_us: int, now_us: int) -> None:
         """Handle a lost or restored link to other processes, for each vehicle of this one."""
         for name in self._gateways:
-            self._handle(Contact(at_us, name, there), now_us)
+            self._handle(PeerLinkChanged(at_us, name, there), now_us)
 
     def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Apply an event of the journal with its commands, without carrying them out."""
         self.world.advance(event.at_us)
         window = self.fire.past(event, commands)
-        if isinstance(event, OF_FIRE) and self.picture is not None:
-            self.picture.fire_changed()
+        if isinstance(event, OF_FIRE) and self.state_view is not None:
+            self.state_view.fire_changed()
         self._show(event, commands)
         self._owe(window)
         if isinstance(event, Observed) and event.corrects:
@@ -281,8 +281,8 @@ class Service:
         if not self.recording.works_again():
             return False
         for name in self._modes_meanwhile:
-            if self.picture is not None:
-                self.picture.clear(f"unrecorded/{name}")
+            if self.state_view is not None:
+                self.state_view.clear(f"unrecorded/{name}")
         self._modes_meanwhile.clear()  # each vehicle's mode is reported again
         down_us = max(at_us - self._down_since_us, 0)
         self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
@@ -300,8 +300,8 @@ class Service:
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
         """Show a line to the operators that is not in the journal."""
         self.record.news.append((self.record.at_us, Announce(about, text, level)))
-        if self.picture is not None:
-            self.picture.tell(about, text, level)
+        if self.state_view is not None:
+            self.state_view.tell(about, text, level)
 
     def _owe(self, window: Window | None) -> None:
         if window is not None:
@@ -340,21 +340,21 @@ class Service:
         except RefusedEventError as error:
             self._refuse(event, str(error))
             return None
-        if self._refusals and self.picture is not None:
+        if self._refusals and self.state_view is not None:
             key = _alarm_of(event)
             self._refusals.discard(key)
-            self.picture.clear(key)
+            self.state_view.clear(key)
         return body
 
     def _refuse(self, event: AnyEvent, why: str) -> None:
         key = _alarm_of(event)
         if key in self._refusals:
             return
-        name = "service" if isinstance(event, Crew) else event.vehicle
+        name = "service" if isinstance(event, OperatorEvent) else event.vehicle
         self._refusals.add(key)
         self.announce(name, f"event not used: {why}")
-        if self.picture is not None:
-            self.picture.alarm(key, f"{name}: {why}", "warning", name)
+        if self.state_view is not None:
+            self.state_view.alarm(key, f"{name}: {why}", "warning", name)
 
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
@@ -375,7 +375,7 @@ class Service:
             self.defect = _cannot(event, error)
             raise self.defect from error
         for command in commands if may_act else ():
-            if isinstance(command, Say):
+            if isinstance(command, BroadcastMessage):
                 self._say(command.message)
             elif self._is_left(command):
                 pass
@@ -402,8 +402,8 @@ class Service:
             self._said_yes[event.vehicle, event.command] = event.at_us
         self._missions.take(event, commands)
         self.record.add(event, commands)
-        if self.picture is not None:
-            self.picture.take(event, commands)
+        if self.state_view is not None:
+            self.state_view.take(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """The last check before sending: the interlock refuses drops, and missions with drops."""
@@ -421,7 +421,7 @@ class Service:
 
 
 def _alarm_of(event: AnyEvent) -> str:
-    name = "" if isinstance(event, Crew) else event.vehicle
+    name = "" if isinstance(event, OperatorEvent) else event.vehicle
     return f"refused/{name}/{type(event).__name__}"
 
 

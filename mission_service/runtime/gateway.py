@@ -22,17 +22,17 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AutopilotText,
-    BatteryTold,
+    BatteryUpdated,
     CommandFinished,
     DropFinished,
     EstimatorStatusChanged,
     FenceStatusChanged,
-    FixTold,
+    GpsFixChanged,
     LandedStateChanged,
     LinkLost,
     LinkRestored,
-    MissionHeld,
     MissionProgress,
+    MissionReadBack,
     ModeChanged,
     SystemStateChanged,
     Telemetry,
@@ -43,7 +43,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.guidance.registry import way_of
-from mission_service.missions.held import as_uploaded
+from mission_service.missions.recognition import as_uploaded
 from mission_service.runtime.speed_reports import SpeedReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
@@ -51,9 +51,9 @@ Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 # Texts below this severity, and repetitions of a text within this time, are dropped.
-LEAST_SEVERITY = mavlink.MAV_SEVERITY_INFO
+MIN_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
-MOST_TEXTS_KEPT = 32
+MAX_TEXTS_KEPT = 32
 
 StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
@@ -151,7 +151,7 @@ class Gateway:
         self._speed_reports = SpeedReports()
         self._texts: dict[str, int] = {}  # time of the last report of each, on the link's clock
         self._offset_us: int | None = None
-        self._least_behind_us = 0
+        self._min_behind_us = 0
         self._watched_from_us = 0
         self._mission_of_transfer: dict[int, int] = {}
         self._recognise: Recognise | None = None
@@ -231,7 +231,7 @@ class Gateway:
             return self._clock.now_us
         if self._offset_us is None:
             self._offset_us = self._clock.latest_us - boot_us
-            self._least_behind_us, self._watched_from_us = 0, now_us
+            self._min_behind_us, self._watched_from_us = 0, now_us
         mission_us = self._offset_us + boot_us
         self._clock.autopilot_passed(mission_us)
         self._watch_behind(self._clock.latest_us - mission_us, now_us)
@@ -239,13 +239,13 @@ class Gateway:
 
     def _watch_behind(self, behind_us: int, now_us: int) -> None:
         # The minimum over a while: a delayed message alone does not count as behind.
-        self._least_behind_us = min(self._least_behind_us, behind_us)
+        self._min_behind_us = min(self._min_behind_us, behind_us)
         if now_us - self._watched_from_us < BEHIND_FOR_US:
             return
-        if self._least_behind_us > BEHIND_US and self._offset_us is not None:
-            self._offset_us += self._least_behind_us
-            behind_us -= self._least_behind_us
-        self._least_behind_us, self._watched_from_us = behind_us, now_us
+        if self._min_behind_us > BEHIND_US and self._offset_us is not None:
+            self._offset_us += self._min_behind_us
+            behind_us -= self._min_behind_us
+        self._min_behind_us, self._watched_from_us = behind_us, now_us
 
     def _translate(self, event: bridge.ClientEvent, link_us: int) -> VehicleEvent | None:
         now_us, name = self._clock.now_us, self.name
@@ -320,9 +320,9 @@ class Gateway:
                 return self._drop_finished(command, event.outcome, event.reason)
             case bridge.Battery() if event.percent is not None:
                 self._battery_pct[event.battery_id] = float(event.percent)
-                return self._news(BatteryTold(now_us, name, min(self._battery_pct.values())))
+                return self._news(BatteryUpdated(now_us, name, min(self._battery_pct.values())))
             case bridge.GpsFix():
-                return self._news(FixTold(now_us, name, event.fix in GOOD_FIXES, event.fix))
+                return self._news(GpsFixChanged(now_us, name, event.fix in GOOD_FIXES, event.fix))
             case bridge.Text():
                 return self._text(event)
             case bridge.SystemState():
@@ -348,16 +348,16 @@ class Gateway:
             return
         yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
         known = 0 if items is None else recognise(items, stack)
-        yield MissionHeld(now_us, self.name, known, None if items is None else len(items))
+        yield MissionReadBack(now_us, self.name, known, None if items is None else len(items))
 
     def _text(self, event: bridge.Text) -> AutopilotText | None:
         """An autopilot's text, unless it is unimportant or a repetition."""
         text = printable(event.text)
-        if event.severity > LEAST_SEVERITY or not text:
+        if event.severity > MIN_SEVERITY or not text:
             return None
         before_us = self._texts.pop(text, None)
         self._texts[text] = event.at_us
-        if len(self._texts) > MOST_TEXTS_KEPT:
+        if len(self._texts) > MAX_TEXTS_KEPT:
             self._texts.pop(next(iter(self._texts)))
         if before_us is not None and event.at_us - before_us < TEXT_AGAIN_AFTER_US:
             return None
@@ -368,7 +368,7 @@ class Gateway:
         self._status[type(status)] = status
         return status
 
-    def _news(self, told: BatteryTold | FixTold) -> VehicleEvent | None:
+    def _news(self, told: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
         """The event, unless the last one of its kind was the same."""
         before = self._last.get(type(told))
         self._last[type(told)] = told

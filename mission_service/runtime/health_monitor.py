@@ -6,8 +6,8 @@ import numpy as np
 
 from mission_service.commands import Severity
 from mission_service.ground_distance import M_PER_DEG
-from mission_service.runtime.picture import Picture
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.state_view import StateView
 from mission_service.vehicles.availability import AIRBORNE_M
 
 LATE_US, LATE_SEVERE_US = 500_000, 3_000_000
@@ -42,9 +42,9 @@ def near_pairs(
 class HealthMonitor:
     """Looks around a few times a second."""
 
-    def __init__(self, picture: Picture, separation_m: float, every_us: int) -> None:
+    def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
         """``every_us`` is how often ``look`` is to be called, by the machine's clock."""
-        self._picture = picture
+        self._picture = state_view
         self._separation_m = separation_m
         self._every_us = every_us
         self._looked_us: int | None = None
@@ -53,15 +53,15 @@ class HealthMonitor:
 
     def look(self, now_us: int) -> None:
         """Look around; ``now_us`` is the machine's clock."""
-        picture = self._picture
+        state_view = self._picture
         if self._looked_us is not None:
             late_us = now_us - self._looked_us - self._every_us
             if late_us >= LATE_US:
                 severity: Severity = "severe" if late_us >= LATE_SEVERE_US else "warning"
                 text = f"the service was held up for {late_us / 1e6:.1f} s"
-                picture.alarm("late", text, severity)
+                state_view.alarm("late", text, severity)
             else:
-                picture.clear("late")
+                state_view.clear("late")
         self._looked_us = now_us
         if now_us >= self._near_due_us:
             self._near_due_us = now_us + NEAR_EVERY_US

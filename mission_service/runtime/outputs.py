@@ -10,11 +10,11 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.arrival_map import frame_around, start_map
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.registry import way_of
-from mission_service.runtime.record import Record, VehicleRecord
+from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics
 
 FRONT_EVERY_S = 1800.0
 DROP_COLUMNS = (
@@ -32,7 +32,7 @@ def front_times_s(end_s: float) -> list[float]:
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
-def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
+def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[str, Any]:
     """The run in figures."""
     closest = record.closest
     return {
@@ -64,7 +64,7 @@ def summary_of(scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]
     }
 
 
-def _burn_of(vehicle: VehicleRecord) -> dict[str, Any]:
+def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
     """What a vehicle that drops spheres has done; nothing for others."""
     if not vehicle.plans:
         return {}
@@ -76,7 +76,7 @@ def _burn_of(vehicle: VehicleRecord) -> dict[str, Any]:
     }
 
 
-def write_drops(path: Path, record: Record) -> None:
+def write_drops(path: Path, record: RunStatistics) -> None:
     """The log of drops as CSV: what was ordered and what became of it, against the plan."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
@@ -94,7 +94,7 @@ def write_drops(path: Path, record: Record) -> None:
                 )
 
 
-def tracks_geojson(record: Record) -> dict[str, Any]:
+def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
     """Tracks as LineStrings and reversals as Points (RFC 7946: longitude, latitude, height)."""
     features: list[dict[str, Any]] = []
     for name, vehicle in record.vehicles.items():
@@ -143,7 +143,9 @@ def tracks_geojson(record: Record) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
-def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Fire) -> dict[str, Any]:
+def write_outputs(
+    out: Path, scenario: Scenario, record: RunStatistics, fire: Fire
+) -> dict[str, Any]:
     """Write everything into ``out``; returns the summary."""
     summary = summary_of(scenario, record, fire)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
@@ -162,7 +164,7 @@ def write_outputs(out: Path, scenario: Scenario, record: Record, fire: Fire) -> 
     return summary
 
 
-def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None:
+def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) -> None:
     """The map of the fire with tracks and reversals."""
     from matplotlib.lines import Line2D
 
@@ -192,7 +194,7 @@ def draw_map(path: Path, scenario: Scenario, record: Record, fire: Fire) -> None
     figure.savefig(path)
 
 
-def _draw_vehicle(axes: Any, vehicle: VehicleRecord, land: Landscape, colour: str) -> None:
+def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
     south_m = land.north_m - land.shape[0] * land.cell_size_m
     for points, style in (
         ([point[1:3] for point in vehicle.track], {"linewidth": 0.7, "alpha": 0.8}),

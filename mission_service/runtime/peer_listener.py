@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 from mission_service.peer_messages import AnyMessage
-from mission_service.runtime.engine import Service
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 
 class PeerListener:
     """Hands on to the service here what ``formation_mqtt`` has heard."""
 
-    def __init__(self, service: Service, clock: MissionClock, clock_us: Callable[[], int]) -> None:
+    def __init__(self, service: Engine, clock: MissionClock, clock_us: Callable[[], int]) -> None:
         self._service = service
         self._clock = clock
         self._clock_us = clock_us

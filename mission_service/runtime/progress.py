@@ -9,8 +9,8 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from mission_service.fire.simulated import FireWorld
-from mission_service.runtime.record import Record
+from mission_service.fire.simulated import SimulatedFire
+from mission_service.runtime.run_statistics import RunStatistics
 
 STATUS_EVERY_US = 120_000_000
 
@@ -21,7 +21,7 @@ def clock_text(at_us: int) -> str:
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
-def status_lines(record: Record, world: FireWorld) -> list[str]:
+def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
     """One line a vehicle: fire size, direction, reversals, uploads."""
     fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
@@ -46,7 +46,7 @@ class LiveReport:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
         self._next_us = 0
 
-    def __call__(self, record: Record, world: FireWorld) -> None:
+    def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Print what is new."""
         for at_us, news in record.news:
             style = "bold yellow" if news.level == "warning" else "cyan"
@@ -89,7 +89,7 @@ class SimProgress:
     ) -> None:
         self._bar.stop()
 
-    def __call__(self, record: Record, world: FireWorld) -> None:
+    def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Move the bar, or print a line."""
         lines = status_lines(record, world)
         warnings = [news for _, news in record.news if news.level == "warning"]

@@ -119,7 +119,7 @@ class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
     cleared_at_us: int | None = None
 
 
-class NewsLine(msgspec.Struct, tag="event/1", tag_field="schema"):
+class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
     """A line for people."""
 
     id: int

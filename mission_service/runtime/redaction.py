@@ -3,7 +3,7 @@
 import re
 
 HIDDEN = "[hidden]"
-LEAST_SECRET = 6  # characters: a shorter one would black out words
+MIN_SECRET = 6  # characters: a shorter one would black out words
 _LOOKS_SECRET = re.compile(
     r"((?:bearer|basic)\s+|[\w-]*(?:token|passw(?:or)?d|secret|signing[ _-]?key|api[ _-]?key)"
     r"[\"']?\s*[=:]\s*[\"']?)(?!file:|env:)[^\s\"',;&]+",
@@ -15,7 +15,7 @@ _secrets: set[str] = set()
 def hide(secret: str | bytes) -> None:
     """Never write this: a token, a password, a key (bytes: in hexadecimal)."""
     text = secret.hex() if isinstance(secret, bytes) else secret
-    if len(text) >= LEAST_SECRET:
+    if len(text) >= MIN_SECRET:
         _secrets.add(text)
 
 

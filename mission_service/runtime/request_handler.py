@@ -8,21 +8,21 @@ import msgspec
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM
-from mission_service.core.requests import ANYWHERE, STATUS, RequestScope, event_of
+from mission_service.core.request_events import ANYWHERE, STATUS, RequestScope, event_of
 from mission_service.errors import MissionServiceError
-from mission_service.events import Corrected, CrewEvent, Erased, Redone, Undone
+from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone
 
 Answer = dict[str, Any]
 CHANGES_AREA = (Corrected, Erased, Undone, Redone)
 KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
-class Desk:
+class RequestHandler:
     """Where requests of people become events: the socket's, or those of another interface."""
 
     def __init__(
         self,
-        tell: Callable[[CrewEvent], list[str]],
+        tell: Callable[[AnyOperatorEvent], list[str]],
         status: Callable[[], dict[str, Any]],
         now_us: Callable[[], int],
         scope: RequestScope = ANYWHERE,

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from mission_service.config.service import KeepSection
+from mission_service.config.service import JournalSection
 from mission_service.journal.journal_file import Rest
 from mission_service.journal.segments import (
     begin_state,
@@ -18,7 +18,7 @@ from mission_service.journal.segments import (
 )
 from mission_service.journal.snapshot import Frozen, Known, write
 from mission_service.runtime.clocks import clock_us
-from mission_service.runtime.engine import Service
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 LOOK_EVERY_S = 0.5
@@ -29,7 +29,7 @@ STATE_EVERY_BYTES = 4_000_000
 class Keeping:
     """Keeps what a restart needs, and no more than the settings allow."""
 
-    def __init__(self, service: Service, known: Known, settings: KeepSection) -> None:
+    def __init__(self, service: Engine, known: Known, settings: JournalSection) -> None:
         self._service = service
         self._known = known
         self._settings = settings
@@ -92,24 +92,24 @@ class Keeping:
             self._trouble(error)
         else:
             self.took_s = (clock_us() - began_us) / 1e6
-            if self._service.picture is not None:
-                self._service.picture.clear("state")
+            if self._service.state_view is not None:
+                self._service.state_view.clear("state")
 
     def _trouble(self, error: OSError) -> None:
         """A state that is not written costs a restart time, and nothing else."""
-        if self._service.picture is not None:
+        if self._service.state_view is not None:
             text = f"no state is written ({error.strerror}): a restart will take longer"
-            self._service.picture.alarm("state", text)
+            self._service.state_view.alarm("state", text)
 
     def _alarm(self) -> None:
-        picture, trouble = self._service.picture, self._service.recording.trouble
-        if picture is None:
+        state_view, trouble = self._service.state_view, self._service.recording.trouble
+        if state_view is None:
             return
         if trouble:
             text = f"nothing is recorded, so nothing is done but aborts: {trouble}"
-            picture.alarm("journal", text, "severe")
+            state_view.alarm("journal", text, "severe")
         else:
-            picture.clear("journal")
+            state_view.clear("journal")
 
 
 def _newest(path: Path, frozen: Frozen, rest: Rest) -> None:

@@ -73,8 +73,8 @@ class SpeedReports:
             return None
         if self._otherwise_since_us is None:
             self._otherwise_since_us = now_us
-        least_us = SINKING_FOR_US if sinks else RECOVERED_FOR_US
-        if now_us - self._otherwise_since_us < least_us:
+        min_us = SINKING_FOR_US if sinks else RECOVERED_FOR_US
+        if now_us - self._otherwise_since_us < min_us:
             return None
         self._thrust_sufficient, self._otherwise_since_us = not sinks, None
         climb_m_s = round(speed.climb_m_s, 1)

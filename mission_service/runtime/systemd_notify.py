@@ -9,7 +9,7 @@ import socket
 from collections import deque
 from collections.abc import Callable
 
-from mission_service.runtime.hub import Hub
+from mission_service.runtime.run_context import RunContext
 
 BEAT_S = 1.0
 LAG_OF_BEATS = 15  # as long as Prometheus waits between two visits
@@ -40,25 +40,25 @@ def watchdog_s() -> float | None:
     return int(microseconds) / 1e6
 
 
-def status_of(hub: Hub) -> str:
+def status_of(context: RunContext) -> str:
     """One line for ``systemctl status``."""
-    vehicles = hub.picture.vehicles.values()
+    vehicles = context.state_view.vehicles.values()
     online = sum(state.link == "online" for state in vehicles)
-    words = f"{hub.scenario.name}: {online} of {len(vehicles)} vehicles online"
-    return f"{words}, {len(hub.picture.alarms)} alarms"
+    words = f"{context.scenario.name}: {online} of {len(vehicles)} vehicles online"
+    return f"{words}, {len(context.state_view.alarms)} alarms"
 
 
-async def pulse(hub: Hub, tell: Callable[[str], bool] = tell_systemd) -> None:
+async def pulse(context: RunContext, tell: Callable[[str], bool] = tell_systemd) -> None:
     """A door of the daemon: beats from the event loop until cancelled, so that a hang is seen."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
-    hub.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)
+    context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)
     within_s = watchdog_s()
     every_s = BEAT_S if within_s is None else min(BEAT_S, within_s / 3)
     tell("READY=1")
     try:
         while True:
-            tell(f"WATCHDOG=1\nSTATUS={status_of(hub)}")
+            tell(f"WATCHDOG=1\nSTATUS={status_of(context)}")
             due_s = loop.time() + every_s
             await asyncio.sleep(every_s)
             lags_s.append(max(loop.time() - due_s, 0.0))

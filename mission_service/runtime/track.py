@@ -5,7 +5,7 @@ from typing import Any, overload
 
 import numpy as np
 
-MOST_POINTS = 8_192  # 256 KiB; two hours and a quarter a second apart
+MAX_POINTS = 8_192  # 256 KiB; two hours and a quarter a second apart
 EVERY_US = 1_000_000
 
 Point = tuple[int, float, float, float]
@@ -23,12 +23,12 @@ class Track(Sequence[Point]):
         """Take in where it is now, if the last point is long enough ago."""
         if self._count and point[0] - self._points[self._count - 1, 0] < self._every_us:
             return
-        if self._count == MOST_POINTS:
-            self._count = MOST_POINTS // 2
+        if self._count == MAX_POINTS:
+            self._count = MAX_POINTS // 2
             self._points[: self._count] = self._points[::2].copy()
             self._every_us *= 2
         elif self._count == len(self._points):
-            room = np.empty((min(2 * self._count, MOST_POINTS), 4))
+            room = np.empty((min(2 * self._count, MAX_POINTS), 4))
             room[: self._count] = self._points
             self._points = room
         self._points[self._count] = point

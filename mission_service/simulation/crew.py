@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from mission_service.config.sections import BurnSection
 from mission_service.core.core import Core
-from mission_service.events import Answered, Approved, CrewEvent, Present
+from mission_service.events import AnyOperatorEvent, Approved, ChecklistAnswered, OperatorHeartbeat
 
 NAME = "simulated crew"
 
@@ -13,32 +13,34 @@ class SimulatedCrew:
     """Approves a plan ``thinks_s`` after its proposal; ``script`` has further events, in order."""
 
     def __init__(
-        self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[CrewEvent] = ()
+        self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[AnyOperatorEvent] = ()
     ) -> None:
         self._station = burn.stations[0].name
         self._items = burn.go_items
         self._thinks_us = round(thinks_s * 1e6)
-        self._says_us = round(burn.crew_silent_s * 1e6 / 3)
+        self._says_us = round(burn.approver_timeout_s * 1e6 / 3)
         self._script = list(script)
         self._present_us = 0
         self._thinks_of, self._since_us = "", 0
         self._answers_us = 0
 
-    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+    def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         """The crew's events that are due at mission time ``now_us``."""
-        awaited = core.leader.awaited()
-        events: list[CrewEvent] = []
+        awaited = core.guidance.awaited()
+        events: list[AnyOperatorEvent] = []
         while self._script and self._script[0].at_us <= now_us:
             events.append(self._script.pop(0))
         if now_us >= self._present_us:
             self._present_us = now_us + self._says_us
-            events.append(Present(now_us, NAME, self._station))
+            events.append(OperatorHeartbeat(now_us, NAME, self._station))
         if awaited.answers and now_us >= self._answers_us:
             self._answers_us = now_us + self._thinks_us
-            events += [Answered(now_us, NAME, self._station, item, True) for item in self._items]
+            events += [
+                ChecklistAnswered(now_us, NAME, self._station, item, True) for item in self._items
+            ]
         return [*events, *self._approves(now_us, awaited.plan_hash)]
 
-    def _approves(self, now_us: int, wanted: str) -> list[CrewEvent]:
+    def _approves(self, now_us: int, wanted: str) -> list[AnyOperatorEvent]:
         if not wanted:
             return []
         if wanted != self._thinks_of:

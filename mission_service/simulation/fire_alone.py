@@ -9,7 +9,7 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.arrival_map import draw_map
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
@@ -17,14 +17,14 @@ from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.runtime.progress import fire_progress
 
 STEPS = 200  # progress reports of a run
-MOST_FRONTS = 10_000
+MAX_FRONTS = 10_000
 
 
 def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
     """Write rasters, fronts, map and summary into a folder; returns the summary.
 
     Raises ScenarioError if no fire starts before the scenario's end, if there would be more than
-    ``MOST_FRONTS`` fronts, or if the folder cannot be written to.
+    ``MAX_FRONTS`` fronts, or if the folder cannot be written to.
     """
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
     taken_over = scenario.fire.perimeter or scenario.fire.arrival
@@ -55,10 +55,10 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
     """Times of the written fronts: every ``every_s`` after the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
-    if count > MOST_FRONTS:
+    if count > MAX_FRONTS:
         raise ScenarioError(
-            f"--front-every {every_s:g}: that is {count} fronts until {end_s:g} s, {MOST_FRONTS} "
-            f"at most; make it {math.ceil((end_s - start_s) / MOST_FRONTS)} or more"
+            f"--front-every {every_s:g}: that is {count} fronts until {end_s:g} s, {MAX_FRONTS} "
+            f"at most; make it {math.ceil((end_s - start_s) / MAX_FRONTS)} or more"
         )
     return [start_s + number * every_s for number in range(1, count)] + [end_s]
 

@@ -31,7 +31,7 @@ FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class MockEnvironment:
     """Wind, battery, terrain, faults and parameters of mocks, from the command line."""
 
     wind: Wind = CALM
@@ -122,7 +122,7 @@ def _numbers(
 
 
 def by_hand(
-    stack: str, kind: str, system_id: int, home: str, count: int, around: Surroundings
+    stack: str, kind: str, system_id: int, home: str, count: int, around: MockEnvironment
 ) -> MockGroup:
     """Make ``count`` mocks: consecutive system ids, homes 0.001° of longitude apart."""
     if system_id + count > 251:
@@ -143,7 +143,7 @@ def by_hand(
 
 
 @dataclass(frozen=True)
-class OnLink:
+class MocksOnLink:
     """Mocks on one link; ``signing_key`` is the source of their key."""
 
     fleet: MockGroup
@@ -152,8 +152,8 @@ class OnLink:
 
 
 def from_scenario(
-    name: str, vehicle: str | None, link: str | None, around: Surroundings
-) -> list[OnLink]:
+    name: str, vehicle: str | None, link: str | None, around: MockEnvironment
+) -> list[MocksOnLink]:
     """Make mocks of a scenario's vehicles, standing at their homes.
 
     Without ``link``, a mock connects to the link of its vehicle. Without ``vehicle``, it is the
@@ -166,7 +166,7 @@ def from_scenario(
     else:
         sections = [vehicle_of(scenario, vehicle)]
     return [
-        OnLink(
+        MocksOnLink(
             _of_section(section, landscape, around),
             link or other_end(section.link),
             section.signing_key,
@@ -175,7 +175,9 @@ def from_scenario(
     ]
 
 
-def _of_section(section: VehicleSection, landscape: Landscape, around: Surroundings) -> MockGroup:
+def _of_section(
+    section: VehicleSection, landscape: Landscape, around: MockEnvironment
+) -> MockGroup:
     plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
@@ -216,7 +218,7 @@ def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]
 
 
 def run(
-    all_mocks: list[OnLink],
+    all_mocks: list[MocksOnLink],
     speedup: float,
     as_json: bool,
     echo: Callable[[str], None],
@@ -233,7 +235,7 @@ def run(
     def learns(key: Key) -> Signing:
         return Signing(key, timestamps)
 
-    async def fly(mocks: OnLink) -> None:
+    async def fly(mocks: MocksOnLink) -> None:
         def opened() -> None:
             for told in describe(mocks.fleet, mocks.link, speedup):
                 echo(json.dumps(told) if as_json else _line(told))

@@ -15,19 +15,19 @@ from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
-from mission_service.events import CrewEvent
+from mission_service.events import AnyOperatorEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
-from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.fire.simulated import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime.engine import Progress, Service, unshown
+from mission_service.runtime.engine import Engine, Progress, unshown
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 
 PROGRESS_EVERY_US = 60_000_000
 
-Crew = Callable[[int, Core], list[CrewEvent]]
+Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
@@ -51,7 +51,7 @@ def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     )
 
 
-class Rig:
+class SimulatedVehicle:
     """One simulated vehicle: client and mock autopilot, joined by two memory links."""
 
     def __init__(
@@ -85,7 +85,7 @@ class Rig:
                 next_us = arrives_us
         return next_us
 
-    def advance(self, now_us: int, service: Service) -> None:
+    def advance(self, now_us: int, service: Engine) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""
         if self._weather is not None:
             self._blow(self._weather.at(self._clock.now_us / 1e6))
@@ -121,22 +121,24 @@ class Simulation:
         landscape: Landscape,
         crew: Crew | None = None,
         progress: Progress = unshown,
-        picture: Picture | None = None,
+        state_view: StateView | None = None,
     ) -> None:
-        """Without ``crew``, a burn has a simulated crew. A given ``picture`` is kept up to date."""
+        """Without ``crew``, a burn has a simulated crew. ``state_view`` is kept up to date."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 
             crew = SimulatedCrew(scenario.burn_flown).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
         self.world = world_of(scenario, landscape)
-        self.rigs = [Rig(section, scenario, landscape, self.clock) for section in scenario.flown]
+        self.rigs = [
+            SimulatedVehicle(section, scenario, landscape, self.clock) for section in scenario.flown
+        ]
         names = tuple(section.name for section in scenario.flown)
-        self.record = Record(names, self.clock.now_us)
+        self.record = RunStatistics(names, self.clock.now_us)
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
-        self.service = Service(
-            scenario, self.core, self.world, journal, self.record, gateways, picture=picture
+        self.service = Engine(
+            scenario, self.core, self.world, journal, self.record, gateways, state_view=state_view
         )
         self._crew = crew
         self._progress = progress
@@ -174,7 +176,7 @@ def simulate(
     progress: Progress = unshown,
     crew: Crew | None = None,
     until_s: float | None = None,
-) -> tuple[Record, FireWorld]:
+) -> tuple[RunStatistics, SimulatedFire]:
     """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
 
     ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is

@@ -8,7 +8,7 @@ import shapely
 
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission, WithdrawMission
 from mission_service.missions.mission_hash import mission_hash
-from mission_service.vehicles.state import Pending, Refusal, Vehicle
+from mission_service.vehicles.vehicle_state import Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
 GOOD_FOR_S = 60.0  # an older proposal is planned again, because the front has moved
@@ -76,8 +76,8 @@ class MissionApprovals:
         apart_m = shapely.distance(points, refusal.line)
         along_m = shapely.line_locate_point(refusal.line, points)
         beyond = along_m >= refusal.line.length
-        most_m = np.where(beyond, self._beyond_m, self._beside_m)
-        return bool((apart_m > most_m).any())
+        max_m = np.where(beyond, self._beyond_m, self._beside_m)
+        return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
         """The proposed mission with this hash, to be sent; None if it is not proposed."""

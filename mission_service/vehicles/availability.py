@@ -16,7 +16,7 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.events import Order
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")  # modes, by the bridge's names
@@ -39,7 +39,7 @@ FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.s
 
 
 @dataclass(slots=True)
-class Presence:
+class VehicleAvailability:
     """What decides whether planners may count on a vehicle."""
 
     online: bool = False
@@ -56,7 +56,7 @@ class Presence:
     fence_breached: bool = False
     fix_good: bool = True
     estimator_healthy: bool = True
-    here: Here | None = None
+    here: PositionFix | None = None
     expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
 
     @property
@@ -101,7 +101,7 @@ class Presence:
         vehicle is armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
-        fresh = Presence(self.online, wind_m_s=self.wind_m_s, here=self.here)
+        fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, here=self.here)
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground

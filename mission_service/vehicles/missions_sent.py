@@ -7,8 +7,8 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_TAKEOFF
 
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import UploadMission
-from mission_service.position_fix import Here
-from mission_service.vehicles.state import Pending, Vehicle
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.vehicle_state import Pending, Vehicle
 
 Floats = NDArray[np.float64]
 LINE_TOLERANCE_M = 5.0
@@ -25,7 +25,7 @@ class MissionsSent:
         vehicle: Vehicle,
         path_m: Floats,
         items: tuple[MissionItem, ...],
-        here: Here,
+        here: PositionFix,
         why: str,
         keeps_apart: bool = False,
     ) -> UploadMission:

@@ -2,27 +2,27 @@
 
 from typing import Literal
 
-from mission_service.events import MissionHeld
-from mission_service.vehicles.state import Doubt, Vehicle
+from mission_service.events import MissionReadBack
+from mission_service.vehicles.vehicle_state import UnconfirmedState, Vehicle
 
 
-def doubt(vehicle: Vehicle) -> None:
+def unconfirmed(vehicle: Vehicle) -> None:
     """Mark all that was under way as unconfirmed until the vehicle's mission is read back.
 
     Operators' orders stay in force.
     """
-    was = vehicle.doubt  # another restart before the first read-back
+    was = vehicle.unconfirmed  # another restart before the first read-back
     pending = vehicle.pending or (was.pending if was else None)
-    sent_home = vehicle.presence.recalled and vehicle.sent_home
+    sent_home = vehicle.availability.recalled and vehicle.sent_home
     recalled = sent_home or bool(was and was.recalled)
     starting = vehicle.start_under_way or bool(was and was.starting)
-    vehicle.doubt = Doubt(pending, recalled, starting, bool(was and was.resumed))
-    vehicle.presence.online = vehicle.start_under_way = False
+    vehicle.unconfirmed = UnconfirmedState(pending, recalled, starting, bool(was and was.resumed))
+    vehicle.availability.online = vehicle.start_under_way = False
     vehicle.pending = vehicle.flown_line = vehicle.hold_under_way_s = None
 
 
 def recognised(
-    vehicle: Vehicle, was: Doubt, event: MissionHeld
+    vehicle: Vehicle, was: UnconfirmedState, event: MissionReadBack
 ) -> Literal["same", "new", "unknown"]:
     """Which mission is on board: the accepted one, the one that was being sent, or another.
 
@@ -38,7 +38,7 @@ def recognised(
     return "unknown"
 
 
-def in_words(event: MissionHeld) -> str:
+def in_words(event: MissionReadBack) -> str:
     """The result of a read-back, as a line for the operator."""
     if event.items is None:
         return "its mission could not be read back: it is sent another"

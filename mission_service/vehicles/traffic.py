@@ -25,7 +25,7 @@ from mission_service.missions.separation import (
     places_of,
     track_of,
 )
-from mission_service.vehicles.availability import Presence
+from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Flown:
     """A vehicle's planned track and the vehicle that it gives way to."""
 
     section: VehicleSection
-    presence: Presence
+    availability: VehicleAvailability
     home_m: tuple[float, float]
     track: Track | None = None
     sent: int = 0  # number of missions
@@ -52,11 +52,11 @@ class Flown:
     started_at_s: float = -1e9
 
 
-class Spacing:
+class TrafficManager:
     """Keeps the tracks and positions of all vehicles and decides which one gives way."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, presence: dict[str, Presence]
+        self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]
     ) -> None:
         self._landscape = landscape
         self._separation_m = scenario.mission.separation_m
@@ -64,7 +64,7 @@ class Spacing:
         self._all = {
             section.name: Flown(
                 section,
-                presence[section.name],
+                availability[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
             )
             for section in scenario.vehicles
@@ -81,8 +81,8 @@ class Spacing:
     def sends(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a mission that is sent to the vehicle."""
         flown = self._all[name]
-        here = flown.presence.here
-        start_m = (here.x_m, here.y_m) if here and flown.presence.airborne else None
+        here = flown.availability.here
+        start_m = (here.x_m, here.y_m) if here and flown.availability.airborne else None
         flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m, start_m)
         flown.sent += 1
         flown.compared = self._missions_below(name)
@@ -91,7 +91,7 @@ class Spacing:
         """Forget the mission of a vehicle on the ground."""
         self._all[name].track = self._all[name].gave_way_to = None
 
-    def least_altitudes(self, name: str) -> LeastAltitude:
+    def min_altitudes(self, name: str) -> LeastAltitude:
         """The least altitude of a new mission at points (n, 2)."""
         tracks = self._tracks_below(name)
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
@@ -100,17 +100,17 @@ class Spacing:
         """Whether a vehicle in a lower layer has a new mission close below this one's."""
         own = self._all[name]
         missions = self._missions_below(name)
-        if missions == own.compared or own.track is None or own.presence.here is None:
+        if missions == own.compared or own.track is None or own.availability.here is None:
             return False
         own.compared = missions
-        left = ahead_on(own.track, own.presence.here.x_m, own.presence.here.y_m)
+        left = ahead_on(own.track, own.availability.here.x_m, own.availability.here.y_m)
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
         """Tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
-        places = [other.presence.here for other in below if other.presence.airborne]
+        places = [other.availability.here for other in below if other.availability.airborne]
         heres = [here for here in places if here is not None]
         return [*tracks, places_of(heres)] if heres else tracks
 
@@ -126,7 +126,7 @@ class Spacing:
     def give_way_to(self, name: str) -> str | None:
         """Decide which vehicle this one gives way to now, if any."""
         own = self._all[name]
-        here = own.presence.here
+        here = own.availability.here
         assert here is not None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
@@ -137,15 +137,15 @@ class Spacing:
         if own.gave_way_to is not None:
             aside_m = self._separation_m
             aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            there = self._all[own.gave_way_to].presence.here
+            there = self._all[own.gave_way_to].availability.here
             assert there is not None
             own.waits_at = place_aside(here, there, self._fire_m, aside_m)
             own.waits_since_s = here.at_s
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
-        here, there = own.presence.here, other.presence.here
-        if here is None or there is None or not _is_told_of(other.presence, here.at_s):
+        here, there = own.availability.here, other.availability.here
+        if here is None or there is None or not _is_told_of(other.availability, here.at_s):
             return False
         if here.at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
@@ -154,8 +154,8 @@ class Spacing:
 
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
-        here, there = own.presence.here, other.presence.here
-        if here is None or there is None or not _is_told_of(other.presence, here.at_s):
+        here, there = own.availability.here, other.availability.here
+        if here is None or there is None or not _is_told_of(other.availability, here.at_s):
             return False
         if other.gave_way_to == name or self._are_in_layers(own, other):
             return False
@@ -166,13 +166,13 @@ class Spacing:
             turn_m += other.section.loiter_radius_m / 2.0
         if not is_near(here, there, self._separation_m, turn_m):
             return False
-        cannot = not other.presence.flies or other.gave_way_to is not None
+        cannot = not other.availability.flies or other.gave_way_to is not None
         return cannot or gives_way(here, there, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
         """Whether the higher one's missions keep it above the other, and it is there."""
-        here, there = own.presence.here, other.presence.here
-        both = own.presence.flies and other.presence.flies
+        here, there = own.availability.here, other.availability.here
+        both = own.availability.flies and other.availability.flies
         if here is None or there is None or not both:
             return False
         above_m = here.altitude_m - there.altitude_m
@@ -182,9 +182,9 @@ class Spacing:
 
     def may_turn_back(self, name: str) -> bool:
         """Whether no other vehicle is flying out of this one's way just now."""
-        here = self._all[name].presence.here
+        here = self._all[name].availability.here
         for other in self._all.values():
-            there = other.presence.here
+            there = other.availability.here
             if other.gave_way_to != name or here is None or there is None:
                 continue
             leaving = here.at_s - other.waits_since_s < LEAVES_WITHIN_S
@@ -204,8 +204,8 @@ class Spacing:
         for other in self._all.values():
             if other is own:
                 continue
-            here = other.presence.here
-            if other.presence.airborne and here is not None and at_s - here.at_s < UNHEARD_S:
+            here = other.availability.here
+            if other.availability.airborne and here is not None and at_s - here.at_s < UNHEARD_S:
                 place = (here.x_m, here.y_m)
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
                 place = other.home_m
@@ -217,7 +217,7 @@ class Spacing:
         return True
 
 
-def _is_told_of(presence: Presence, at_s: float) -> bool:
+def _is_told_of(availability: VehicleAvailability, at_s: float) -> bool:
     """Whether it is airborne by a recent position."""
-    here = presence.here
-    return presence.airborne and here is not None and at_s - here.at_s < UNHEARD_S
+    here = availability.here
+    return availability.airborne and here is not None and at_s - here.at_s < UNHEARD_S

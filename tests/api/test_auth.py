@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, own_token, read_tokens, sum_of
-from mission_service.interfaces.api.access.limits import MOST_CLIENTS, Buckets
+from mission_service.interfaces.api.access.limits import MAX_CLIENTS, RateLimiter
 from mission_service.interfaces.api.access.token_file import added
 
 GOOD = f'[[tokens]]\nname = "anna"\nroles = ["fly"]\nstation = "north"\nsha256 = "{"0" * 64}"\n'
@@ -124,7 +124,7 @@ def test_the_command_prints_a_token_once_and_keeps_its_sum(tmp_path: Path) -> No
 
 @given(st.lists(st.tuples(st.floats(0, 5), st.sampled_from("ab")), max_size=60))
 def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, str]]) -> None:
-    buckets, rate_s, burst = Buckets(2.0, 5.0), 2.0, 5.0
+    buckets, rate_s, burst = RateLimiter(2.0, 5.0), 2.0, 5.0
     now_s, taken = 0.0, {"a": 0, "b": 0}
     for pause_s, client in steps:
         now_s += pause_s
@@ -137,8 +137,8 @@ def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, 
 
 
 def test_buckets_forget_who_asked_longest_ago() -> None:
-    buckets = Buckets(1.0, 1.0)
-    for number in range(3 * MOST_CLIENTS):
+    buckets = RateLimiter(1.0, 1.0)
+    for number in range(3 * MAX_CLIENTS):
         buckets.take(str(number), 0.0)
-    assert len(buckets._left) == MOST_CLIENTS
-    assert buckets.take(str(3 * MOST_CLIENTS - 1), 0.0) > 0.0
+    assert len(buckets._left) == MAX_CLIENTS
+    assert buckets.take(str(3 * MAX_CLIENTS - 1), 0.0) > 0.0

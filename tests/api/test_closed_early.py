@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mission_service.config.service import HttpSection
-from mission_service.events import Aborted, CrewEvent, Ordered
+from mission_service.events import Aborted, AnyOperatorEvent, OrderGiven
 from mission_service.interfaces.api.server import tls_of
 from tests.api.worlds import Served, World, listened_to, served
 from tests.patience import until
@@ -49,8 +49,8 @@ def reset(there: socket.socket) -> None:
         (ABORT, b"", None, Aborted),
         (ABORT, b"{}", None, Aborted),
         (ABORT, b'{"by":', 4000, Aborted),  # the rest of the body never comes
-        (HOLD_ALL, b"{}", None, Ordered),
-        (HOLD_ALL, json.dumps({"by": "x" * 70}).encode(), None, Ordered),
+        (HOLD_ALL, b"{}", None, OrderGiven),
+        (HOLD_ALL, json.dumps({"by": "x" * 70}).encode(), None, OrderGiven),
     ],
 )
 def test_what_was_sent_whole_is_done_though_the_client_closes_at_once(
@@ -60,7 +60,7 @@ def test_what_was_sent_whole_is_done_though_the_client_closes_at_once(
     path: str,
     body: bytes,
     length: int | None,
-    kind: type[CrewEvent],
+    kind: type[AnyOperatorEvent],
 ) -> None:
     before = len(flying.told)
 

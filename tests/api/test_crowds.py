@@ -9,9 +9,13 @@ from pathlib import Path
 import pytest
 
 from mission_service.events import Aborted
-from mission_service.interfaces.api.access import callers
-from mission_service.interfaces.api.access.callers import Caller, Callers, client_at
-from mission_service.interfaces.api.access.limits import Places
+from mission_service.interfaces.api.access import client_connections
+from mission_service.interfaces.api.access.client_connections import (
+    ClientConnection,
+    ClientConnections,
+    client_at,
+)
+from mission_service.interfaces.api.access.limits import ConcurrencyLimiter
 from tests.api.worlds import Served, World, listened_to, served
 from tests.patience import until
 
@@ -146,7 +150,7 @@ def test_during_a_handshake_too_the_oldest_goes(
     from mission_service.config.service import HttpSection
     from mission_service.interfaces.api.server import tls_of
 
-    monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 20)
+    monkeypatch.setattr(client_connections, "MAX_OF_AN_ADDRESS", 20)
     section = HttpSection(tls_certificate=certificate[0], tls_key=certificate[1])
 
     async def go() -> None:
@@ -160,14 +164,14 @@ def test_during_a_handshake_too_the_oldest_goes(
 def test_of_too_many_the_oldest_of_the_busiest_address_goes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(callers, "MOST_UNPROVEN", 6)
-    monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 4)
-    monkeypatch.setattr(callers, "MOST_PROVEN", 1)
+    monkeypatch.setattr(client_connections, "MAX_UNPROVEN", 6)
+    monkeypatch.setattr(client_connections, "MAX_OF_AN_ADDRESS", 4)
+    monkeypatch.setattr(client_connections, "MAX_PROVEN", 1)
     cut: list[str] = []
-    all_of = Callers()
+    all_of = ClientConnections()
 
-    def come(client: str, name: str) -> Caller:
-        caller = Caller(client, lambda: cut.append(name))
+    def come(client: str, name: str) -> ClientConnection:
+        caller = ClientConnection(client, lambda: cut.append(name))
         all_of.come(caller)
         return caller
 
@@ -189,7 +193,7 @@ def test_of_too_many_the_oldest_of_the_busiest_address_goes(
 
 
 def test_places_are_counted_by_client() -> None:
-    places = Places(3, 2)
+    places = ConcurrencyLimiter(3, 2)
     assert [places.enter(each) for each in "aaabcc"] == [True, True, False, True, False, False]
     places.leave("a")
     assert [places.enter("b"), places.enter("c")] == [True, False]

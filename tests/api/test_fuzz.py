@@ -17,7 +17,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from mission_service.interfaces.api.access.guard import Guard
+from mission_service.interfaces.api.access.guard import AccessGuard
 from tests.api.worlds import World, client, served
 
 CHECKS = [
@@ -37,7 +37,7 @@ FEW = settings(
 
 
 def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
     service = served(flying)
     service.app.api.streams.stopping.set()  # a live stream would never end
     schema = schemathesis.openapi.from_dict(service.app.routes.openapi())

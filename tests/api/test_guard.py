@@ -9,14 +9,14 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from mission_service.core.requests import REQUESTS
+from mission_service.core.request_events import REQUESTS
 from mission_service.errors import MissionServiceError
 from mission_service.events import Aborted
 from mission_service.interfaces.api.access import guard
 from mission_service.interfaces.api.access.auth import ROLES
-from mission_service.interfaces.api.access.guard import Guard
-from mission_service.interfaces.api.answers import MOST_BODY_BYTES
+from mission_service.interfaces.api.access.guard import AccessGuard
 from mission_service.interfaces.api.app import role_of, routes_of
+from mission_service.interfaces.api.responses import MAX_BODY_BYTES
 from tests.api.worlds import HOST, Call, Served, World, calls, client, scenario_of, served, world_in
 
 V1 = "/api/v1"
@@ -41,7 +41,7 @@ async def send(http: httpx.AsyncClient, call: Call, headers: dict[str, str]) -> 
 
 
 def generous(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
 
 
 def test_there_are_routes_and_each_has_a_role(flying: World) -> None:
@@ -96,7 +96,7 @@ def test_looking_changes_nothing_but_by_an_abort(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     generous(monkeypatch)
-    before, lines = len(flying.told), flying.hub.journal_path.read_bytes().count(b"\n")
+    before, lines = len(flying.told), flying.context.journal_path.read_bytes().count(b"\n")
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         for call in calls(service.app):
@@ -105,7 +105,7 @@ def test_looking_changes_nothing_but_by_an_abort(
                     tried = Call(method, call.path, call.role, call.body)
                     await send(http, tried, service.headers("look"))
         assert len(flying.told) == before
-        assert flying.hub.journal_path.read_bytes().count(b"\n") == lines
+        assert flying.context.journal_path.read_bytes().count(b"\n") == lines
         stop = await http.post(f"{V1}/abort", headers=service.headers("look"))
         assert stop.status_code == 200
 
@@ -168,17 +168,17 @@ def test_its_own_pages_and_addresses_are_let_in(flying: World, headers: dict[str
 
 
 def test_a_name_of_its_own_may_be_behind_a_proxy_with_tls(flying: World) -> None:
-    http_section = flying.hub.settings.http
+    http_section = flying.context.settings.http
     assert http_section is not None
     section = http_section.model_copy(update={"hosts": ("fire.example",)})
 
     async def go() -> list[int]:
-        settings = flying.hub.settings
-        flying.hub.settings = settings.model_copy(update={"http": section})
+        settings = flying.context.settings
+        flying.context.settings = settings.model_copy(update={"http": section})
         try:
             service = served(flying)
         finally:
-            flying.hub.settings = settings
+            flying.context.settings = settings
         found = []
         async with client(service.app) as http:
             for origin in ("https://fire.example", "http://fire.example", "https://evil.example"):
@@ -251,7 +251,7 @@ def test_bodies_have_limits(flying: World) -> None:
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         path, headers = f"{V1}/wind", service.headers()
-        long = await http.post(path, content=parts(MOST_BODY_BYTES), headers=headers)
+        long = await http.post(path, content=parts(MAX_BODY_BYTES), headers=headers)
         assert long.status_code == 413
         told = await http.post(path, content=b"{}", headers={**headers, "content-length": "1" * 9})
         assert told.status_code == 413
@@ -297,7 +297,7 @@ def test_wrong_tokens_are_slowed_down_and_right_ones_are_not(flying: World) -> N
 def test_with_too_many_that_read_what_changes_and_health_get_through(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard, "MOST_READING", 0)
+    monkeypatch.setattr(guard, "MAX_READING", 0)
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         busy = await http.get(f"{V1}/state", headers=service.headers())
@@ -343,7 +343,7 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
 def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
     """The role of a token that is a user's own; without names what takes the role shows it."""
     world = world_in(tmp_path, scenario_of("burn", ()))
-    item = world.hub.burn()["go_items"][0]  # type: ignore[index]
+    item = world.context.burn()["go_items"][0]  # type: ignore[index]
 
     async def go() -> None:
         service = served(world, named)

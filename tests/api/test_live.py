@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from mission_service.interfaces.api import live
+from mission_service.interfaces.api import live_stream
 from mission_service.interfaces.api.access import guard
-from mission_service.interfaces.api.live import MOST_STREAMS, LiveStream
+from mission_service.interfaces.api.live_stream import MAX_STREAMS, LiveStream
 from mission_service.interfaces.api.server import Connection
 from mission_service.runtime.published_states import TelemetryState
 from tests.api.worlds import Served, World, client, listened_to, served, stream_of
@@ -64,12 +64,12 @@ class Reader:
 
 def moves(world: World, lat_deg: float) -> None:
     """A vehicle is somewhere else."""
-    picture = world.hub.picture
-    before = picture.telemetry["hawk"]
+    state_view = world.context.state_view
+    before = state_view.telemetry["hawk"]
     fields = {**msgspec.structs.asdict(before), "lat_deg": lat_deg}
-    picture.telemetry["hawk"] = TelemetryState(**fields)
-    picture._touch("telemetry/hawk")
-    world.hub.ring()
+    state_view.telemetry["hawk"] = TelemetryState(**fields)
+    state_view._touch("telemetry/hawk")
+    world.context.ring()
 
 
 def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
@@ -85,9 +85,9 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
         moves(flying, 36.5)
         await reader.until(2)
         ((event, number, told),) = events_of(reader.batches[1])
-        assert (event, number) == ("telemetry", flying.hub.picture.version)
+        assert (event, number) == ("telemetry", flying.context.state_view.version)
         assert told["lat_deg"] == 36.5
-        assert told == msgspec.to_builtins(flying.hub.picture.telemetry["hawk"])
+        assert told == msgspec.to_builtins(flying.context.state_view.telemetry["hawk"])
         reader.gone.set()
         await reader.task
 
@@ -96,7 +96,7 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
 
 def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World) -> None:
     async def go() -> None:
-        reader = Reader(served(flying), flying.hub.picture.version)
+        reader = Reader(served(flying), flying.context.state_view.version)
         moves(flying, 35.9)
         await reader.until(1)
         reader.reads.clear()
@@ -116,11 +116,11 @@ def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World)
 
 def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
     async def go() -> None:
-        service, picture = served(flying), flying.hub.picture
+        service, state_view = served(flying), flying.context.state_view
         for word in ("one", "two"):
-            picture.tell("hawk", word)
-        since = picture.version
-        picture.tell("hawk", "three")
+            state_view.tell("hawk", word)
+        since = state_view.version
+        state_view.tell("hawk", "three")
         moves(flying, 36.4)
         reader = Reader(service, since)
         await reader.until(1)
@@ -128,7 +128,7 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
         assert [line["text"] for line in news[2]] == ["three"]
         assert moved[0] == "telemetry"
         # A service that was started anew counts from the beginning: all is told again.
-        late = Reader(service, picture.version + 1000)
+        late = Reader(service, state_view.version + 1000)
         await late.until(1)
         assert len(late.events) > 6
         for each in (reader, late):
@@ -141,11 +141,11 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
 def test_a_silent_stream_is_heard_and_ends_with_its_token(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live, "TOLD_EVERY_S", 0.02)
+    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 0.02)
 
     async def go() -> None:
         service = served(flying)
-        reader = Reader(service, flying.hub.picture.version)
+        reader = Reader(service, flying.context.state_view.version)
         await reader.until(3)
         assert set(reader.batches) == {b": \n\n"}
         service.app.api.tokens._known = ()
@@ -159,11 +159,11 @@ def test_a_silent_stream_is_heard_and_ends_with_its_token(
 def test_a_busy_stream_ends_with_its_token_too(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live, "TOLD_EVERY_S", 0.05)
+    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 0.05)
 
     async def go() -> None:
         service = served(flying)
-        reader = Reader(service, flying.hub.picture.version)
+        reader = Reader(service, flying.context.state_view.version)
         service.app.api.tokens._known = ()
         async with asyncio.timeout(PATIENCE_S):
             step = 0
@@ -188,7 +188,7 @@ def test_states_are_encoded_once_for_all(flying: World, monkeypatch: pytest.Monk
             return state(kind, name)
 
         monkeypatch.setattr(frames, "_state", counted)
-        readers = [Reader(service, flying.hub.picture.version) for _ in range(5)]
+        readers = [Reader(service, flying.context.state_view.version) for _ in range(5)]
         await until(lambda: service.app.api.streams.count == 5)
         moves(flying, 36.7)
         for reader in readers:
@@ -203,7 +203,7 @@ def test_states_are_encoded_once_for_all(flying: World, monkeypatch: pytest.Monk
 def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
     async def go() -> None:
         service = served(flying)
-        readers = [Reader(service) for _ in range(MOST_STREAMS)]
+        readers = [Reader(service) for _ in range(MAX_STREAMS)]
         for reader in readers:
             await reader.until(1)
         async with client(service.app) as http:
@@ -237,7 +237,7 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
                 await asyncio.sleep(0.002)
             writer.close()
 
-    monkeypatch.setattr(live, "TOLD_EVERY_S", 2 * PATIENCE_S)
+    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 2 * PATIENCE_S)
     asyncio.run(go())
     assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
 
@@ -251,7 +251,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
     async def go() -> None:
         nonlocal most
         service = served(standing)
-        streams, news = service.app.api.streams, standing.hub.picture
+        streams, news = service.app.api.streams, standing.context.state_view
         async with listened_to(service) as address:
             _, writer = await stream_of(service, address, limit=1024)
             found = [each for each in gc.get_objects() if isinstance(each, Connection)]
@@ -264,7 +264,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
                 while streams.count:
                     for _ in range(20):
                         news.tell("hawk", "x" * 5000)
-                    standing.hub.ring()
+                    standing.context.ring()
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())
             assert streams.count == 0

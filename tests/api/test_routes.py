@@ -17,9 +17,9 @@ import shapely
 from PIL import Image
 
 from autopilot_bridge.missions.planfile import read_plan
-from mission_service.events import Corrected, Ordered, SettingsTold, WindTold
+from mission_service.events import Corrected, OrderGiven, SettingsChanged, WindSet
 from mission_service.guidance.protocol import Planner
-from mission_service.interfaces.api.access.guard import Guard
+from mission_service.interfaces.api.access.guard import AccessGuard
 from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.journal.journal_file import Journal, SegmentReader
@@ -97,7 +97,7 @@ def test_examples_and_answers_are_as_described(flying: World) -> None:
 def test_the_state_is_all_that_a_page_needs(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         state = await got(http, "/state")
-        assert state["version"] == flying.hub.picture.version
+        assert state["version"] == flying.context.state_view.version
         assert state["roles"] == ["look", "correct", "fly", "approve"]
         assert [each["vehicle"] for each in state["vehicles"]] == ["hawk", "kite"]
         assert state["vehicles"] == await got(http, "/vehicles")
@@ -106,14 +106,14 @@ def test_the_state_is_all_that_a_page_needs(flying: World) -> None:
         assert west < CENTRE[1] < east
         assert south < CENTRE[0] < north
         assert state["status"]["at_us"] == flying.simulation.clock.now_us
-        assert state["planner"]["rule"] == state["rule"] == "damped"
+        assert state["planner"]["rule"] == state["rule"] == "islam_hu_damped"
 
     asked(flying, ask)
 
 
 def test_a_track_is_the_flown_one(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
-        points = flying.hub.record.vehicles["hawk"].track
+        points = flying.context.record.vehicles["hawk"].track
         whole = await got(http, "/vehicles/hawk/track")
         assert len(whole["geometry"]["coordinates"]) == min(len(points), 3600) > 50
         assert whole["geometry"]["coordinates"][-1] == [points[-1][2], points[-1][1], points[-1][3]]
@@ -141,21 +141,23 @@ def test_a_plan_file_holds_the_mission_on_board(flying: World, tmp_path: Path) -
 def test_a_preview_changes_nothing_and_a_renewal_is_sent(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
     world.fly(3660.0)
-    before = world.hub.picture.missions["hawk"].on_board
+    before = world.context.state_view.missions["hawk"].on_board
 
     async def ask(http: httpx.AsyncClient) -> None:
         preview = await told(http, "/vehicles/hawk/mission/preview")
-        assert world.hub.picture.missions["hawk"].on_board is before  # asking changes nothing
-        assert preview["figures"]["least_height_agl_m"] > 100.0
+        assert (
+            world.context.state_view.missions["hawk"].on_board is before
+        )  # asking changes nothing
+        assert preview["figures"]["min_height_agl_m"] > 100.0
         assert preview["figures"]["problems"] == []
         assert preview["figures"]["farthest_from_home_m"] > 500.0
         await told(http, "/vehicles/hawk/mission/renew")
-        sent = world.hub.picture.missions["hawk"].sending
+        sent = world.context.state_view.missions["hawk"].sending
         for _ in range(2000):
             if sent is not None:
                 break
             world.simulation.step()
-            sent = world.hub.picture.missions["hawk"].sending
+            sent = world.context.state_view.missions["hawk"].sending
         assert sent is not None
         assert (await got(http, "/vehicles/hawk/mission"))["sending"]["mission_id"] > 1
 
@@ -166,7 +168,7 @@ def test_the_figures_shown_are_those_of_the_mission_that_waits_for_a_word(tmp_pa
     changes = (*SMALL, "mission.approval=each")
     world = world_in(tmp_path, scenario_of(changes=changes))
     world.fly(3602.0)
-    waits = world.hub.picture.missions["hawk"].proposed
+    waits = world.context.state_view.missions["hawk"].proposed
     assert waits is not None
 
     async def ask(http: httpx.AsyncClient) -> None:
@@ -188,13 +190,13 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
         assert "no importances yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
 
     asked(world, early)
-    planner = cast(Planner, world.hub.core.leader.planners["hawk"])
+    planner = cast(Planner, world.context.core.guidance.planners["hawk"])
     until_s = 3900.0
     while planner.phase != "monitor":
         until_s += 20.0
         world.fly(until_s)
-    decided = world.hub.picture.vehicles["hawk"].decisions
-    while world.hub.picture.vehicles["hawk"].decisions == decided:
+    decided = world.context.state_view.vehicles["hawk"].decisions
+    while world.context.state_view.vehicles["hawk"].decisions == decided:
         world.simulation.step()
 
     async def ask(http: httpx.AsyncClient) -> None:
@@ -208,7 +210,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
             found["importance_back"]
         )
         # The first cell is where the vehicle is, or beside it.
-        here = world.hub.picture.telemetry["hawk"]
+        here = world.context.state_view.telemetry["hawk"]
         away = np.hypot(found["cells"][0][0] - here.lat_deg, found["cells"][0][1] - here.lon_deg)
         assert away < 0.01
 
@@ -243,8 +245,8 @@ def test_pictures_are_pictures(flying: World) -> None:
         assert len(frame["corners"]) == 4
         assert frame["scale"]
         answer = await http.get(f"{V1}/fire/arrival.png")
-        with Image.open(io.BytesIO(answer.content)) as picture:
-            assert picture.size == (frame["width_px"], frame["height_px"])
+        with Image.open(io.BytesIO(answer.content)) as state_view:
+            assert state_view.size == (frame["width_px"], frame["height_px"])
         terrain = await got(http, "/terrain.json")
         west, south, east, north = terrain["bounds"]
         zoom = terrain["maxzoom"]
@@ -252,8 +254,8 @@ def test_pictures_are_pictures(flying: World) -> None:
         x = int((lon + 180.0) / 360.0 * 2**zoom)
         y = int((1.0 - np.arcsinh(np.tan(lat)) / np.pi) / 2.0 * 2**zoom)
         tile = await http.get(f"{V1}/terrain/{zoom}/{x}/{y}.png")
-        with Image.open(io.BytesIO(tile.content)) as picture:
-            assert picture.size == (256, 256)
+        with Image.open(io.BytesIO(tile.content)) as state_view:
+            assert state_view.size == (256, 256)
         for nowhere in ("0/5/5", "99/0/0", "-1/0/0", f"{zoom}/0/0"):
             await refused(http, 404, "GET", f"/terrain/{nowhere}.png")
 
@@ -267,14 +269,14 @@ def test_what_people_say_becomes_events(tmp_path: Path) -> None:
 
     async def ask(http: httpx.AsyncClient) -> None:
         await told(http, "/vehicles/hawk/hold", by="Anna")
-        assert world.told[-1] == Ordered(
+        assert world.told[-1] == OrderGiven(
             world.simulation.clock.now_us, "Anna", "http", "hawk", "hold"
         )
         await told(http, "/vehicles/all/resume")
-        assert isinstance(world.told[-1], Ordered)
+        assert isinstance(world.told[-1], OrderGiven)
         assert world.told[-1].vehicle == ""
         await told(http, "/wind", speed_m_s=3.0, from_deg=90.0)
-        assert isinstance(world.told[-1], WindTold)
+        assert isinstance(world.told[-1], WindSet)
         assert (await got(http, "/weather"))["wind_told"]["from_deg"] == 90.0
         corrected = await told(http, "/fire/corrections", **point)
         assert corrected["event"] == "Corrected"
@@ -284,7 +286,7 @@ def test_what_people_say_becomes_events(tmp_path: Path) -> None:
         assert await got(http, "/fire/corrections") == []
         answer = await http.patch(f"{V1}/planner", json={"alpha": 1.5})
         assert answer.status_code == 200
-        assert isinstance(world.told[-1], SettingsTold)
+        assert isinstance(world.told[-1], SettingsChanged)
         assert (await got(http, "/planner"))["alpha"] == 1.5
         said = len(world.told)
         for path, body, why in (
@@ -307,7 +309,7 @@ def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path)
     world.fly(3700.0)
 
     def area() -> float:
-        return float(world.hub.world.fire.burned_ha)
+        return float(world.context.world.fire.burned_ha)
 
     async def ask(http: httpx.AsyncClient) -> None:
         before = area()
@@ -370,7 +372,7 @@ def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
 
 
 def test_the_journal_can_be_read_in_pieces(flying: World) -> None:
-    path = flying.hub.journal_path
+    path = flying.context.journal_path
 
     async def ask(http: httpx.AsyncClient) -> None:
         written = path.read_bytes().splitlines(keepends=True)
@@ -393,9 +395,9 @@ def test_the_journal_can_be_read_in_pieces(flying: World) -> None:
 def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path) -> None:
     path, lines = tmp_path / "journal.jsonl", JournalLines()
 
-    def after(line: int, limit: int = 9, most_bytes: int = 1000) -> tuple[bytes, int]:
+    def after(line: int, limit: int = 9, max_bytes: int = 1000) -> tuple[bytes, int]:
         with path.open("rb") as file:
-            return lines.after(file, line, limit, most_bytes)
+            return lines.after(file, line, limit, max_bytes)
 
     path.write_bytes(b"".join(b"%d\n" % number for number in range(1, 2501)))
     assert after(2000, 2) == (b"2001\n2002\n", 2002)
@@ -419,7 +421,7 @@ def test_older_pieces_of_the_journal_can_be_read(tmp_path: Path) -> None:
 
     async def ask(http: httpx.AsyncClient) -> None:
         whole = (await http.get(f"{V1}/journal/file")).content
-        world.hub.service.recording.journal.begin_segment()
+        world.context.service.recording.journal.begin_segment()
         new = await http.get(f"{V1}/journal")
         assert new.headers["x-segment"] == "2"
         assert new.headers["x-last-line"] == "1"
@@ -445,16 +447,16 @@ def test_what_cannot_be_written_down_is_not_done_but_an_abort_is(
     async def ask(http: httpx.AsyncClient) -> None:
         hold = await refused(http, 507, "POST", "/vehicles/hawk/hold")
         assert "disk full" in hold
-        assert world.hub.picture.vehicles["hawk"].order == ""
+        assert world.context.state_view.vehicles["hawk"].order == ""
         await told(http, "/abort")
-        assert "abort" in world.hub.picture.alarms
+        assert "abort" in world.context.state_view.alarms
 
     asked(world, ask)
 
 
 def test_news_are_told_once(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
-        flying.hub.picture.tell("hawk", "something")
+        flying.context.state_view.tell("hawk", "something")
         news = await got(http, "/news")
         assert news[-1]["text"] == "something"
         assert [line["id"] for line in news] == sorted({line["id"] for line in news})
@@ -466,14 +468,14 @@ def test_news_are_told_once(flying: World) -> None:
 def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         assert (await http.get("/readyz")).json()["ok"] is True
-        flying.hub.not_ready["hawk"] = "no heartbeat yet"
+        flying.context.not_ready["hawk"] = "no heartbeat yet"
         lacks = await http.get("/readyz")
         assert (lacks.status_code, lacks.json()) == (503, {"error": "hawk: no heartbeat yet"})
         assert (await http.get("/healthz")).status_code == 200
-        flying.hub.not_ready.clear()
-        flying.hub.stopping = True
+        flying.context.not_ready.clear()
+        flying.context.stopping = True
         assert (await http.get("/readyz")).status_code == 503
-        flying.hub.stopping = False
+        flying.context.stopping = False
         figures = await http.get("/metrics")
         assert figures.status_code == 200
         assert b"# HELP" in figures.content
@@ -484,7 +486,7 @@ def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
 def test_a_defect_is_told_without_its_inside(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flying.hub, "fire", lambda: 1 / 0)
+    monkeypatch.setattr(flying.context, "fire", lambda: 1 / 0)
 
     async def ask(http: httpx.AsyncClient) -> None:
         text = await refused(http, 500, "GET", "/state")
@@ -496,10 +498,10 @@ def test_a_defect_is_told_without_its_inside(
 def test_a_burn_is_planned_and_approved_by_those_who_may(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Guard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
     world = world_in(tmp_path, scenario_of("burn", ()))
-    stations = [station.name for station in world.hub.scenario.burn.stations]  # type: ignore[union-attr]
-    items = world.hub.scenario.burn.go_items  # type: ignore[union-attr]
+    stations = [station.name for station in world.context.scenario.burn.stations]  # type: ignore[union-attr]
+    items = world.context.scenario.burn.go_items  # type: ignore[union-attr]
 
     async def ask(http: httpx.AsyncClient) -> None:
         burn = await got(http, "/burn")

@@ -15,8 +15,8 @@ import pytest
 from mission_service.config.service import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import server
-from mission_service.interfaces.api.access import callers, guard
-from mission_service.interfaces.api.door import http_door
+from mission_service.interfaces.api.access import client_connections, guard
+from mission_service.interfaces.api.listener import http_door
 from mission_service.interfaces.api.server import bound, tls_of, url_of
 from tests.api.worlds import ANY, World, listened_to, served, stream_of
 from tests.patience import PATIENCE_S, until
@@ -51,10 +51,10 @@ def test_a_port_in_use_is_told_in_one_line() -> None:
 
 def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
     async def go() -> None:
-        with http_door(ANY, standing.hub.out) as door:
+        with http_door(ANY, standing.context.out) as door:
             assert door.address.startswith("http://127.0.0.1:")
             url, _, token = door.address.partition("#token=")
-            running = asyncio.create_task(door(standing.hub))
+            running = asyncio.create_task(door(standing.context))
             async with httpx.AsyncClient() as http:
                 headers = {"authorization": f"Bearer {token}"}
                 answer = await http.get(f"{url}api/v1/state", headers=headers)
@@ -63,7 +63,7 @@ def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> N
             with pytest.raises(asyncio.CancelledError):
                 await running
 
-    standing.hub.ring()
+    standing.context.ring()
     asyncio.run(go())
 
 
@@ -106,8 +106,8 @@ def test_a_stream_that_nobody_reads_does_not_hold_the_end_up(
             _, writer = await stream_of(service, address, limit=1024)
             writer.transport.pause_reading()  # type: ignore[attr-defined]
             for number in range(60):  # more than the kernel takes
-                standing.hub.picture.tell("hawk", f"{number} " + "x" * 200_000)
-            standing.hub.ring()
+                standing.context.state_view.tell("hawk", f"{number} " + "x" * 200_000)
+            standing.context.ring()
             await until(lambda: service.app.api.streams.count == 1)
             began_s = time.monotonic()
             await stack.aclose()
@@ -179,7 +179,7 @@ def is_gone(opened: tuple[asyncio.StreamReader, asyncio.StreamWriter]) -> bool:
 def test_of_too_many_connections_those_without_a_token_go(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(callers, "MOST_OF_AN_ADDRESS", 8)
+    monkeypatch.setattr(client_connections, "MAX_OF_AN_ADDRESS", 8)
 
     async def go() -> None:
         service = served(flying)

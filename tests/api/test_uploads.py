@@ -10,10 +10,10 @@ import httpx
 import pytest
 import shapely
 
-from mission_service.interfaces.api import perimeter
+from mission_service.interfaces.api import perimeter_routes
 from mission_service.interfaces.maps import perimeters_in, thinning
-from mission_service.interfaces.maps.perimeter_worker import MOST_POINTS
-from mission_service.interfaces.maps.thinning import least_areas_removed, thinned
+from mission_service.interfaces.maps.perimeter_worker import MAX_POINTS
+from mission_service.interfaces.maps.thinning import min_areas_removed, thinned
 from tests.api.worlds import World, client, scenario_of, served, world_in
 
 PATH = "/api/v1/fire/perimeter"
@@ -23,7 +23,7 @@ HANGS = "import signal; signal.pause()"
 
 def comb(world: World, teeth: int) -> dict[str, Any]:
     """A valid polygon with many teeth, on the landscape."""
-    land = world.hub.landscape
+    land = world.context.landscape
     rows, cols = land.shape
     south, west = land.lat_lon_of(*land.xy_of(rows * 0.6, cols * 0.4))
     north, east = land.lat_lon_of(*land.xy_of(rows * 0.4, cols * 0.6))
@@ -57,7 +57,7 @@ def test_a_comb_of_sixty_thousand_teeth_is_taken_thinned(tmp_path: Path) -> None
     assert answer.status_code == 200, answer.text
     assert answer.json()["perimeter"]["properties"]["vertices"] == 60_003
     (told,) = world.told
-    assert 500 < len(told.points) <= MOST_POINTS  # type: ignore[union-attr]
+    assert 500 < len(told.points) <= MAX_POINTS  # type: ignore[union-attr]
 
 
 def test_none_of_it_is_read_in_the_process_that_flies(
@@ -81,25 +81,25 @@ def test_a_reader_that_dies_or_hangs_is_one_line(
     standing: World, monkeypatch: pytest.MonkeyPatch, does: str, words: str
 ) -> None:
     before = len(standing.told)
-    whole = perimeter.WORKER
-    monkeypatch.setattr(perimeter, "WORKER", (sys.executable, "-c", does))
+    whole = perimeter_routes.WORKER
+    monkeypatch.setattr(perimeter_routes, "WORKER", (sys.executable, "-c", does))
     if does is HANGS:
-        monkeypatch.setattr(perimeter, "WITHIN_S", 0.5)
+        monkeypatch.setattr(perimeter_routes, "WITHIN_S", 0.5)
     drawn = json.dumps(comb(standing, 10)).encode()
     (answer,) = sent(standing, drawn)
     assert answer.status_code == 422
     assert words in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
     assert len(standing.told) == before
-    monkeypatch.setattr(perimeter, "WORKER", whole)
-    monkeypatch.setattr(perimeter, "WITHIN_S", 120.0)
+    monkeypatch.setattr(perimeter_routes, "WORKER", whole)
+    monkeypatch.setattr(perimeter_routes, "WITHIN_S", 120.0)
     (answer,) = sent(standing, drawn)  # and the next is taken
     assert answer.status_code == 200
 
 
 def test_thinning_keeps_what_spans_most() -> None:
     square = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1.0), (0.5, 1.01), (0.0, 1.0)]
-    assert least_areas_removed(square, 4) == [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    assert min_areas_removed(square, 4) == [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
     assert thinned(square, 6) == square
     assert len(thinned(square, 3)) == 3
 
@@ -109,7 +109,7 @@ def test_thinned_rings_do_not_cross_themselves() -> None:
     ring = [(0.0, 0.0), (4.0, 0.0), (5.0, -0.5), (6.0, 0.0), (10.0, 0.0), (10.0, 5.0)]
     ring += [*slit, (0.0, 5.0)]
     assert shapely.Polygon(ring).is_valid
-    assert not shapely.Polygon(least_areas_removed(ring, 9)).is_valid
+    assert not shapely.Polygon(min_areas_removed(ring, 9)).is_valid
     for most in (9, 8, 6, 4):
         found = thinned(ring, most)
         assert 3 <= len(found) <= most

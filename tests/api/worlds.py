@@ -12,17 +12,17 @@ import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.service import HttpSection, ServiceSection
-from mission_service.core.requests import RequestScope, accepted_in
-from mission_service.events import CrewEvent
+from mission_service.core.request_events import RequestScope, accepted_in
+from mission_service.events import AnyOperatorEvent
 from mission_service.fire.setup import landscape_of
-from mission_service.interfaces.api.access.auth import ROLES, Tokens, Who, new_token, sum_of
+from mission_service.interfaces.api.access.auth import ROLES, Tokens, User, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.requests import Role
-from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.request_handler import Desk
+from mission_service.runtime.request_handler import RequestHandler
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 SMALL = ("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false")
@@ -35,14 +35,14 @@ class World:
     """A simulation and its hub; ``told`` is what the desk made of requests."""
 
     simulation: Simulation
-    hub: Hub
-    told: list[CrewEvent] = field(default_factory=list)
+    context: RunContext
+    told: list[AnyOperatorEvent] = field(default_factory=list)
 
     def fly(self, until_s: float) -> None:
         """Go on until mission time has come so far, and say that there is news."""
         self.simulation.run(until_s)
         self.simulation.world.advance(self.simulation.clock.now_us)
-        self.hub.ring()
+        self.context.ring()
 
     @property
     def now_s(self) -> float:
@@ -58,12 +58,14 @@ def world_in(out: Path, scenario: Scenario) -> World:
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
-    picture = Picture(scenario, landscape, round(scenario.start_s * 1e6))
-    simulation = Simulation(scenario, journal, landscape, lambda at, core: [], picture=picture)
+    state_view = StateView(scenario, landscape, round(scenario.start_s * 1e6))
+    simulation = Simulation(
+        scenario, journal, landscape, lambda at, core: [], state_view=state_view
+    )
     service, clock = simulation.service, simulation.clock
-    told: list[CrewEvent] = []
+    told: list[AnyOperatorEvent] = []
 
-    def tell(event: CrewEvent) -> list[str]:
+    def tell(event: AnyOperatorEvent) -> list[str]:
         told.append(event)
         before = len(service.record.news)
         service.tell(event, simulation.link_us)
@@ -85,10 +87,20 @@ def world_in(out: Path, scenario: Scenario) -> World:
         accepted_in(scenario),
     )
     area = None if burn is not None else burned_ha
-    desk = Desk(tell, service.status, lambda: clock.now_us, scope, area)
+    request_handler = RequestHandler(tell, service.status, lambda: clock.now_us, scope, area)
     settings = ServiceSection(http=HttpSection())
-    hub = Hub(scenario, settings, service, picture, desk, clock, {}, out, out / "journal.jsonl")
-    return World(simulation, hub, told)
+    context = RunContext(
+        scenario,
+        settings,
+        service,
+        state_view,
+        request_handler,
+        clock,
+        {},
+        out,
+        out / "journal.jsonl",
+    )
+    return World(simulation, context, told)
 
 
 @dataclass
@@ -108,11 +120,11 @@ def served(world: World, named: bool = False, page: Path = Path("no page")) -> S
     secret = {name: new_token() for name in (*ROLES, "all")}
     roles: dict[str, frozenset[Role]] = {role: frozenset([role]) for role in ROLES}
     roles["all"] = frozenset(ROLES)
-    known = tuple(Who(name, roles[name], sum_of(secret[name])) for name in secret)
+    known = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
     tokens = Tokens(known)
     tokens.named = named
-    world.hub.ring()  # a bell of its own for each event loop
-    app = app_of(world.hub, tokens, page)
+    world.context.ring()  # a bell of its own for each event loop
+    app = app_of(world.context, tokens, page)
     return Served(world, app, secret)
 
 

@@ -66,8 +66,8 @@ def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
     watch.receive(position(60_000, *place), 3)
     for quarter in range(5):  # it is a restart when all goes on from zero for a second
         watch.receive(position(1_000 + 250 * quarter, *place), 4 + 250_000 * quarter)
-    anew = watch.receive(heartbeat("px4", 4), 1_000_005)
-    assert [type(event) for event in anew] == [ModeChanged, SystemState]
+    fresh = watch.receive(heartbeat("px4", 4), 1_000_005)
+    assert [type(event) for event in fresh] == [ModeChanged, SystemState]
 
 
 def test_a_state_without_a_name_is_told_by_its_number() -> None:

@@ -16,10 +16,10 @@ from pydantic import ValidationError
 
 from mission_service.config.service import CotSection, MqttSection
 from mission_service.interfaces.cot import sender as cot_sender
-from mission_service.interfaces.cot.messages import MOST_CORNERS, fire_events, vehicle_event, zulu
+from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
 from mission_service.interfaces.cot.sender import cot_door
-from mission_service.runtime.hub import Hub
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.run_context import RunContext
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import here, hub_of
 from tests.patience import PATIENCE_S, until
@@ -69,7 +69,7 @@ def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_d
     )
     assert (large.get("uid"), little.get("uid")) == ("east.fire.1", "east.fire.2")
     assert (large.get("type"), large.get("how")) == ("u-d-f", "m-s")
-    for event, most in ((large, MOST_CORNERS), (little, 4)):
+    for event, most in ((large, MAX_CORNERS), (little, 4)):
         links = [link.get("point") for link in event.iterfind("detail/link")]
         assert 4 <= len(links) <= most
         assert links[0] == links[-1]  # closed
@@ -80,12 +80,12 @@ def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_d
 
 
 @asynccontextmanager
-async def sending(url: str, **more: Any) -> AsyncIterator[Hub]:
-    hub = hub_of(MqttSection(), lambda request: {})
+async def sending(url: str, **more: Any) -> AsyncIterator[RunContext]:
+    context = hub_of(MqttSection(), lambda request: {})
     door = cot_door(CotSection(url=url, every_s=0.1, **more), "Fire & more")
-    task = asyncio.create_task(door(hub))
+    task = asyncio.create_task(door(context))
     try:
-        yield hub
+        yield context
         assert not task.done(), task
     finally:
         task.cancel()
@@ -98,8 +98,8 @@ def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind(("127.0.0.1", 0))
             sock.setblocking(False)
-            async with sending(f"udp://127.0.0.1:{sock.getsockname()[1]}") as hub:
-                hub.picture.take(here(1), [])
+            async with sending(f"udp://127.0.0.1:{sock.getsockname()[1]}") as context:
+                context.state_view.take(here(1), [])
                 async with asyncio.timeout(PATIENCE_S):
                     uids = []
                     while "Fire-more.hawk" not in uids or "Fire-more.fire.1" not in uids:
@@ -116,7 +116,7 @@ def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
 
 
 def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cot_sender, "LEAST_WAIT_S", 0.1)
+    monkeypatch.setattr(cot_sender, "MIN_WAIT_S", 0.1)
     got = bytearray()
 
     async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -128,17 +128,17 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
         with socket.socket() as sock:
             sock.bind(("127.0.0.1", 0))
             port = sock.getsockname()[1]
-        async with sending(f"tcp://127.0.0.1:{port}") as hub:
-            await until(lambda: "cot" in hub.picture.alarms)
-            assert f"no CoT to tcp://127.0.0.1:{port}" in hub.picture.alarms["cot"].text
+        async with sending(f"tcp://127.0.0.1:{port}") as context:
+            await until(lambda: "cot" in context.state_view.alarms)
+            assert f"no CoT to tcp://127.0.0.1:{port}" in context.state_view.alarms["cot"].text
             async with await asyncio.start_server(take, "127.0.0.1", port):
                 for number in range(2):
-                    hub.picture.take(here(number + 1), [])
+                    context.state_view.take(here(number + 1), [])
                     await until(lambda: bool(got))
                     assert ElementTree.fromstring(bytes(got)).tag == "event"
                     got.clear()
-                    await until(lambda: "cot" in hub.picture.alarms)
-                await until(lambda: "cot" not in hub.picture.alarms)
+                    await until(lambda: "cot" in context.state_view.alarms)
+                await until(lambda: "cot" not in context.state_view.alarms)
 
     asyncio.run(look())
 
@@ -157,8 +157,8 @@ def test_tls_believes_only_the_authority_that_is_named(tmp_path: Path) -> None:
         server = await asyncio.start_server(take, "127.0.0.1", 0, ssl=server_tls)
         async with server:
             url = f"tls://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-            async with sending(url, tls_ca=tmp_path / "other-ca.pem") as hub:
-                await until(lambda: "verify failed" in str(hub.picture.alarms.get("cot")))
+            async with sending(url, tls_ca=tmp_path / "other-ca.pem") as context:
+                await until(lambda: "verify failed" in str(context.state_view.alarms.get("cot")))
             assert not got
             async with sending(url, tls_ca=tmp_path / "ca.pem"):
                 await until(lambda: got.startswith(b"<event"))

@@ -11,7 +11,7 @@ from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire import check_burning
+from firemodel.spread.fire_scheme import check_burning
 from tests.firemodel.grids import CELL_M, NORTH_M, WEST_M, landscape, steady, weather
 from tests.firemodel.spread_fields import spread_fields
 

@@ -13,7 +13,7 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire import Burning, Fire
+from firemodel.spread.fire_scheme import Burning, Fire
 from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import landscape, weather
 

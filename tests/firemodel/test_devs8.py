@@ -12,7 +12,7 @@ from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import fastest_spread, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning
+from firemodel.spread.fire_scheme import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning
 from firemodel.spread.front import neighbours_of
 from tests.firemodel.grids import CELL_M, landscape, steady, weather
 from tests.firemodel.spread_fields import spread_fields

@@ -229,12 +229,12 @@ def fires(draw: st.DrawFn) -> tuple[EllipseFire, Floats]:
 def test_what_is_left_out_is_never_first(case: tuple[EllipseFire, Floats]) -> None:
     fire, points = case
     all_s = every_pair(fire, points)
-    least_s = all_s.min(axis=1, initial=np.inf)
-    np.testing.assert_allclose(fire.ignition_time_s(points), least_s, rtol=1e-9, atol=1e-6)
+    min_s = all_s.min(axis=1, initial=np.inf)
+    np.testing.assert_allclose(fire.ignition_time_s(points), min_s, rtol=1e-9, atol=1e-6)
     first = fire.sources_of(points)
-    assert (first >= 0).tolist() == np.isfinite(least_s).tolist()
+    assert (first >= 0).tolist() == np.isfinite(min_s).tolist()
     came = np.flatnonzero(first >= 0)
-    np.testing.assert_allclose(all_s[came, first[came]], least_s[came], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(all_s[came, first[came]], min_s[came], rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("spreads", [STEADY, CHANGING])
@@ -245,8 +245,8 @@ def test_many_points_and_sources(spreads: tuple[Spread, ...]) -> None:
     fire = EllipseFire(spreads, sources)
     points = random.uniform(-50.0, 1050.0, (20_000, 2)) + sources[0, :2] - 500.0
     some = random.choice(len(points), 60, replace=False)
-    least_s = every_pair(fire, points[some]).min(axis=1)
-    np.testing.assert_allclose(fire.ignition_time_s(points)[some], least_s, rtol=1e-9, atol=1e-6)
+    min_s = every_pair(fire, points[some]).min(axis=1)
+    np.testing.assert_allclose(fire.ignition_time_s(points)[some], min_s, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("spreads", [STEADY, CHANGING])

@@ -14,9 +14,9 @@ from tests.firemodel.grids import CELL_M, landscape
 Mask = NDArray[np.bool_]
 
 
-def drawn(picture: str) -> Mask:
+def drawn(state_view: str) -> Mask:
     """A mask from a drawing: # burned, anything else not."""
-    return np.array([[sign == "#" for sign in line] for line in picture.split()])
+    return np.array([[sign == "#" for sign in line] for line in state_view.split()])
 
 
 def signed_area(loop: NDArray[np.int32]) -> float:
@@ -48,8 +48,8 @@ def test_a_tail_is_walked_both_ways() -> None:
 
 
 @pytest.mark.parametrize(("picture", "length"), [("#", 1), ("##", 2), ("###", 4), ("#. .#", 2)])
-def test_the_smallest_fires(picture: str, length: int) -> None:
-    assert len(perimeter(drawn(picture))) == length
+def test_the_smallest_fires(state_view: str, length: int) -> None:
+    assert len(perimeter(drawn(state_view))) == length
 
 
 def test_nothing_burned_has_no_perimeter() -> None:

@@ -9,7 +9,7 @@ from firemodel.errors import FireModelError
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire import Fire, Ignition
+from firemodel.spread.fire_scheme import Fire, Ignition
 from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import landscape, weather
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.spread.fire import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning, Ignition
+from firemodel.spread.fire_scheme import BURNED, BURNING, CANNOT_BURN, UNBURNED, Burning, Ignition
 from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import CELL_M, landscape, steady
 

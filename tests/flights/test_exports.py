@@ -20,8 +20,8 @@ from autopilot_bridge.logs.reading import open_log
 from autopilot_bridge.vehicle.client_events import Attitude, Position, Wind
 from mission_service.replay.flights import table_files
 from mission_service.replay.flights.exports import export
+from mission_service.replay.flights.flight_tables import OWN, TABLES, Rows
 from mission_service.replay.flights.foxglove import messages_of, mission_geojson, quaternion
-from mission_service.replay.flights.tables import OWN, TABLES, Rows
 from tests.bridge.log_writers import BEGIN_US, bin_flight, ulg_flight
 from tests.service.test_cli import call
 

@@ -31,7 +31,7 @@ def test_a_flight_in_figures(logs: tuple[Path, Path]) -> None:
     assert flown["positions"] == 40
     assert flown["flown_m"] == pytest.approx(39 * 8.96, abs=2.0)  # 1e-4 deg of longitude each
     assert flown["highest_above_start_m"] == 39.0
-    assert flown["most_speed_m_s"] == pytest.approx(14.6, abs=0.1)
+    assert flown["max_speed_m_s"] == pytest.approx(14.6, abs=0.1)
     assert flown["missions"] == [{"at_s": 0.0, "items": 2}]
     assert [(each["mode"], each["armed"]) for each in flown["modes"]][:2] == [
         ("mission", False),

@@ -48,7 +48,7 @@ def test_a_journal_tells_what_its_vehicles_told(folder: Path) -> None:
         assert connected.stack.name == {"hawk": "px4", "kite": "ardupilot"}[name]
     told = info_of(log)
     assert [each["name"] for each in told["vehicles"]] == ["hawk", "kite"]
-    assert told["vehicles"][0]["most_speed_m_s"] > 10.0
+    assert told["vehicles"][0]["max_speed_m_s"] > 10.0
 
 
 def test_a_folder_is_the_journal_in_it(folder: Path) -> None:

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autopilot_bridge.vehicle.client_events import Position
-from mission_service.commands import Decided
+from mission_service.commands import DirectionDecision
 from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.errors import FlightError
 from mission_service.events import (
-    BatteryTold,
+    BatteryUpdated,
     MissionProgress,
     ModeChanged,
     Observed,
@@ -135,7 +135,7 @@ def test_what_else_a_log_tells_reaches_the_core(tmp_path: Path) -> None:
     winds = [thing for thing in things if isinstance(thing, WindMeasured)]
     assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(5.0, 126.9)}
     assert [t.mode for t in things if isinstance(t, ModeChanged)][:1] == ["mission"]
-    assert any(isinstance(thing, BatteryTold) for thing in things)
+    assert any(isinstance(thing, BatteryUpdated) for thing in things)
 
 
 def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None:
@@ -251,7 +251,7 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     out.mkdir()
     home = {"home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
     two = [{"name": "hawk", **home}, {"name": "kite", "stack": "ardupilot", **home}]
-    rule = {"rule": "literal", "alpha": 5.0, "dwell_s": 20.0}
+    rule = {"rule": "islam_hu", "alpha": 5.0, "dwell_s": 20.0}
     link = {"delay_ms": 50.0, "jitter_ms": 400.0}
     told = scenario(duration_s=4200.0, vehicles=two, planner=rule, link=link)
     simulate(told, run / "journal.jsonl", "today")
@@ -264,8 +264,8 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     assert again == recorded
 
 
-def decided(journal: JournalLog) -> list[Decided]:
-    return [thing for thing in journal.things() if isinstance(thing, Decided)]
+def decided(journal: JournalLog) -> list[DirectionDecision]:
+    return [thing for thing in journal.things() if isinstance(thing, DirectionDecision)]
 
 
 def test_a_part_begins_with_the_latest_of_what_held(tmp_path: Path) -> None:

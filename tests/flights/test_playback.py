@@ -31,14 +31,14 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def shown(player: Playback) -> Any:
     """All that a page shows, but what grows with each change."""
-    picture, service = player.picture, player.replay.service
+    state_view, service = player.state_view, player.replay.service
     return msgspec.to_builtins(
         {
-            "vehicles": picture.vehicles,
-            "telemetry": picture.telemetry,
-            "missions": picture.missions,
-            "alarms": picture.alarms,
-            "news": [(line.at_us, line.text) for line in picture.news],
+            "vehicles": state_view.vehicles,
+            "telemetry": state_view.telemetry,
+            "missions": state_view.missions,
+            "alarms": state_view.alarms,
+            "news": [(line.at_us, line.text) for line in state_view.news],
             "corrections": service.world.corrections(),
             "fire": service.world.fire.arrival_time_s.tobytes().hex(),
             "tracks": {name: list(each.track) for name, each in service.record.vehicles.items()},
@@ -60,11 +60,11 @@ def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
     assert len(straight[0.7]["corrections"]) == 1
     with player_of(flown, tmp_path / "sought") as player:
         player.head.pause()
-        versions = [player.picture.version]
+        versions = [player.state_view.version]
         for share in (0.7, 0.1, 0.45, 1.0, 0.45, 0.7, 0.1):
             sought(player, share)
             assert shown(player) == straight[share], share
-            versions.append(player.picture.version)
+            versions.append(player.state_view.version)
         assert versions == sorted(set(versions))
         assert player.jumps == 7
         assert len(player._kept) > 5
@@ -80,25 +80,25 @@ def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
 def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_path: Path) -> None:
     with player_of(flown, tmp_path) as player:
         run(player)
-        before, picture = shown(player), player.picture
-        reader = picture.version
-        picture.alarm("broker", "no broker")
+        before, state_view = shown(player), player.state_view
+        reader = state_view.version
+        state_view.alarm("broker", "no broker")
         player.head.seek(player.head.begin_us + 3_000_000)
         assert player.turn(0, lambda: True)
         assert player.turn(0, lambda: True)
         assert player.state().seeking
-        assert player.picture is picture
+        assert player.state_view is state_view
         assert {**shown(player), "alarms": {}} == {**before, "alarms": {}}
         run(player)
         assert not player.state().seeking
-        now = player.picture
-        assert now is not picture
+        now = player.state_view
+        assert now is not state_view
         # Who has read up to before is told all of it, the replay first; the broker is lost still.
         new = {key: version for key, version in now.changed.items() if version > reader}
         assert set(new) >= {"replay", "fire", "news", "alarms", "vehicle/hawk", "mission/kite"}
         assert min(new, key=lambda key: new[key]) == "replay"
         assert set(now.alarms) == {"broker"}
-        assert now.fire_version > picture.fire_version
+        assert now.fire_version > state_view.fire_version
         assert now.news_after(0) == []
         assert player.state().at_us == player.what.mission.of(player.head.begin_us + 3_000_000)
 
@@ -119,13 +119,13 @@ def test_a_seek_can_change_its_mind(flown: Path, tmp_path: Path) -> None:
 def test_states_stay_few_and_small(
     flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(playing, "MOST_KEPT_BYTES", 4_000_000)
+    monkeypatch.setattr(playing, "MAX_KEPT_BYTES", 4_000_000)
     with player_of(flown, tmp_path) as player:
         run(player)
         assert sum(each.size for each in player._kept) <= 4_000_000
         assert player._kept[0].number == 0
         sought(player, 0.02)  # before the second
-        assert player.picture.at_us <= player.what.mission.of(player.head.at_us)
+        assert player.state_view.at_us <= player.what.mission.of(player.head.at_us)
 
 
 def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
         assert service.record.telemetry > 5
         assert service.world.fire.burned_ha == 0.0
         assert not np.isfinite(service.world.fire.arrival_time_s).any()
-        (mission,) = player.picture.missions.values()
+        (mission,) = player.state_view.missions.values()
         assert mission.on_board is mission.sending is None
         assert player.complete
 

@@ -70,7 +70,7 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     home = {"home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
     told = scenario(duration_s=3800.0, vehicles=[{"name": "hawk", **home}])
     simulate(told, run / "journal.jsonl", "today")
-    result = call("replay", str(run), "--planner", "literal", "--out", str(out))
+    result = call("replay", str(run), "--planner", "islam_hu", "--out", str(out))
     assert result.exit_code == 0, result.output
     sides = tmp_path / "sides"
     result = call("report", str(run), str(out), "--out", str(sides), "--json")
@@ -78,7 +78,7 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     one, other = json.loads(result.output)
     assert (one["name"], other["name"]) == ("run", "out")
     assert one["vehicles"][0]["flown_m"] == other["vehicles"][0]["flown_m"]
-    assert (one["fire"]["rule"], other["fire"]["rule"]) == ("circling", "literal")
+    assert (one["fire"]["rule"], other["fire"]["rule"]) == ("circling", "islam_hu")
     assert len(one["vehicles"][0]["missions"]) > 1
     assert other["vehicles"][0]["missions"] == []  # nothing was sent in a replay
     assert "map-run.png" in {path.name for path in sides.iterdir()}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from autopilot_bridge.items import MissionItem
-from mission_service.commands import Decided
+from mission_service.commands import DirectionDecision
 from mission_service.events import Telemetry
 from mission_service.replay.flights.batch import story_beside, story_of
 from mission_service.replay.flights.direction_of_travel import Span, differing, turns
@@ -31,7 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     told = scenario(
         duration_s=4300.0,
         weather=[{"at_s": 0, "wind_speed_m_s": 2.0, "wind_from_deg": 200}],
-        planner={"rule": "damped", "dwell_s": 20.0},
+        planner={"rule": "islam_hu_damped", "dwell_s": 20.0},
         vehicles=[
             {"name": "hawk", "home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
         ],
@@ -45,7 +45,7 @@ def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
     figures = figures_of(story)
     things = list(JournalLog(run / "journal.jsonl").things())
     (hawk,) = figures["vehicles"]
-    reversals = [each for each in things if isinstance(each, Decided) and each.reversed]
+    reversals = [each for each in things if isinstance(each, DirectionDecision) and each.reversed]
     assert hawk["decided_reversals"] == len(reversals)
     assert hawk["positions"] == sum(isinstance(each, Telemetry) for each in things)
     assert hawk["missions_sent"] == hawk["accepted"] == len(hawk["missions"]) > 3

@@ -21,13 +21,13 @@ BURNED = ((36.352, -84.162), (36.352, -84.158), (36.355, -84.158), (36.355, -84.
 def journal_in(folder: Path, seconds: float = 160.0) -> Path:
     """The journal of a run of the demo; half-way somebody draws what has burned."""
     world = world_in(folder, scenario_of())
-    begin_s = world.hub.scenario.deploy_at_s
+    begin_s = world.context.scenario.deploy_at_s
     world.fly(begin_s + seconds / 2)
     at_us = round(world.now_s * 1e6)
     event = Corrected(at_us, "anna", "", "burned", "polygon", BURNED, at_us)
-    world.hub.service.tell(event, world.simulation.link_us)
+    world.context.service.tell(event, world.simulation.link_us)
     world.fly(begin_s + seconds)
-    world.hub.service.recording.journal.close()
+    world.context.service.recording.journal.close()
     return folder / "journal.jsonl"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.fire import Fire
+from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.fire import forecast
 from mission_service.fire.ensemble import (

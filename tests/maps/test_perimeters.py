@@ -257,7 +257,7 @@ SHP = struct.pack(">8i", 9994, 0, 0, 0, 0, 0, 50, 0)
 def test_files_that_are_too_large_are_told_what_to_do(
     data: bytes, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    limits = {"LARGEST_BYTES": 30_000, "MOST_FEATURES": 30, "MOST_VERTICES": 400}
+    limits = {"LARGEST_BYTES": 30_000, "MAX_FEATURES": 30, "MAX_VERTICES": 400}
     for name, most in limits.items():
         assert getattr(uploaded_shapes, name) > 100 * most
         monkeypatch.setattr(uploaded_shapes, name, most)
@@ -329,7 +329,7 @@ def test_malformed_and_hostile_files_are_one_line(data: bytes, message: str) -> 
 
 
 def test_a_bomb_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uploaded_shapes, "MOST_UNPACKED_BYTES", 100_000)
+    monkeypatch.setattr(uploaded_shapes, "MAX_UNPACKED_BYTES", 100_000)
     bomb, _ = zipped(doc__kml=b" " * 20_000_000), land()
     tracemalloc.start()
     try:

@@ -20,10 +20,10 @@ from mission_service.events import Telemetry
 from mission_service.fire.setup import landscape_of
 from mission_service.interfaces.mqtt.publisher import Publisher
 from mission_service.interfaces.mqtt.site import site_in
-from mission_service.runtime.engine import Service
-from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.engine import Engine
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from tests.patience import PATIENCE_S
 
 ROOT = "test/v1/default"
@@ -35,27 +35,27 @@ def scene() -> tuple[Scenario, Landscape]:
     return scenario, landscape_of(scenario)
 
 
-def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]) -> Hub:
+def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]) -> RunContext:
     """A hub as the interfaces know it, with a round fire that burns at 1 m/s."""
     scenario, landscape = scene()
-    picture = Picture(scenario, landscape, 0)
+    state_view = StateView(scenario, landscape, 0)
     rows, cols = np.indices(landscape.shape)
     arrival_s = 30.0 * np.hypot(rows - 100, cols - 100)
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
     world = SimpleNamespace(fire=fire, landscape=landscape)
     service: Any = SimpleNamespace(
         world=world,
-        record=Record((), 0),
-        picture=picture,
+        record=RunStatistics((), 0),
+        state_view=state_view,
         recording=SimpleNamespace(trouble=""),
-        core=SimpleNamespace(leader=SimpleNamespace(estimated_fire=None)),
+        core=SimpleNamespace(guidance=SimpleNamespace(estimated_fire=None)),
     )
-    service.announce = functools.partial(Service.announce, service)
-    return Hub(
+    service.announce = functools.partial(Engine.announce, service)
+    return RunContext(
         scenario,
         ServiceSection(mqtt=settings),
         service,
-        picture,
+        state_view,
         cast(Any, SimpleNamespace(ask=ask)),
         cast(Any, SimpleNamespace(now_us=300_000_000)),
         {},
@@ -73,22 +73,22 @@ def here(at_us: int, name: str = "hawk", lat_deg: float = 36.36) -> Telemetry:
 class Stage:
     """One publisher and what it was asked."""
 
-    hub: Hub
+    context: RunContext
     publisher: Publisher
     task: asyncio.Task[None]
     asked: list[dict[str, Any]]
 
     @property
     def name(self) -> str:
-        return next(iter(self.hub.picture.vehicles))
+        return next(iter(self.context.state_view.vehicles))
 
     def moves(self, at_us: int, lat_deg: float = 36.36) -> None:
-        self.hub.picture.take(here(at_us, self.name, lat_deg), [])
-        self.hub.ring()
+        self.context.state_view.take(here(at_us, self.name, lat_deg), [])
+        self.context.ring()
 
     def tells(self, text: str) -> None:
-        self.hub.picture.tell(self.name, text)
-        self.hub.ring()
+        self.context.state_view.tell(self.name, text)
+        self.context.ring()
 
 
 @asynccontextmanager
@@ -101,13 +101,13 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
         asked.append(request)
         if request.get("vehicle") == "nobody":
             return {"ok": False, "error": "no vehicle 'nobody'"}
-        return {"ok": True, "at_s": 300.0, "event": "Ordered", "said": ["done"]}
+        return {"ok": True, "at_s": 300.0, "event": "OrderGiven", "said": ["done"]}
 
     section = MqttSection(broker=broker, prefix="test", **settings)
-    hub = hub_of(section, ask)
-    hub.replay = None if replay is None else lambda: replay
-    publisher = Publisher(hub, section, site_in(section, hub.scenario.name))
-    stage = Stage(hub, publisher, asyncio.create_task(publisher.run()), asked)
+    context = hub_of(section, ask)
+    context.replay = None if replay is None else lambda: replay
+    publisher = Publisher(context, section, site_in(section, context.scenario.name))
+    stage = Stage(context, publisher, asyncio.create_task(publisher.run()), asked)
     try:
         yield stage
         assert not stage.task.done(), stage.task

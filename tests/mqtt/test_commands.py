@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.core.requests import ALL_REQUESTS, RequestScope, event_of
-from mission_service.interfaces.mqtt.commands import (
+from mission_service.core.request_events import ALL_REQUESTS, RequestScope, event_of
+from mission_service.interfaces.mqtt.command_gate import (
     A_SECOND,
     AT_ONCE,
-    MOST_BYTES,
-    MOST_REMEMBERED,
+    MAX_BYTES,
+    MAX_REMEMBERED,
     OLD_US,
     REMEMBERED_S,
     TAKEN,
-    Doorkeeper,
+    CommandGate,
 )
-from mission_service.interfaces.mqtt.messages import Reply
+from mission_service.interfaces.mqtt.payloads import Reply
 
 NOW_US = 1_795_000_000_000_000
 
@@ -39,8 +39,8 @@ class Door:
     """A doorkeeper with a clock."""
 
     def __init__(self) -> None:
-        self.desk = Desk()
-        self.keeper = Doorkeeper(self.desk.ask)
+        self.request_handler = Desk()
+        self.keeper = CommandGate(self.request_handler.ask)
         self.now_s = 1000.0
 
     @property
@@ -62,14 +62,14 @@ class Door:
         assert reply is not None
         assert not reply.ok
         assert words in reply.error, reply
-        assert not self.desk.asked
+        assert not self.request_handler.asked
         return reply
 
 
 def test_a_command_comes_to_the_desk_and_its_answer_bears_its_id() -> None:
     door = Door()
     reply = door.takes("hold", vehicle="hawk", station="west", schema="command/1")
-    assert door.desk.asked == [
+    assert door.request_handler.asked == [
         {"do": "hold", "by": "mqtt:anna", "station": "mqtt:west", "vehicle": "hawk"}
     ]
     assert reply == Reply("1", "hold", 7, True, event="Done", said=("1",))
@@ -90,7 +90,7 @@ def test_nobody_is_present_by_a_message() -> None:
     door = Door()
     for station in ("firing-boss", ""):
         door.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
-    for request in door.desk.asked:
+    for request in door.request_handler.asked:
         event = event_of(request, 0, RequestScope(["firing-boss"]))
         assert event.station in ("mqtt:firing-boss", "mqtt")
 
@@ -111,7 +111,7 @@ def test_nobody_is_present_by_a_message() -> None:
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1e400}', "cannot be read"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": ' + b"9" * 5000 + b"}", "h"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1, "schema": "command/2"}', "command/2"),
-        (b'{"x": "' + b"x" * MOST_BYTES + b'"}', "at most 65536 are taken"),
+        (b'{"x": "' + b"x" * MAX_BYTES + b'"}', "at most 65536 are taken"),
     ],
 )
 def test_what_cannot_be_read_is_answered_with_what_is_wrong(payload: bytes, words: str) -> None:
@@ -135,7 +135,7 @@ def test_what_is_to_be_done_is_said_by_the_topic_alone() -> None:
     reply = door.takes("abort", do="hold")
     assert reply is not None
     assert reply.ok
-    assert door.desk.asked[0]["do"] == "abort"
+    assert door.request_handler.asked[0]["do"] == "abort"
 
 
 def test_what_the_broker_keeps_is_refused() -> None:
@@ -158,16 +158,16 @@ def test_nothing_is_done_twice() -> None:
     first = door.takes("hold")
     door.now_s += 20.0
     again = door.takes("hold", sent_at_unix_us=first_us)
-    assert len(door.desk.asked) == 1
+    assert len(door.request_handler.asked) == 1
     assert first is not None
     assert again == msgspec.structs.replace(first, again=True)
     other = door.takes("hold", sent_at_unix_us=first_us, vehicle="kite")
     assert other is not None
     assert "another command" in other.error
-    assert len(door.desk.asked) == 1
+    assert len(door.request_handler.asked) == 1
     door.takes("hold", by="ben")  # whose ids are his own
     door.takes("return")
-    assert len(door.desk.asked) == 3
+    assert len(door.request_handler.asked) == 3
 
 
 def test_answers_are_kept_for_ten_minutes_and_no_longer() -> None:
@@ -176,7 +176,7 @@ def test_answers_are_kept_for_ten_minutes_and_no_longer() -> None:
     for seconds, asked in ((REMEMBERED_S - 1.0, 1), (2.0, 2)):
         door.now_s += seconds
         door.keeper.take("hold", _bytes(door, 1000.0), False, 7, door.now_s, NOW_US + 1_000_000_000)
-        assert len(door.desk.asked) == asked
+        assert len(door.request_handler.asked) == asked
 
 
 def _bytes(door: Door, sent_s: float) -> bytes:
@@ -192,35 +192,35 @@ def test_too_many_commands_are_not_even_answered_and_memory_is_bounded() -> None
         answered += door.takes("hold", id=str(number)) is not None
     assert answered == pytest.approx(800 * A_SECOND + AT_ONCE, abs=2)
     assert door.keeper.unanswered == 20_000 - answered
-    assert len(door.keeper._answered) <= MOST_REMEMBERED
-    assert len(door.desk.asked) == answered
+    assert len(door.keeper._answered) <= MAX_REMEMBERED
+    assert len(door.request_handler.asked) == answered
 
 
-@pytest.mark.parametrize("payload", [b"", b"\xff", b"{}", b"x" * (MOST_BYTES + 1), b'{"id": "7"}'])
+@pytest.mark.parametrize("payload", [b"", b"\xff", b"{}", b"x" * (MAX_BYTES + 1), b'{"id": "7"}'])
 def test_an_abort_is_taken_whatever_it_says(payload: bytes) -> None:
     door = Door()
     for _ in range(200):
         door.takes("hold")  # and however much else came
-    door.desk.asked.clear()
+    door.request_handler.asked.clear()
     reply = door.takes("abort", payload)
     assert reply is not None
     assert reply.ok
     assert reply.id == ("7" if b"7" in payload else None)
-    assert door.desk.asked == [{"do": "abort", "by": "mqtt:unknown", "station": "mqtt"}]
+    assert door.request_handler.asked == [{"do": "abort", "by": "mqtt:unknown", "station": "mqtt"}]
 
 
 def test_an_abort_is_taken_again_and_however_old() -> None:
     door = Door()
     for asked in (1, 2):
         door.takes("abort", sent_at_unix_us=5)
-        assert len(door.desk.asked) == asked
+        assert len(door.request_handler.asked) == asked
         door.now_s += 0.5
-    assert door.desk.asked[0]["by"] == "mqtt:anna"
+    assert door.request_handler.asked[0]["by"] == "mqtt:anna"
     for _ in range(100):  # a flood is one
         reply = door.takes("abort")
         assert reply is not None
         assert reply.ok
-    assert len(door.desk.asked) == 3
+    assert len(door.request_handler.asked) == 3
 
 
 def test_an_abort_that_the_broker_keeps_does_not_stop_every_start() -> None:
@@ -228,14 +228,14 @@ def test_an_abort_that_the_broker_keeps_does_not_stop_every_start() -> None:
     Door().refuses("abort", "retained", retained=True, sent_at_unix_us=5)
     door = Door()
     door.takes("abort", retained=True)
-    assert len(door.desk.asked) == 1
+    assert len(door.request_handler.asked) == 1
 
 
 def test_a_defect_of_a_client_does_not_reach_the_desk_as_another_person() -> None:
     door = Door()
     door.takes("hold", by="x" * 70)
-    assert door.desk.asked[0]["by"].startswith("mqtt:")
-    event_of(door.desk.asked[0], 0, RequestScope(["firing-boss"]))
+    assert door.request_handler.asked[0]["by"].startswith("mqtt:")
+    event_of(door.request_handler.asked[0], 0, RequestScope(["firing-boss"]))
 
 
 JSON = st.recursive(
@@ -255,7 +255,7 @@ def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None
     door = Door()
     reply = door.takes(name, payload, retained)
     msgspec.json.encode(reply)
-    assert name == "abort" or not door.desk.asked
+    assert name == "abort" or not door.request_handler.asked
 
 
 @settings(max_examples=100)
@@ -270,7 +270,7 @@ def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -
     door = Door()
     reply = door.takes(name, **more)
     msgspec.json.encode(reply)
-    for request in door.desk.asked:
+    for request in door.request_handler.asked:
         try:
             event = event_of(request, 0, RequestScope(["firing-boss"], vehicles=["hawk"]))
         except RequestError as error:

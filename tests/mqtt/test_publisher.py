@@ -20,9 +20,9 @@ from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.config.mqtt_names import Broker
 from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
-from mission_service.interfaces.mqtt import connection, publisher
-from mission_service.interfaces.mqtt.connection import OPEN, Access, tls_of
-from mission_service.interfaces.mqtt.peers import channel_of
+from mission_service.interfaces.mqtt import broker_connection, publisher
+from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
+from mission_service.interfaces.mqtt.peer_exchange import channel_of
 from mission_service.interfaces.mqtt.site import access_for, site_in
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import ROOT, Listener, Stage, listening, telling
@@ -49,9 +49,9 @@ def command(**more: Any) -> dict[str, Any]:
 def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosquitto) -> None:
     async def look() -> None:
         async with telling(broker.port) as stage:
-            picture, hawk = stage.hub.picture, f"vehicle/{stage.name}"
-            picture.alarm("x", "something is wrong")
-            stage.hub.ring()
+            state_view, hawk = stage.context.state_view, f"vehicle/{stage.name}"
+            state_view.alarm("x", "something is wrong")
+            stage.context.ring()
             async with listening(broker.port) as early:
                 topics = ("status", f"{hawk}/state", f"{hawk}/mission", "fire/front", "alarm")
                 await until(lambda: all(early.of(topic) for topic in topics))
@@ -66,8 +66,8 @@ def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosq
                 ]
                 front = late.last("fire/front")
                 assert (front["at_us"], front["geometry"]["type"]) == (300_000_000, "MultiPolygon")
-                picture.clear("x")
-                stage.hub.ring()
+                state_view.clear("x")
+                stage.context.ring()
                 await until(lambda: late.last("alarm")["alarms"] == [])
                 stage.task.cancel()
                 await asyncio.wait([stage.task])
@@ -100,8 +100,8 @@ def test_positions_come_no_more_often_than_is_wanted_and_lines_all_of_them(
             assert lines == [f"line {number}" for number in range(100)]
             assert not any(message.retain for message in ear.messages)
             ear.messages.clear()
-            stage.hub.picture.fire_changed()
-            stage.hub.ring()
+            stage.context.state_view.fire_changed()
+            stage.context.ring()
             await until(lambda: ear.of("fire/front") != [])
 
     broker.start()
@@ -147,18 +147,18 @@ async def longest_gap_s(stage: Stage, seconds: float) -> float:
 def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
     broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection, "ANSWER_S", PATIENCE_S)
+    monkeypatch.setattr(broker_connection, "ANSWER_S", PATIENCE_S)
 
     async def look() -> None:
         async with telling(broker.port) as stage:
-            picture, topic = stage.hub.picture, f"vehicle/{stage.name}/telemetry"
+            state_view, topic = stage.context.state_view, f"vehicle/{stage.name}/telemetry"
             gaps_s = [await longest_gap_s(stage, 0.7)]  # there never was one
-            assert "no MQTT broker at 127.0.0.1" in picture.alarms["broker"].text
+            assert "no MQTT broker at 127.0.0.1" in state_view.alarms["broker"].text
             for number in range(2):
                 broker.start()
                 await until(lambda: stage.publisher.connected)
-                assert "broker" not in picture.alarms
-                assert stage.hub.gauges["mqtt_connected"]() == 1.0
+                assert "broker" not in state_view.alarms
+                assert stage.context.gauges["mqtt_connected"]() == 1.0
                 async with listening(broker.port) as ear:
                     stage.moves(1_000_000 + number, lat_deg=36.365)
                     await until(lambda: (ear.last(topic) or {}).get("lat_deg") == 36.365)
@@ -173,7 +173,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
                 gaps_s.append(await longest_gap_s(stage, 0.3))
             assert max(gaps_s) < PATIENCE_S / 2, gaps_s  # or it has waited for an answer
             lost, back = [
-                command.text for _, command in stage.hub.record.news
+                command.text for _, command in stage.context.record.news
             ]  # and no line for each time within a minute
             assert "no MQTT broker" in lost
             assert "is back" in back
@@ -207,7 +207,7 @@ def test_user_and_password_are_told_only_to_the_broker(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    attempts, client_to = [0], connection.client_to
+    attempts, client_to = [0], broker_connection.client_to
 
     def counted(*arguments: Any, **named: Any) -> Any:
         attempts[0] += 1
@@ -227,14 +227,14 @@ def test_user_and_password_are_told_only_to_the_broker(
                 lines += [repr(stage.publisher.site), repr(stage.publisher.site.access)]
             ear.messages.clear()
             async with telling(guarded.port, user="service", password=f"file:{wrong}") as stage:
-                picture = stage.hub.picture
-                await until(lambda: "broker" in picture.alarms)
+                state_view = stage.context.state_view
+                await until(lambda: "broker" in state_view.alarms)
                 tried = attempts[0]
                 await until(lambda: attempts[0] >= tried + 2)  # again and again
                 assert not stage.publisher.connected
-                (line,) = [line.text for line in picture.news]
+                (line,) = [line.text for line in state_view.news]
                 assert "user or password is wrong" in line
-                (told,) = [command.text for _, command in stage.hub.record.news]
+                (told,) = [command.text for _, command in stage.context.record.news]
                 assert told == line
                 lines += [line, told, *(each.payload.decode() for each in ear.messages)]
             # The observer may not write: what it is refused is not told by brokers, but harms none.
@@ -254,7 +254,7 @@ def test_user_and_password_are_told_only_to_the_broker(
 def test_tls_with_an_authority_and_certificates_of_both_sides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection, "ANSWER_S", 0.8)
+    monkeypatch.setattr(broker_connection, "ANSWER_S", 0.8)
     make_certificates(tmp_path)
     settings = [
         "user root",
@@ -270,7 +270,7 @@ def test_tls_with_an_authority_and_certificates_of_both_sides(
 
     async def why(**settings: Any) -> str:
         async with telling(broker.port, **settings) as stage:
-            alarms = stage.hub.picture.alarms
+            alarms = stage.context.state_view.alarms
             await until(lambda: "broker" in alarms)
             await until(lambda: "certificate" in alarms["broker"].text)
             return alarms["broker"].text
@@ -356,8 +356,8 @@ STRANGE = (
 def test_no_broker_can_say_anything_that_ends_the_service(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for name, seconds in (("LEAST_WAIT_S", 0.01), ("MOST_WAIT_S", 0.01), ("ANSWER_S", 0.1)):
-        monkeypatch.setattr(connection, name, seconds)
+    for name, seconds in (("MIN_WAIT_S", 0.01), ("MAX_WAIT_S", 0.01), ("ANSWER_S", 0.1)):
+        monkeypatch.setattr(broker_connection, name, seconds)
     came = gone = 0
 
     async def be_strange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -382,7 +382,7 @@ def test_no_broker_can_say_anything_that_ends_the_service(
             async with telling(server.sockets[0].getsockname()[1], commands=True) as stage:
                 await until(lambda: came > len(STRANGE) + 2)
                 assert stage.asked == []
-                lines = [line.text for line in stage.hub.picture.news]
+                lines = [line.text for line in stage.context.state_view.news]
                 assert len(lines) <= 2, lines
             await until(lambda: gone == came)  # the strange server ends too
         gc.collect()  # what nobody has looked at is told now
@@ -418,20 +418,20 @@ def test_aborts_come_first_and_what_waits_is_bounded() -> None:
         return aiomqtt.Message(f"test/cmd/{name}", str(number).encode(), 1, False, 0, None)
 
     inbox = publisher._inbox()
-    for number in range(2 * publisher.MOST_UNREAD):
+    for number in range(2 * publisher.MAX_UNREAD):
         inbox.put_nowait(message("hold", number))
     for number in range(2):
         inbox.put_nowait(message("abort", number))
     got = [inbox.get_nowait() for _ in range(inbox.qsize())]
     told = [(each.topic.value.rpartition("/")[2], int(each.payload)) for each in got]
-    holds = [("hold", number) for number in range(publisher.MOST_UNREAD - 2)]
+    holds = [("hold", number) for number in range(publisher.MAX_UNREAD - 2)]
     assert told == [("abort", 0), ("abort", 1), *holds]
-    for number in range(2 * publisher.MOST_UNREAD):
+    for number in range(2 * publisher.MAX_UNREAD):
         inbox.put_nowait(message("abort", number))
-    assert inbox.qsize() == publisher.MOST_UNREAD
+    assert inbox.qsize() == publisher.MAX_UNREAD
     inbox.get_nowait()
     inbox.put_nowait(message("hold", 0))
-    assert [inbox.get_nowait() for _ in range(publisher.MOST_UNREAD)][
+    assert [inbox.get_nowait() for _ in range(publisher.MAX_UNREAD)][
         -1
     ].topic.value == "test/cmd/hold"
 
@@ -470,7 +470,7 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
     assert (site.broker, site.topic) == (Broker("b", 8883), "mission-service/v1/Eight-UAVs")
     assert site.access.tls is not None
     assert site.access.tls.check_hostname
-    assert PASSWORD not in repr(Access("u", PASSWORD))
+    assert PASSWORD not in repr(BrokerAccess("u", PASSWORD))
 
 
 def test_vehicles_in_processes_of_their_own_are_the_same_user_to_the_same_broker(
@@ -478,6 +478,6 @@ def test_vehicles_in_processes_of_their_own_are_the_same_user_to_the_same_broker
 ) -> None:
     monkeypatch.setenv("WORD", PASSWORD)
     settings = MqttSection(broker="b", user="u", password="env:WORD")
-    assert access_for(Broker("b"), settings) == Access("u", PASSWORD)
+    assert access_for(Broker("b"), settings) == BrokerAccess("u", PASSWORD)
     assert access_for(Broker("c"), settings) == access_for(Broker("b"), None) == OPEN
     assert channel_of("b:1883", "x", "fire", settings).access.user == "u"

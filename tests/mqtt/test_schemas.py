@@ -12,9 +12,9 @@ import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
-from mission_service.core.requests import REPLAY, RequestScope, event_of
+from mission_service.core.request_events import REPLAY, RequestScope, event_of
 from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
-from mission_service.interfaces.mqtt.commands import TAKEN, Doorkeeper
+from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
 from mission_service.requests import Replay
 from tests.mqtt.stage import ROOT, listening, telling
@@ -101,7 +101,7 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
         return {"ok": True}
 
     sent_us = example["sent_at_unix_us"]
-    reply = Doorkeeper(ask).take(name, json.dumps(example).encode(), False, 0, 0.0, sent_us)
+    reply = CommandGate(ask).take(name, json.dumps(example).encode(), False, 0, 0.0, sent_us)
     assert reply is not None
     assert reply.ok, reply
     assert events[0].by == "mqtt:anna"
@@ -119,8 +119,8 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)
             stage.tells("a line")
-            stage.hub.picture.alarm("x", "wrong")
-            stage.hub.ring()
+            stage.context.state_view.alarm("x", "wrong")
+            stage.context.ring()
             await ear.says("cmd/hold", b"{}")
             paths = [topic.path.format(stage.name) for topic in TOPICS if topic.path[0] != "c"]
             paths += ["cmd/hold/reply"]

@@ -11,37 +11,41 @@ from mission_service.config.service import ServiceSection
 from mission_service.events import UploadFinished
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime.hub import Hub
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.request_handler import Desk
+from mission_service.runtime.request_handler import RequestHandler
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 FLIGHT_S = 60.0
 
 
 @contextlib.contextmanager
-def hub_after_a_flight(out: Path) -> Iterator[Hub]:
+def hub_after_a_flight(out: Path) -> Iterator[RunContext]:
     """Of the demo on a small landscape, its files in ``out``."""
     scenario = load_scenario("demo", ("landscape.rows=150", "landscape.cols=150"))
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
-    picture = Picture(scenario, landscape, round(scenario.start_s * 1e6))
-    simulation = Simulation(scenario, journal, landscape, lambda at, core: [], picture=picture)
+    state_view = StateView(scenario, landscape, round(scenario.start_s * 1e6))
+    simulation = Simulation(
+        scenario, journal, landscape, lambda at, core: [], state_view=state_view
+    )
     simulation.run(scenario.start_s + FLIGHT_S)
     simulation.world.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
-    desk = Desk(lambda event: [], service.status, lambda: clock.now_us)
+    request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)
     settings, journal_path = ServiceSection(), out / "journal.jsonl"
-    yield Hub(scenario, settings, service, picture, desk, clock, {}, out, journal_path)
+    yield RunContext(
+        scenario, settings, service, state_view, request_handler, clock, {}, out, journal_path
+    )
     journal.close()
 
 
-def upload_failed(hub: Hub, vehicle: str) -> None:
+def upload_failed(context: RunContext, vehicle: str) -> None:
     """A mission was on its way, and nobody answered."""
-    mission = hub.picture.missions[vehicle]
+    mission = context.state_view.missions[vehicle]
     sent = mission.sending or mission.on_board
     assert sent is not None
     mission.sending = msgspec.structs.replace(sent, mission_id=9999)
-    at_us = hub.picture.at_us
-    hub.picture.take(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])
+    at_us = context.state_view.at_us
+    context.state_view.take(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.runtime import logs
 from mission_service.runtime import redaction as hidden
-from mission_service.runtime.hub import Hub
+from mission_service.runtime import service_log
+from mission_service.runtime.run_context import RunContext
 from tests.ops.hubs import hub_after_a_flight
 from tests.patience import until
 
@@ -30,9 +30,9 @@ def own_logging() -> Iterator[None]:
     root.setLevel(level)
 
 
-def set_up(form: logs.Form, level: str = "info") -> io.StringIO:
+def set_up(form: service_log.Form, level: str = "info") -> io.StringIO:
     stream = io.StringIO()
-    logs.set_up(form, level, stream)
+    service_log.set_up(form, level, stream)
     return stream
 
 
@@ -59,7 +59,7 @@ def test_text_is_for_people_and_the_level_is_obeyed() -> None:
 
 
 @pytest.mark.parametrize("form", ["text", "json"])
-def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: logs.Form) -> None:
+def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.Form) -> None:
     stream = set_up(form)
     hidden.hide(TOKEN)
     hidden.hide(KEY)
@@ -93,20 +93,20 @@ def test_where_a_secret_is_may_be_said() -> None:
 def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     stream = set_up("json")
 
-    async def follow(hub: Hub) -> None:
-        task = asyncio.create_task(logs.news_to_log(hub))
+    async def follow(context: RunContext) -> None:
+        task = asyncio.create_task(service_log.news_to_log(context))
         await asyncio.sleep(0)
-        hub.picture.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
-        hub.ring()
+        context.state_view.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
+        context.ring()
         await until(lambda: "link lost" in stream.getvalue())
-        hub.picture.clear("link/hawk")
-        hub.picture.tell("hawk", "the last word")
+        context.state_view.clear("link/hawk")
+        context.state_view.tell("hawk", "the last word")
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    with hub_after_a_flight(tmp_path) as hub:
-        asyncio.run(follow(hub))
+    with hub_after_a_flight(tmp_path) as context:
+        asyncio.run(follow(context))
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     texts = [line["message"] for line in lines]
     assert "hawk: connected (px4 plane)" in texts
@@ -117,9 +117,9 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
 
 def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
     stream = set_up("json")
-    with hub_after_a_flight(tmp_path) as hub:
-        hub.picture.told_before = hub.picture.news_id
-        hub.picture.tell("hawk", "read back")
-        logs.Told().catch_up(hub)
+    with hub_after_a_flight(tmp_path) as context:
+        context.state_view.told_before = context.state_view.news_id
+        context.state_view.tell("hawk", "read back")
+        service_log.LogFollower().catch_up(context)
     lines = [json.loads(line)["message"] for line in stream.getvalue().splitlines()]
     assert [line for line in lines if not line.startswith("alarm")] == ["hawk: read back"]

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from mission_service.config.service import KeepSection
+from mission_service.config.service import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
-from mission_service.runtime.hub import Hub
 from mission_service.runtime.retention import Keeping
+from mission_service.runtime.run_context import RunContext
 from tests.ops.hubs import hub_after_a_flight, upload_failed
 
 ROOT = Path(__file__).parents[2]
@@ -23,14 +23,14 @@ OPERATIONS = ROOT / "docs" / "operations.md"
 
 
 @pytest.fixture(scope="module")
-def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
+def context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunContext]:
     with hub_after_a_flight(tmp_path_factory.mktemp("run")) as flown:
         yield flown
 
 
-def figures(hub: Hub) -> dict[str, dict[tuple[str, ...], float]]:
+def figures(context: RunContext) -> dict[str, dict[tuple[str, ...], float]]:
     """By name and values of labels (in the order of their names), as Prometheus reads them."""
-    content, media_type = metrics_of(hub)
+    content, media_type = metrics_of(context)
     assert media_type.startswith("text/plain")
     found: dict[str, dict[tuple[str, ...], float]] = {}
     for family in text_string_to_metric_families(content.decode()):
@@ -40,11 +40,11 @@ def figures(hub: Hub) -> dict[str, dict[tuple[str, ...], float]]:
     return found
 
 
-def test_a_flight_shows_in_figures(hub: Hub) -> None:
-    found = figures(hub)
+def test_a_flight_shows_in_figures(context: RunContext) -> None:
+    found = figures(context)
     assert found[f"{PREFIX}vehicles"][()] == 2
     assert found[f"{PREFIX}vehicle_online"] == {("hawk",): 1, ("kite",): 1}
-    assert found[f"{PREFIX}telemetry_total"][()] == hub.picture.telemetry_count > 0
+    assert found[f"{PREFIX}telemetry_total"][()] == context.state_view.telemetry_count > 0
     assert found[f"{PREFIX}uploads_total"]["accepted", "hawk"] >= 1
     assert 0 <= found[f"{PREFIX}telemetry_age_seconds"]["hawk",] < 5
     assert found[f"{PREFIX}fire_area_hectares"][()] > 1
@@ -52,34 +52,34 @@ def test_a_flight_shows_in_figures(hub: Hub) -> None:
     assert found["process_resident_memory_bytes"][()] > 10e6
 
 
-def test_alarms_are_counted_by_kind_until_they_are_cleared(hub: Hub) -> None:
+def test_alarms_are_counted_by_kind_until_they_are_cleared(context: RunContext) -> None:
     kinds = f"{PREFIX}alarms_active"
-    before = figures(hub).get(kinds, {})
-    hub.picture.alarm("link/hawk", "gone", "severe", "hawk")
-    hub.picture.alarm("link/kite", "gone", "severe", "kite")
-    assert figures(hub)[kinds]["link",] == before.get(("link",), 0) + 2
-    hub.picture.clear("link/hawk")
-    hub.picture.clear("link/kite")
-    assert figures(hub).get(kinds, {}) == before
+    before = figures(context).get(kinds, {})
+    context.state_view.alarm("link/hawk", "gone", "severe", "hawk")
+    context.state_view.alarm("link/kite", "gone", "severe", "kite")
+    assert figures(context)[kinds]["link",] == before.get(("link",), 0) + 2
+    context.state_view.clear("link/hawk")
+    context.state_view.clear("link/kite")
+    assert figures(context).get(kinds, {}) == before
 
 
-def test_a_failed_upload_counts_as_failed(hub: Hub) -> None:
+def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
     name = f"{PREFIX}uploads_total"
-    before = figures(hub)[name]["failed", "kite"]
-    upload_failed(hub, "kite")
-    assert figures(hub)[name]["failed", "kite"] == before + 1
+    before = figures(context)[name]["failed", "kite"]
+    upload_failed(context, "kite")
+    assert figures(context)[name]["failed", "kite"] == before + 1
 
 
-def test_interfaces_give_what_only_they_know(hub: Hub) -> None:
-    assert f"{PREFIX}stream_clients" not in figures(hub)
-    hub.gauges["stream_clients"] = lambda: 3
-    assert figures(hub)[f"{PREFIX}stream_clients"][()] == 3
-    del hub.gauges["stream_clients"]
+def test_interfaces_give_what_only_they_know(context: RunContext) -> None:
+    assert f"{PREFIX}stream_clients" not in figures(context)
+    context.gauges["stream_clients"] = lambda: 3
+    assert figures(context)[f"{PREFIX}stream_clients"][()] == 3
+    del context.gauges["stream_clients"]
 
 
-def test_names_carry_units_and_say_what_they_are(hub: Hub) -> None:
-    content = metrics_of(hub)[0].decode()
-    for name in figures(hub):
+def test_names_carry_units_and_say_what_they_are(context: RunContext) -> None:
+    content = metrics_of(context)[0].decode()
+    for name in figures(context):
         if name.startswith(PREFIX):
             assert f"# HELP {name.removesuffix('_total')}" in content
     for name, (help_text, _) in FIGURES.items():
@@ -109,11 +109,11 @@ def test_the_dashboard_shows_every_figure() -> None:
     assert not unseen, f"no panel shows {unseen}"
 
 
-def test_how_long_a_state_took_is_told(hub: Hub) -> None:
-    keeping = Keeping(hub.service, Known(hub.scenario, hub.landscape), KeepSection())
+def test_how_long_a_state_took_is_told(context: RunContext) -> None:
+    keeping = Keeping(context.service, Known(context.scenario, context.landscape), JournalSection())
     asyncio.run(keeping.write_state())
-    hub.gauges["state_seconds"] = lambda: keeping.took_s
-    found = figures(hub)
+    context.gauges["state_seconds"] = lambda: keeping.took_s
+    found = figures(context)
     assert 0.0 < found[f"{PREFIX}state_seconds"][()] < 5.0
     assert 0.0 <= found[f"{PREFIX}state_age_seconds"][()] < 60.0
-    del hub.gauges["state_seconds"]
+    del context.gauges["state_seconds"]

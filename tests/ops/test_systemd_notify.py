@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mission_service.runtime import systemd_notify
-from mission_service.runtime.hub import Hub
+from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.systemd_notify import pulse, tell_systemd, watchdog_s
 from tests.ops.hubs import hub_after_a_flight
 from tests.patience import PATIENCE_S, until
@@ -48,8 +48,8 @@ def test_systemd_hears_ready_the_watchdog_and_the_end(
 
         await until(beaten)
 
-    async def run(hub: Hub) -> None:
-        task = asyncio.create_task(pulse(hub))
+    async def run(context: RunContext) -> None:
+        task = asyncio.create_task(pulse(context))
         await beats(3)
         time.sleep(0.3)  # noqa: ASYNC251 - the loop hangs
         await beats(len(said) + 2)
@@ -57,13 +57,13 @@ def test_systemd_hears_ready_the_watchdog_and_the_end(
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    with hub_after_a_flight(tmp_path) as hub:
-        asyncio.run(run(hub))
+    with hub_after_a_flight(tmp_path) as context:
+        asyncio.run(run(context))
     said += heard(systemd)
     assert said[0] == "READY=1"
     assert said[1] == "WATCHDOG=1\nSTATUS=demo: 2 of 2 vehicles online, 0 alarms"
     assert said[-1] == "STOPPING=1"
-    assert 0.2 < hub.gauges["event_loop_lag_seconds"]() < PATIENCE_S
+    assert 0.2 < context.gauges["event_loop_lag_seconds"]() < PATIENCE_S
 
 
 def test_an_abstract_socket_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:

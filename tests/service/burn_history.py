@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import msgspec
 
-from mission_service.commands import AnyCommand, Drop, Propose
+from mission_service.commands import AnyCommand, Drop, ProposePlan
 from mission_service.config.sections import BurnSection
 from mission_service.events import (
-    Answered,
     AnyEvent,
     Approved,
-    BatteryTold,
-    FixTold,
+    BatteryUpdated,
+    ChecklistAnswered,
+    GpsFixChanged,
     HostTime,
     ModeChanged,
     Telemetry,
@@ -95,11 +95,11 @@ Happening = AnyEvent | Sent
 GOOD: tuple[Happening, ...] = (
     HostTime(0, NAME, 0),
     VehicleConnected(1_000_000, NAME, "ardupilot copter", False),
-    FixTold(1_000_000, NAME, True, "3D"),
-    BatteryTold(1_000_000, NAME, 90.0),
-    Answered(60_000_000, "ann", "alpha", "weather", True),
-    Answered(61_000_000, "ann", "alpha", "payload", True),
-    Sent((Propose(NAME, PLAN, HASH),)),
+    GpsFixChanged(1_000_000, NAME, True, "3D"),
+    BatteryUpdated(1_000_000, NAME, 90.0),
+    ChecklistAnswered(60_000_000, "ann", "alpha", "weather", True),
+    ChecklistAnswered(61_000_000, "ann", "alpha", "payload", True),
+    Sent((ProposePlan(NAME, PLAN, HASH),)),
     Approved(90_000_000, "ann", "alpha", HASH),
     ModeChanged(91_000_000, NAME, 3, True, "mission"),
     here(99_900_000),

@@ -92,10 +92,10 @@ def _fly(  # type: ignore[no-untyped-def]
     altitude_m, kind, rule, frame, every_s, horizon_s, keys, until_s, rng, settled_s, wide, trace,
 ):  # fmt: skip
     count = start.shape[0]
-    least_m_s, most_m_s, bank_rad = frame
+    min_m_s, max_m_s, bank_rad = frame
     wind = math.hypot(wind_x, wind_y)
     x, y, heading = start[:, 0].copy(), start[:, 1].copy(), start[:, 2].copy()
-    airspeed = np.full(count, 0.7 * most_m_s)
+    airspeed = np.full(count, 0.7 * max_m_s)
     agent = np.stack((x + 150.0 * np.cos(heading), y + 150.0 * np.sin(heading)), axis=1)
     orbit = np.empty((count, 4))
     orbit[:, :2], orbit[:, 2], orbit[:, 3] = agent, RADIUS_M, airspeed
@@ -103,7 +103,7 @@ def _fly(  # type: ignore[no-untyped-def]
     posted = np.full((delay + 1, count, peers.COLUMNS), np.nan)
     known = np.full((count, count, peers.COLUMNS), -1e9)
     others = np.empty((count, peers.COLUMNS))
-    talks = rng.integers(0, 2, count)
+    peer_messaging = rng.integers(0, 2, count)
     collided, met = np.full((count, count), -10_000), np.full((count, count), -10_000)
     seen = np.zeros((count, count), np.bool_)
     rows = int(horizon_s) + 1
@@ -137,7 +137,7 @@ def _fly(  # type: ignore[no-untyped-def]
         now = tick % (delay + 1)
         for who in range(count):
             posted[now, who, 0] = np.nan
-            if (tick + talks[who]) % 2 == 0:
+            if (tick + peer_messaging[who]) % 2 == 0:
                 row = posted[now, who]
                 row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[who], y[who], altitude_m[who]
                 row[peers.VX] = airspeed[who] * math.cos(heading[who]) + wind_x
@@ -166,7 +166,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 wanted = np.array([agent[who, 0], agent[who, 1], RADIUS_M, 0.0])
                 wanted[3] = phase.airspeed_in_phase_m_s(
                     x[who], y[who], agent[who, 0], agent[who, 1], RADIUS_M, keys[who],
-                    others[:heard], 2000.0, least_m_s, most_m_s, wind,
+                    others[:heard], 2000.0, min_m_s, max_m_s, wind,
                 )  # fmt: skip
                 if kind == INTENT:
                     own[:] = (

@@ -9,12 +9,12 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import (
     AnyEvent,
-    CrewEvent,
+    AnyOperatorEvent,
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
-from mission_service.runtime.picture import Picture
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 Fly = Callable[..., "Flight"]
@@ -25,7 +25,7 @@ START_S = 3600.0
 class Flight:
     """A simulation that people speak to."""
 
-    def __init__(self, path: Path, *overrides: str, rule: str = "damped") -> None:
+    def __init__(self, path: Path, *overrides: str, rule: str = "islam_hu_damped") -> None:
         settings = ("vehicles.0.airspeed_m_s=18", f'planner.rule="{rule}"', "seed=3", *overrides)
         loaded = load_scenario("demo", settings)
         vehicles = loaded.vehicles if rule.startswith("team.") else loaded.vehicles[:1]
@@ -33,8 +33,10 @@ class Flight:
         self.landscape = landscape_of(self.scenario)
         header = header_of(self.scenario, self.landscape.digest(), "")
         self.journal = Journal(path, header, durable=False)
-        self.picture = Picture(self.scenario, self.landscape, round(START_S * 1e6))
-        self.sim = Simulation(self.scenario, self.journal, self.landscape, picture=self.picture)
+        self.state_view = StateView(self.scenario, self.landscape, round(START_S * 1e6))
+        self.sim = Simulation(
+            self.scenario, self.journal, self.landscape, state_view=self.state_view
+        )
         self.path = path
 
     def run(self, seconds: float) -> None:
@@ -48,7 +50,7 @@ class Flight:
     def now_us(self) -> int:
         return self.sim.clock.now_us
 
-    def tell(self, event: CrewEvent) -> list[str]:
+    def tell(self, event: AnyOperatorEvent) -> list[str]:
         news = self.sim.record.news
         before = len(news)
         self.sim.service.tell(event, self.sim.link_us)
@@ -56,7 +58,7 @@ class Flight:
 
     @property
     def mode(self) -> str:
-        return self.picture.vehicles["hawk"].mode
+        return self.state_view.vehicles["hawk"].mode
 
     def over(self) -> list[AnyEvent | AnyCommand]:
         self.journal.close()
@@ -69,7 +71,7 @@ def flights_in(folder: Path) -> Iterator[Fly]:
     """Makes flights, for a fixture; their journals are closed at the end."""
     made: list[Flight] = []
 
-    def flight(*overrides: str, rule: str = "damped") -> Flight:
+    def flight(*overrides: str, rule: str = "islam_hu_damped") -> Flight:
         made.append(Flight(folder / f"{len(made)}.jsonl", *overrides, rule=rule))
         return made[-1]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission_service.guidance.team.ring import FrontRing
+from mission_service.guidance.team.front_ring import FrontRing
 from mission_service.guidance.team.team_size import (
     ADVISE_EVERY_S,
     CoverageTargets,
@@ -21,7 +21,7 @@ def speeds(vehicles: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 def test_it_says_what_the_team_can_do_and_what_a_wish_takes() -> None:
     too_few, text = team_size_advice(
-        RING, speeds(3), CoverageTargets(worst_age_s=100.0, unseen_advance_m=50.0)
+        RING, speeds(3), CoverageTargets(max_revisit_s=100.0, max_unseen_advance_m=50.0)
     )
     assert too_few
     assert text == (
@@ -43,7 +43,7 @@ def test_a_hot_arc_is_said_to_be_swept() -> None:
 
 
 def test_it_speaks_when_the_team_changes_or_no_longer_suffices() -> None:
-    adviser = TeamSizeAdviser(CoverageTargets(worst_age_s=100.0))
+    adviser = TeamSizeAdviser(CoverageTargets(max_revisit_s=100.0))
     assert adviser.is_due(4, 0.0)
     first = adviser.advise(RING, speeds(4), 0.0)
     assert first is not None

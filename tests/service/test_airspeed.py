@@ -16,7 +16,7 @@ CRUISE_M_S = 22.0  # of an autopilot that no airspeed is commanded
 
 
 def flown(
-    path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, least_m_s: float
+    path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, min_m_s: float
 ) -> tuple[list[float], list[RaiseAlarm | ClearAlarm], list[str]]:
     """The airspeeds measured after two minutes of flight, alarms about them, and modes."""
     ordinary = sim.mock_of
@@ -24,7 +24,7 @@ def flown(
     def mock_of(*given: object) -> object:
         mock = ordinary(*given)  # type: ignore[arg-type]
         mock.flight.change_cruise(CRUISE_M_S)
-        mock.flight.limits = replace(mock.flight.limits, min_airspeed_m_s=least_m_s)
+        mock.flight.limits = replace(mock.flight.limits, min_airspeed_m_s=min_m_s)
         return mock
 
     monkeypatch.setattr(sim, "mock_of", mock_of)
@@ -45,7 +45,7 @@ def flown(
 def test_missions_are_flown_at_the_airspeed_of_the_scenario(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, least_m_s=10.0)
+    measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_m_s=10.0)
     assert "mission" in modes
     assert measured[-1] == pytest.approx(15.0, abs=1.0)
     assert len(measured) < 10  # reported on change only
@@ -56,7 +56,7 @@ def test_missions_are_flown_at_the_airspeed_of_the_scenario(
 def test_an_airspeed_that_the_vehicle_does_not_fly_raises_an_alarm(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, stack, least_m_s=18.0)
+    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_m_s=18.0)
     assert measured[-1] == pytest.approx(CRUISE_M_S, abs=1.0)
     (alarm,) = alarms
     assert isinstance(alarm, RaiseAlarm)

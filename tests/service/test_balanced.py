@@ -10,7 +10,7 @@ from mission_service.experiments.fires import SHORT_GRASS, burn, flat, of_one_fu
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import NEGOTIATIONS, PLANNERS, bent_rule
 from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet
-from mission_service.guidance.team.ring import ActiveFleet, Floats, FrontRing, TeamRule
+from mission_service.guidance.team.front_ring import ActiveFleet, Floats, FrontRing, TeamRule
 from mission_service.guidance.team.team_size import (
     best_split,
     vehicles_for_advance,

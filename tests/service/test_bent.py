@@ -23,6 +23,7 @@ from mission_service.guidance.team.bent_steering import (
     predictive_kept,
 )
 from mission_service.guidance.team.bent_team import RegionTeam
+from mission_service.guidance.team.front_ring import Floats, FrontRing
 from mission_service.guidance.team.negotiation import (
     Party,
     offers,
@@ -32,7 +33,6 @@ from mission_service.guidance.team.negotiation import (
     reserved_cells,
 )
 from mission_service.guidance.team.regions import ledger, owners
-from mission_service.guidance.team.ring import Floats, FrontRing
 from tests.service.test_ring_flight import CELL_M, SPEED_M_S, settled, still
 
 NOW_S = 1000.0

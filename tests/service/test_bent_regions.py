@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission_service.guidance.team.front_ring import Integers
 from mission_service.guidance.team.regions import (
     BorderMessage,
     Regions,
@@ -25,7 +26,6 @@ from mission_service.guidance.team.regions import (
     with_message,
     without_member,
 )
-from mission_service.guidance.team.ring import Integers
 
 Draw = Callable[[int], int]  # a whole number from 0 to below this one
 

@@ -3,7 +3,7 @@
 import pytest
 
 from mission_service.config.sections import BurnSection, Station
-from mission_service.events import Approved, HostTime, Present, Resumed
+from mission_service.events import Approved, HostTime, OperatorHeartbeat, Resumed
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
@@ -11,7 +11,7 @@ BURN = BurnSection(
     unit=((36.0, -84.0), (36.0, -83.99), (36.01, -83.99)),
     stations=(Station(name="boss", lat_deg=36.0, lon_deg=-84.01),),
     approval_s=100.0,
-    crew_silent_s=15.0,
+    approver_timeout_s=15.0,
 )
 
 
@@ -34,7 +34,7 @@ def a_plan(line: int = 1, latitude_deg: float = 36.001) -> IgnitionPlan:
         wind_from_deg=0.0,
         time_margin_s=60.0,
         distance_margin_m=10.0,
-        least_time_margin_s=120.0,
+        min_time_margin_s=120.0,
         spheres_left=449,
         digest="unit",
     )
@@ -47,7 +47,7 @@ def approved(name: str, at_s: float = 1.0, station: str = "boss") -> Approved:
 def proposing() -> ApprovalTracker:
     approvals = ApprovalTracker(BURN)
     approvals.propose(a_plan())
-    approvals.on_operator_input(Present(0, "ada", "boss"))
+    approvals.on_operator_input(OperatorHeartbeat(0, "ada", "boss"))
     return approvals
 
 
@@ -105,7 +105,7 @@ def test_an_approval_lapses_with_time() -> None:
     event = approved(approvals.plan_hash)
     approvals.approve(event)
     for second in range(0, 110, 5):
-        approvals.on_operator_input(Present(second * 1_000_000, "ada", "boss"))
+        approvals.on_operator_input(OperatorHeartbeat(second * 1_000_000, "ada", "boss"))
     assert approvals.expiry_reason(100_000_000) is None
     assert approvals.expiry_reason(102_000_000) == "the approval is older than 100 s"
 
@@ -114,12 +114,12 @@ def test_and_when_nobody_is_heard_at_its_station() -> None:
     approvals = proposing()
     approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
-    approvals.on_operator_input(Present(14_000_000, "ada", "kitchen"))
-    approvals.on_operator_input(Present(14_000_000, "bob", "boss"))  # may approve nothing
+    approvals.on_operator_input(OperatorHeartbeat(14_000_000, "ada", "kitchen"))
+    approvals.on_operator_input(OperatorHeartbeat(14_000_000, "bob", "boss"))  # may approve nothing
     approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
     assert approvals.expiry_reason(16_000_000) is None
     assert approvals.expiry_reason(17_000_000) == "nothing heard of ada at boss for 16 s"
-    approvals.on_operator_input(Present(17_000_000, "bob", "boss", may_approve=True))
+    approvals.on_operator_input(OperatorHeartbeat(17_000_000, "bob", "boss", may_approve=True))
     assert approvals.expiry_reason(17_000_000) is None
 
 

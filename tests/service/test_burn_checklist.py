@@ -3,14 +3,14 @@
 import msgspec
 import pytest
 
-from mission_service.events import Aborted, Answered, AnyEvent, Present, Resumed
+from mission_service.events import Aborted, AnyEvent, ChecklistAnswered, OperatorHeartbeat, Resumed
 from mission_service.guidance.burn.checklist import Checklist
 
 ITEMS = ("weather", "payload", "people")
 
 
-def said(item: str, go: bool = True) -> Answered:
-    return Answered(5_000_000, "ann", "alpha", item, go)
+def said(item: str, go: bool = True) -> ChecklistAnswered:
+    return ChecklistAnswered(5_000_000, "ann", "alpha", item, go)
 
 
 def all_go() -> Checklist:
@@ -64,7 +64,7 @@ def test_a_stop_opens_all(event: AnyEvent, words: str) -> None:
 
 def test_nothing_else_matters() -> None:
     checklist = all_go()
-    assert checklist.apply(Present(10**12, "ann", "alpha")) is None
+    assert checklist.apply(OperatorHeartbeat(10**12, "ann", "alpha")) is None
     assert checklist.complete
     assert str(checklist.clear("landed")) == "GO list: all 3 items are open again (landed)"
     assert not checklist.complete

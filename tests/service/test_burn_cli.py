@@ -12,28 +12,28 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mission_service.cli.main import main
-from mission_service.core.requests import REQUESTS, RequestScope
+from mission_service.core.request_events import REQUESTS, RequestScope
 from mission_service.events import (
     Aborted,
-    Answered,
+    AnyOperatorEvent,
     Approved,
+    BurnUnitSet,
+    ChecklistAnswered,
     Corrected,
-    CrewEvent,
     Erased,
-    Lit,
-    PersonTold,
-    PlanWanted,
-    Present,
+    IgnitionReported,
+    OperatorHeartbeat,
+    PersonReported,
+    PlanRequested,
     Redone,
     Rejected,
     Undone,
-    UnitTold,
-    WindTold,
+    WindSet,
 )
 from mission_service.guidance.burn.interlock import Interlock
-from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import claimed, serve_control
-from mission_service.runtime.request_handler import Desk
+from mission_service.interfaces.control.control_client import NAME
+from mission_service.interfaces.control.control_server import claimed, serve_control
+from mission_service.runtime.request_handler import RequestHandler
 from tests.service.burn_history import GOOD, HASH, Sent, burn
 
 AT_US = 100_000_000
@@ -48,17 +48,17 @@ class Run:
 
     def __init__(self, out: Path, stations: tuple[str, ...]) -> None:
         self.out = out
-        self.told: list[CrewEvent] = []
+        self.told: list[AnyOperatorEvent] = []
         self.lock = Interlock(SECTION)
         self.stations = stations
 
-    def tell(self, event: CrewEvent) -> list[str]:
+    def tell(self, event: AnyOperatorEvent) -> list[str]:
         self.told.append(event)
         return [f"{type(event).__name__} heard"]
 
     def status(self) -> dict[str, Any]:
         told: dict[str, Any] = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
-        told["leader"] = {"phase": "flying"}
+        told["guidance"] = {"phase": "flying"}
         return {**told, "items": SECTION.go_items, **self.lock.status()}
 
     def call(self, *arguments: str, text: str | None = None) -> Result:
@@ -79,10 +79,10 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
         else:
             made.lock.apply(thing)
     scope = RequestScope(stations, SECTION.go_items)
-    desk = Desk(made.tell, lambda: made.status(), lambda: AT_US, scope)
+    request_handler = RequestHandler(made.tell, lambda: made.status(), lambda: AT_US, scope)
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
-        task = loop.create_task(serve_control(listening, desk))
+        task = loop.create_task(serve_control(listening, request_handler))
 
         def serve() -> None:
             with pytest.raises(asyncio.CancelledError):
@@ -99,13 +99,13 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
 @pytest.mark.parametrize(
     ("arguments", "event"),
     [
-        (("plan", "--drop-spacing", "20"), PlanWanted(*EVENT, None, 20.0)),
+        (("plan", "--drop-spacing", "20"), PlanRequested(*EVENT, None, 20.0)),
         (("approve", HASH[:8], "--yes"), Approved(*EVENT, HASH)),
         (("reject", HASH[:12]), Rejected(*EVENT, HASH)),
         (("abort",), Aborted(*EVENT)),
-        (("go", "weather"), Answered(*EVENT, "weather", True)),
-        (("go", "2"), Answered(*EVENT, "payload", True)),
-        (("no-go", "pay"), Answered(*EVENT, "payload", False)),
+        (("go", "weather"), ChecklistAnswered(*EVENT, "weather", True)),
+        (("go", "2"), ChecklistAnswered(*EVENT, "payload", True)),
+        (("no-go", "pay"), ChecklistAnswered(*EVENT, "payload", False)),
         (
             ("correct", "burned", "-36.5,-84", "--in", "-60"),
             Corrected(*EVENT, "burned", "point", ((-36.5, -84.0),), 40_000_000),
@@ -114,20 +114,28 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
             ("correct", "burning", "36.5,-84", "36.5,-83.99"),
             Corrected(*EVENT, "burning", "line", ((36.5, -84.0), (36.5, -83.99)), AT_US),
         ),
-        (("light", "36.5,-84", "--ago", "30"), Lit(*EVENT, ((36.5, -84.0),), 70_000_000)),
+        (
+            ("light", "36.5,-84", "--ago", "30"),
+            IgnitionReported(*EVENT, ((36.5, -84.0),), 70_000_000),
+        ),
         (("erase", "36.5,-84", "--radius", "9"), Erased(*EVENT, 36.5, -84.0, 9.0)),
         (("undo",), Undone(*EVENT)),
         (("redo",), Redone(*EVENT)),
-        (("wind", "4.5", "270"), WindTold(*EVENT, 4.5, 270.0)),
-        (("person", "cy", "36.5,-84", "--radius", "30"), PersonTold(*EVENT, "cy", 36.5, -84.0, 30)),
-        (("person", "cy", "36.5,-84", "--gone"), PersonTold(*EVENT, "cy", 36.5, -84.0, 0.0)),
+        (("wind", "4.5", "270"), WindSet(*EVENT, 4.5, 270.0)),
+        (
+            ("person", "cy", "36.5,-84", "--radius", "30"),
+            PersonReported(*EVENT, "cy", 36.5, -84.0, 30),
+        ),
+        (("person", "cy", "36.5,-84", "--gone"), PersonReported(*EVENT, "cy", 36.5, -84.0, 0.0)),
         (
             ("unit", "0,0", "0,0.01", "0.01,0"),
-            UnitTold(*EVENT, ((0.0, 0.0), (0.0, 0.01), (0.01, 0.0))),
+            BurnUnitSet(*EVENT, ((0.0, 0.0), (0.0, 0.01), (0.01, 0.0))),
         ),
     ],
 )
-def test_a_command_becomes_an_event(run: Run, arguments: tuple[str, ...], event: CrewEvent) -> None:
+def test_a_command_becomes_an_event(
+    run: Run, arguments: tuple[str, ...], event: AnyOperatorEvent
+) -> None:
     result = run.call(*arguments, *WHO)
     assert result.exit_code == 0, result.output
     name = {"light": "lit"}.get(arguments[0], arguments[0])
@@ -140,7 +148,9 @@ def test_a_command_becomes_an_event(run: Run, arguments: tuple[str, ...], event:
 
 def test_go_all_answers_item_by_item(run: Run) -> None:
     assert run.call("go", "all", *WHO).exit_code == 0
-    assert run.told == [Answered(*EVENT, item, True, may_approve=True) for item in SECTION.go_items]
+    assert run.told == [
+        ChecklistAnswered(*EVENT, item, True, may_approve=True) for item in SECTION.go_items
+    ]
 
 
 def test_approving_shows_the_plan_and_asks(run: Run) -> None:
@@ -162,7 +172,7 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
 
 
 def test_an_open_list_comes_before_an_approval(run: Run) -> None:
-    run.lock.apply(Answered(AT_US, "bob", "bravo", "weather", False))
+    run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *WHO, "--yes")
     assert (result.exit_code, run.told) == (1, [])
     assert "the GO list comes first; open: weather" in result.stderr
@@ -233,10 +243,10 @@ def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.Monk
         if len(run.told) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("mission_service.cli.burn.time.sleep", soon)
+    monkeypatch.setattr("mission_service.cli.burn_commands.time.sleep", soon)
     result = run.call("watch", *WHO)
     assert result.exit_code == 0
-    assert run.told == [Present(*EVENT, may_approve=True)] * 3
+    assert run.told == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3
     assert "ann at alpha is there" in result.output
 
 

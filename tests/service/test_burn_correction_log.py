@@ -5,7 +5,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.events import Corrected, Erased, Present, Redone, Undone
+from mission_service.events import Corrected, Erased, OperatorHeartbeat, Redone, Undone
 from mission_service.fire.correction_log import CorrectionLog, Held
 
 WHO = (1, "ann", "alpha")
@@ -24,7 +24,7 @@ def places(log: CorrectionLog) -> list[int]:
     return [round(held.correction.points[0][1] / DEG_PER_M) for held in log.held()]
 
 
-def log_of(*events: Corrected | Erased | Undone | Redone | Present) -> CorrectionLog:
+def log_of(*events: Corrected | Erased | Undone | Redone | OperatorHeartbeat) -> CorrectionLog:
     log = CorrectionLog()
     for event in events:
         log.take(event)
@@ -58,7 +58,7 @@ def test_it_says_what_changed() -> None:
     log = CorrectionLog()
     assert not log.take(Undone(*WHO))
     assert not log.take(Redone(*WHO))
-    assert not log.take(Present(*WHO))
+    assert not log.take(OperatorHeartbeat(*WHO))
     assert log.take(point(0))
     assert log.take(Undone(*WHO))
     assert log.take(Redone(*WHO))

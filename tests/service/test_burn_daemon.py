@@ -12,17 +12,17 @@ import pytest
 
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import ControlError, JournalError, RequestError
-from mission_service.events import Aborted, Answered, HostTime, Present, Resumed
-from mission_service.interfaces.control.client import NAME, Control
+from mission_service.events import Aborted, ChecklistAnswered, HostTime, OperatorHeartbeat, Resumed
+from mission_service.interfaces.control.control_client import NAME, ControlClient
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.live.daemon import Run, serve
 from mission_service.replay.verification import verify
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port
 
 WHO = {"by": "ann", "station": "firing-boss"}
-Talk = Callable[[Control], None]
+Talk = Callable[[ControlClient], None]
 
 
 def scenario(duration_s: float) -> Scenario:
@@ -53,7 +53,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         if killed and done:
             raise KilledError
 
-    def progress(record: Record, world: Any) -> None:
+    def progress(record: RunStatistics, world: Any) -> None:
         news.extend(announced.text for _, announced in record.news)
         record.news.clear()
 
@@ -61,7 +61,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         deadline = time.monotonic() + 100  # kernels may have to be compiled first
         while True:
             try:
-                with Control(out) as there:
+                with ControlClient(out) as there:
                     if talk is not None:
                         talk(there)
                 return
@@ -98,7 +98,7 @@ def events(path: Path) -> list[Any]:
 def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path: Path) -> None:
     path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
 
-    def first(there: Control) -> None:
+    def first(there: ControlClient) -> None:
         item = there.ask(do="status")["status"]["items"][0]
         assert there.ask(do="go", item=item, **WHO)["said"] == [
             'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
@@ -115,11 +115,11 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
 
     run(burned, tmp_path, first, killed=True)
     assert not (tmp_path / NAME).exists()
-    assert [type(event) for event in events(path)] == [Answered]
+    assert [type(event) for event in events(path)] == [ChecklistAnswered]
     path.write_bytes(path.read_bytes() + b'{"event":{"ty')  # it was about to write
     os.utime(path, (time.time() - 100.0, time.time() - 100.0))
 
-    def second(there: Control) -> None:
+    def second(there: ControlClient) -> None:
         status = there.ask(do="status")["status"]
         assert 100.0 < status["at_s"] < 100.0 + PATIENCE_S
         assert len(status["open_items"]) == 8
@@ -129,7 +129,12 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     news = run(burned, tmp_path, second, killed=True)
     assert any("resumes the run" in text for text in news)
     told = events(path)
-    assert [type(event) for event in told] == [Answered, Resumed, Present, Aborted]
+    assert [type(event) for event in told] == [
+        ChecklistAnswered,
+        Resumed,
+        OperatorHeartbeat,
+        Aborted,
+    ]
     assert 100.0 <= told[1].down_s < 100.0 + PATIENCE_S
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
@@ -143,7 +148,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     assert reader.ended
     whole = path.read_bytes()
 
-    def third(there: Control) -> None:
+    def third(there: ControlClient) -> None:
         assert there.ask(do="status")["status"]["at_s"] < 60.0
 
     news = run(burned, tmp_path, third, killed=True)
@@ -155,7 +160,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
 def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
 
-    def first(there: Control) -> None:
+    def first(there: ControlClient) -> None:
         there.ask(do="present", **WHO)
         with pytest.raises(ControlError, match="another run answers there"):
             run(scenario(3600.0), tmp_path, None, killed=False)
@@ -164,7 +169,7 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     damaged = path.read_bytes().replace(b'"by":"ann"', b'"by":"bob"')
     path.write_bytes(damaged)
     with pytest.raises(
-        JournalError, match=r"line \d+ was altered.*to begin anew, start with --anew"
+        JournalError, match=r"line \d+ was altered.*to begin anew, start with --fresh"
     ):
         run(burned, tmp_path, None, killed=False)
     assert path.read_bytes() == damaged

@@ -32,7 +32,7 @@ def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
     assert sphere.outcome == "unknown"
     assert account.left == 9
     assert account.fallen_m() == [(3.0, 4.0)]
-    assert sphere.miss_m == 5.0
+    assert sphere.max_miss_m == 5.0
 
 
 def test_an_outcome_told_twice_counts_once() -> None:

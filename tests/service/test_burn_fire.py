@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.burn_frames import SIDE_M, place
 from firemodel.landscape.default import jacksboro
-from mission_service.events import Corrected, Erased, Lit, Place, Undone, WindTold
+from mission_service.events import Corrected, Erased, IgnitionReported, Place, Undone, WindSet
 from mission_service.fire.estimated import EstimatedFire
 from mission_service.fire.setup import weather_of
 from tests.service.test_burn_flight import scenario
@@ -56,8 +56,9 @@ def test_it_does_not_depend_on_who_asks_in_between() -> None:
         burning(float(x), 20.0 + 0.05 * number, 200.0 + number)
         for number, x in enumerate(rng.uniform(0.0, SIDE_M, 12))
     ]
-    events[6:6] = [Lit(206_000_000, *WHO, (place(10.0, 90.0), place(30.0, 90.0)), 206_000_000)]  # type: ignore[list-item]
-    for event in [*events, WindTold(300_000_000, *WHO, 3.0, 20.0), *events[:3]]:
+    lit = ((place(10.0, 90.0), place(30.0, 90.0)), 206_000_000)
+    events[6:6] = [IgnitionReported(206_000_000, *WHO, *lit)]  # type: ignore[list-item]
+    for event in [*events, WindSet(300_000_000, *WHO, 3.0, 20.0), *events[:3]]:
         asked.take(event)
         quiet.take(event)
         times_s(asked, place(40.0, 40.0))

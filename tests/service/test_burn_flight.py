@@ -13,15 +13,15 @@ from firemodel.landscape.default import jacksboro
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     Aborted,
-    Answered,
+    AnyOperatorEvent,
     Approved,
-    CrewEvent,
-    Lit,
-    PersonTold,
-    PlanWanted,
+    BurnUnitSet,
+    ChecklistAnswered,
+    IgnitionReported,
+    PersonReported,
+    PlanRequested,
     Rejected,
-    UnitTold,
-    WindTold,
+    WindSet,
 )
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal_file import Journal, header_of
@@ -48,9 +48,9 @@ class Burn:
         self.crew = SimulatedCrew(loaded.burn)
         self.simulation = Simulation(loaded, self._journal, landscape, self._due)
         (self.rig,) = self.simulation.rigs
-        self.leader = burn_flight(self.simulation.core.leader)
+        self.guidance = burn_flight(self.simulation.core.guidance)
 
-    def _due(self, now_us: int, core: object) -> list[CrewEvent]:
+    def _due(self, now_us: int, core: object) -> list[AnyOperatorEvent]:
         return self.crew.due(now_us, self.simulation.core) if self.crew_is_there else []
 
     @property
@@ -69,9 +69,9 @@ class Burn:
 
     @property
     def height_m(self) -> float:
-        here = self.simulation.core.vehicles["kestrel"].presence.here
+        here = self.simulation.core.vehicles["kestrel"].availability.here
         assert here is not None
-        return self.leader.state.height_m(here)
+        return self.guidance.state.height_m(here)
 
     def run(self, for_s: float) -> None:
         self.simulation.run(self.at_s + for_s)
@@ -82,7 +82,7 @@ class Burn:
             assert self.at_s < 300.0
             self.run(0.5)
 
-    def tell(self, event: CrewEvent) -> None:
+    def tell(self, event: AnyOperatorEvent) -> None:
         self.simulation.service.tell(event, self.simulation.link_us)
 
     def texts(self) -> list[str]:
@@ -106,21 +106,21 @@ def assert_stopped(burn: Burn) -> None:
     burn.run(45.0)
     assert burn.dropped == dropped
     assert burn.height_m >= 54.0
-    assert burn.leader.approvals.approval is None
+    assert burn.guidance.approvals.approval is None
 
 
 @pytest.mark.parametrize("stack", ["ardupilot", "px4"])
 def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> None:
     burn = Burn(tmp_path / "journal.jsonl", scenario(stack))
-    while burn.leader.state.line == 1:
+    while burn.guidance.state.line == 1:
         assert burn.at_s < 300.0
         burn.run(5.0)
     (plan,) = [text for text in burn.texts() if text.startswith("line 1 proposed")]
     planned = int(plan.split(": ")[1].split()[0])
     assert planned >= 6
     assert burn.dropped == planned
-    assert all(sphere.outcome == "done" for sphere in burn.leader.state.account.spheres)
-    assert max(sphere.miss_m for sphere in burn.leader.state.account.spheres) < 3.0
+    assert all(sphere.outcome == "done" for sphere in burn.guidance.state.account.spheres)
+    assert max(sphere.max_miss_m for sphere in burn.guidance.state.account.spheres) < 3.0
     burn.close()
     assert verify(burn.path).difference is None
 
@@ -128,7 +128,7 @@ def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> N
 def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
     burn.crew_is_there = False
     burn.run(120.0)
-    assert burn.leader.phase == "proposed"
+    assert burn.guidance.phase == "proposed"
     assert burn.rig.mock.flight.items == ()
     assert not burn.rig.mock.flight.airborne
 
@@ -136,8 +136,10 @@ def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
 def test_approval_before_the_list_is_complete_does_not_count(burn: Burn) -> None:
     burn.run(START_S + 2.0)
     burn.crew_is_there = False
-    burn.tell(Answered(burn.at_us, "ada", "boss", burn.leader.state.burn.go_items[0], go=False))
-    burn.tell(Approved(burn.at_us, "ada", "boss", burn.leader.approvals.plan_hash))
+    burn.tell(
+        ChecklistAnswered(burn.at_us, "ada", "boss", burn.guidance.state.burn.go_items[0], go=False)
+    )
+    burn.tell(Approved(burn.at_us, "ada", "boss", burn.guidance.approvals.plan_hash))
     burn.run(20.0)
     assert any("items are open" in text for text in burn.texts())
     assert burn.rig.mock.flight.items == ()
@@ -150,21 +152,25 @@ def amiss(burn: Burn, what: str) -> None:
         case "abort":
             burn.tell(Aborted(now, "ada", "boss"))
         case "rejected":
-            burn.tell(Rejected(now, "ada", "boss", burn.leader.approvals.plan_hash))
+            burn.tell(Rejected(now, "ada", "boss", burn.guidance.approvals.plan_hash))
         case "no-go":
-            burn.tell(Answered(now, "ada", "boss", burn.leader.state.burn.go_items[3], go=False))
+            burn.tell(
+                ChecklistAnswered(
+                    now, "ada", "boss", burn.guidance.state.burn.go_items[3], go=False
+                )
+            )
         case "wind shift":
-            burn.tell(WindTold(now, "ada", "boss", 2.0, 90.0))
+            burn.tell(WindSet(now, "ada", "boss", 2.0, 90.0))
         case "wind measured":
             burn.rig.mock.flight.wind = Wind(0.0, 6.0)
             burn.run(25.0)
         case "fire ahead":
             line = (place(70.0, 20.0), place(SIDE_M, 60.0))
-            burn.tell(Lit(now, "ada", "boss", line, now - 60_000_000))
+            burn.tell(IgnitionReported(now, "ada", "boss", line, now - 60_000_000))
         case "somebody there":
-            burn.tell(PersonTold(now, "bob", "boss", "bob", *place(90.0, 60.0), 40.0))
+            burn.tell(PersonReported(now, "bob", "boss", "bob", *place(90.0, 60.0), 40.0))
         case "another unit":
-            burn.tell(UnitTold(now, "ada", "boss", tuple(west)))
+            burn.tell(BurnUnitSet(now, "ada", "boss", tuple(west)))
         case "operator gone":
             burn.crew_is_there = False
             burn.run(16.0)
@@ -187,12 +193,12 @@ def amiss(burn: Burn, what: str) -> None:
     ],
 )
 def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
-    loaded = scenario(drop_spacing_m=5.0, most_drops_per_min=60.0, speed_m_s=3.0)
+    loaded = scenario(drop_spacing_m=5.0, max_drops_per_min=60.0, speed_m_s=3.0)
     burn = Burn(tmp_path / "journal.jsonl", loaded)
     burn.until_dropping()
-    assert burn.leader.phase == "flying"
+    assert burn.guidance.phase == "flying"
     amiss(burn, what)
-    assert burn.leader.phase != "flying"
+    assert burn.guidance.phase != "flying"
     assert_stopped(burn)
     burn.close()
     assert verify(burn.path).difference is None
@@ -216,13 +222,13 @@ def slow_down(client: NativeClient, begin_us: int, share: float) -> None:
 
 
 def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> None:
-    loaded = scenario(drop_spacing_m=5.0, most_drops_per_min=600.0, speed_m_s=3.0)
+    loaded = scenario(drop_spacing_m=5.0, max_drops_per_min=600.0, speed_m_s=3.0)
     burn = Burn(tmp_path / "journal.jsonl", loaded)
     burn.until_dropping()
     burn.crew_is_there = False
     gone_us, gone_at_us, dropped = burn.simulation.link_us, burn.at_us, burn.dropped
     slow_down(burn.rig.client, gone_us, 0.1)
-    while burn.leader.phase == "flying":
+    while burn.guidance.phase == "flying":
         assert burn.simulation.link_us < gone_us + 120_000_000
         burn.simulation.step()
     burn.close()
@@ -235,23 +241,23 @@ def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> Non
 
 def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
     burn.until_dropping()
-    before = burn.leader.approvals.plan_hash
+    before = burn.guidance.approvals.plan_hash
     amiss(burn, "fire ahead")
     burn.run(60.0)
     texts = burn.texts()
     assert any("plan withdrawn" in text for text in texts)
     assert sum("line 1 proposed" in text for text in texts) >= 2
-    assert burn.leader.approvals.plan_hash != before
+    assert burn.guidance.approvals.plan_hash != before
 
 
 def test_after_an_abort_nothing_is_planned_before_somebody_wants_it(burn: Burn) -> None:
     burn.until_dropping()
     amiss(burn, "abort")
     burn.run(40.0)
-    assert burn.leader.phase == "waiting"
-    burn.tell(PlanWanted(burn.at_us, "ada", "boss"))
+    assert burn.guidance.phase == "waiting"
+    burn.tell(PlanRequested(burn.at_us, "ada", "boss"))
     burn.run(3.0)
-    assert burn.leader.phase in ("proposed", "approved", "planning")
+    assert burn.guidance.phase in ("proposed", "approved", "planning")
 
 
 def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
@@ -263,14 +269,14 @@ def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
     run_links(burn, 90.0)
     assert burn.at_s < before_s + 1.0  # nothing was heard
     assert burn.dropped == dropped
-    assert burn.leader.approvals.approval is None
+    assert burn.guidance.approvals.approval is None
     assert burn.rig.mock.flight.motion.altitude_m > 350.0 + 54.0
     for link in links:
         link._loss = 0.0
     burn.crew_is_there = False
     run_links(burn, 30.0)
     assert burn.dropped == dropped
-    assert burn.leader.phase != "flying"
+    assert burn.guidance.phase != "flying"
     assert burn.height_m >= 54.0
 
 
@@ -280,7 +286,7 @@ def test_a_lost_position_drops_nothing(burn: Burn) -> None:
     dropped = burn.dropped
     burn.crew_is_there = False
     run_links(burn, 3.0)  # well before its autopilot lands it blind
-    assert burn.leader.approvals.approval is None
+    assert burn.guidance.approvals.approval is None
     run_links(burn, 27.0)
     assert burn.dropped == dropped
     burn.rig.mock.positions = True
@@ -309,7 +315,7 @@ def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
     burn.rig.client.command("return", burn.simulation.link_us)
     burn.run(10.0)
     assert burn.dropped == dropped
-    assert burn.leader.approvals.approval is None
+    assert burn.guidance.approvals.approval is None
     burn.rig.client.command(
         "resume", burn.simulation.link_us
     )  # the mission on board goes on: without drops

@@ -18,9 +18,9 @@ from mission_service.commands import ClimbAndHold, Drop
 from mission_service.config.scenario import Scenario, load_scenario, parse_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
-    BatteryTold,
+    BatteryUpdated,
     DropFinished,
-    FixTold,
+    GpsFixChanged,
     ModeChanged,
     Telemetry,
     VehicleEvent,
@@ -116,7 +116,7 @@ def test_the_emptiest_battery_is_told_when_it_changes() -> None:
         battery(6, 1, 59, 11.8),
     )
     told = list(gateway_of(client).events(9))
-    assert told == [BatteryTold(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
+    assert told == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
 
 
 def test_the_fix_is_told_when_it_changes() -> None:
@@ -124,7 +124,7 @@ def test_the_fix_is_told_when_it_changes() -> None:
     client = Client(*(bridge.GpsFix(1, fix, place) for place, fix in enumerate(fixes)))
     told = list(gateway_of(client).events(9))
     assert told == [
-        FixTold(1000, "drake", good, fix)
+        GpsFixChanged(1000, "drake", good, fix)
         for good, fix in (
             (False, "no fix"),
             (False, "2d"),
@@ -174,10 +174,10 @@ def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
         told += [(now_us / 1e6, event) for event in gateway.events(now_us)]
         for datagram in client.data_to_send():
             troubled.receive_data(datagram, now_us)
-    fixes = [(at_s, event.good) for at_s, event in told if isinstance(event, FixTold)]
+    fixes = [(at_s, event.good) for at_s, event in told if isinstance(event, GpsFixChanged)]
     assert [good for _, good in fixes] == [True, False, True]
     assert [at_s for at_s, _ in fixes[1:]] == pytest.approx([12.0, 20.0], abs=1.5)
-    batteries = [event.percent for _, event in told if isinstance(event, BatteryTold)]
+    batteries = [event.percent for _, event in told if isinstance(event, BatteryUpdated)]
     assert batteries == [100.0, 14.0]
     steady = [at_s for at_s, event in told if isinstance(event, Telemetry) and 8 < at_s < 12]
     assert len(steady) == 31  # between them; the mock's steps are 8 a second

@@ -8,29 +8,29 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.commands import ClimbAndHold, Drop, Propose, Return, Withdraw
+from mission_service.commands import ClimbAndHold, Drop, ProposePlan, Return, WithdrawPlan
 from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Aborted,
-    Answered,
     Approved,
-    BatteryTold,
-    Crew,
+    BatteryUpdated,
+    BurnUnitSet,
+    ChecklistAnswered,
     DropFinished,
-    FixTold,
+    GpsFixChanged,
     HostTime,
     LinkLost,
     LinkRestored,
     ModeChanged,
-    PersonTold,
-    Present,
+    OperatorEvent,
+    OperatorHeartbeat,
+    PersonReported,
     Rejected,
     Resumed,
     Telemetry,
-    UnitTold,
     VehicleConnected,
     VehicleRebooted,
-    WindTold,
+    WindSet,
 )
 from mission_service.guidance.burn.interlock import Interlock
 from mission_service.ignition_plan import plan_hash
@@ -79,8 +79,8 @@ def test_a_drop_in_order_goes_out_once() -> None:
 
 OTHER = plan(2)
 AGAIN = (
-    Answered(AT_US, "ann", "alpha", "weather", True),
-    Answered(AT_US, "ann", "alpha", "payload", True),
+    ChecklistAnswered(AT_US, "ann", "alpha", "weather", True),
+    ChecklistAnswered(AT_US, "ann", "alpha", "payload", True),
 )
 APPROVED = Approved(AT_US, "ann", "alpha", HASH)
 NORTH_DEG = 40.0 * DEG_PER_M
@@ -89,8 +89,8 @@ NORTH_DEG = 40.0 * DEG_PER_M
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ((Sent((Withdraw(NAME, HASH, "wind shift"),)),), "withdrawn: wind shift"),
-        ((Sent((Withdraw(NAME, HASH, "wind shift"),)), APPROVED), "withdrawn: wind shift"),
+        ((Sent((WithdrawPlan(NAME, HASH, "wind shift"),)),), "withdrawn: wind shift"),
+        ((Sent((WithdrawPlan(NAME, HASH, "wind shift"),)), APPROVED), "withdrawn: wind shift"),
         ((Rejected(AT_US, "bob", "bravo", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "nowhere", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "bravo", HASH), APPROVED), "rejected by bob"),
@@ -111,32 +111,35 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((ModeChanged(AT_US, NAME, 3, False, "mission"),), "landed since"),
         ((VehicleRebooted(AT_US, NAME),), "restarted since"),
         ((Resumed(AT_US, "service", "", 5.0),), "the service was restarted since"),
-        ((Answered(AT_US, "bob", "bravo", "weather", False),), 'NO-GO for "weather" by bob since'),
         (
-            (Answered(AT_US, "bob", "bravo", "weather", False), *AGAIN),
+            (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False),),
+            'NO-GO for "weather" by bob since',
+        ),
+        (
+            (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False), *AGAIN),
             'NO-GO for "weather" by bob since',
         ),
         ((Approved(AT_US, "ann", "nowhere", HASH),), "no station of the scenario"),
         ((Approved(AT_US, " ", "alpha", HASH),), "nobody who has a name"),
         ((Approved(AT_US, "service", "alpha", HASH),), "nobody who has a name"),
         ((LinkLost(AT_US, NAME, 3.0),), "link lost"),
-        ((FixTold(AT_US, NAME, False, "none"),), "no good position fix"),
-        ((BatteryTold(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % wanted"),
-        ((BatteryTold(AT_US, NAME, float("nan")),), "battery nan %"),
+        ((GpsFixChanged(AT_US, NAME, False, "none"),), "no good position fix"),
+        ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % wanted"),
+        ((BatteryUpdated(AT_US, NAME, float("nan")),), "battery nan %"),
         ((ModeChanged(AT_US, NAME, 4, True, "guided"),), "in mode guided"),
         ((here(AT_US, east_m=-40.0),), "off drop 0"),
         ((here(AT_US, height_m=24.0),), "24 m over the drop's place, not 15 ± 8 m"),
         ((here(AT_US, height_m=6.0),), "6 m over the drop's place"),
         ((here(AT_US, height_m=float("nan")),), "nan m over"),
-        ((UnitTold(AT_US, "ann", "alpha", CORNERS),), "the burn unit was changed since"),
+        ((BurnUnitSet(AT_US, "ann", "alpha", CORNERS),), "the burn unit was changed since"),
         (
             (
-                UnitTold(AT_US, "ann", "alpha", tuple((x + 1.0, y) for x, y in CORNERS)),
+                BurnUnitSet(AT_US, "ann", "alpha", tuple((x + 1.0, y) for x, y in CORNERS)),
                 APPROVED,
             ),
             "outside the burn unit",
         ),
-        ((PersonTold(AT_US, "cy", "alpha", "cy", LAT, LON, 20.0),), "within 20 m of cy"),
+        ((PersonReported(AT_US, "cy", "alpha", "cy", LAT, LON, 20.0),), "within 20 m of cy"),
     ],
 )
 def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
@@ -165,7 +168,7 @@ def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: st
 
 def test_an_approval_runs_out_while_the_crew_is_there() -> None:
     later = (
-        Present(189 * S, "ann", "alpha"),
+        OperatorHeartbeat(189 * S, "ann", "alpha"),
         here(190 * S),
     )
     long, short = burn(approval_s=100.0), burn(approval_s=99.9)
@@ -176,13 +179,13 @@ def test_an_approval_runs_out_while_the_crew_is_there() -> None:
 def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
     later = here(120 * S)
     for event, is_there in (
-        (Present(119 * S, "ann", "alpha"), True),
-        (Present(119 * S, "ann", "bravo"), False),
-        (Present(119 * S, "bob", "alpha", may_approve=True), True),
-        (Present(119 * S, "bob", "bravo", may_approve=True), False),
-        (Present(119 * S, "bob", "alpha"), False),
-        (WindTold(119 * S, "feed", "alpha", 3.0, 270.0), False),
-        (WindTold(119 * S, "bob", "alpha", 3.0, 270.0, may_approve=True), True),
+        (OperatorHeartbeat(119 * S, "ann", "alpha"), True),
+        (OperatorHeartbeat(119 * S, "ann", "bravo"), False),
+        (OperatorHeartbeat(119 * S, "bob", "alpha", may_approve=True), True),
+        (OperatorHeartbeat(119 * S, "bob", "bravo", may_approve=True), False),
+        (OperatorHeartbeat(119 * S, "bob", "alpha"), False),
+        (WindSet(119 * S, "feed", "alpha", 3.0, 270.0), False),
+        (WindSet(119 * S, "bob", "alpha", 3.0, 270.0, may_approve=True), True),
         (Resumed(119 * S, "ann", "alpha", 1.0, may_approve=True), False),
     ):
         assert (why(event, later, at_us=120 * S) is None) is is_there, event
@@ -194,7 +197,7 @@ def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
         (15.0, BURN, None),
         (15.1, BURN, "no input of an approver at alpha for 15 s"),
         (15.0, burn(approval_s=14.9), "older than 14.9 s"),
-        (400.1, burn(crew_silent_s=1000.0, approval_s=1000.0), "was good until 400 s"),
+        (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was good until 400 s"),
     ],
 )
 def test_limits_run_on_the_hosts_clock_too(
@@ -216,13 +219,13 @@ def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> N
 
 
 def test_a_plan_that_is_not_what_its_hash_says() -> None:
-    forged = Sent((Propose(NAME, plan(valid_until_us=10**12), HASH),))
+    forged = Sent((ProposePlan(NAME, plan(valid_until_us=10**12), HASH),))
     assert "is not what its hash says" in str(why(forged, APPROVED))
 
 
 def test_a_plan_approved_before_it_was_proposed() -> None:
     history = tuple(thing for thing in GOOD if not isinstance(thing, Sent))
-    lock = after((*history, Sent((Propose(NAME, PLAN, HASH),))))
+    lock = after((*history, Sent((ProposePlan(NAME, PLAN, HASH),))))
     assert "nobody has approved it" in str(lock.refuses(DROP, AT_US))
 
 
@@ -243,11 +246,11 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
     told_again: tuple[Happening, ...] = (
         HostTime(AT_US, NAME, 0),
         VehicleConnected(AT_US, NAME, "ardupilot copter", False),
-        FixTold(AT_US, NAME, True, "3D"),
-        BatteryTold(AT_US, NAME, 90.0),
+        GpsFixChanged(AT_US, NAME, True, "3D"),
+        BatteryUpdated(AT_US, NAME, 90.0),
         ModeChanged(AT_US, NAME, 3, True, "mission"),
         here(AT_US),
-        Sent((Propose(NAME, PLAN, HASH),)),
+        Sent((ProposePlan(NAME, PLAN, HASH),)),
     )
     for stop in stops:
         assert why(stop, *told_again, *AGAIN) is not None
@@ -258,7 +261,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
 
 def test_spheres_and_their_rate() -> None:
     one, two = (drop_of(number) for number in (0, 1))
-    few, slow = burn(spheres=1), burn(most_drops_per_min=1.0, drop_spacing_m=300.0)
+    few, slow = burn(spheres=1), burn(max_drops_per_min=1.0, drop_spacing_m=300.0)
     for section, words in ((few, "all 1 spheres"), (slow, "1 drops in a minute")):
         assert after(GOOD, section).refuses(one, AT_US) is None
         ordered = (*GOOD, Sent((one,)))
@@ -267,7 +270,7 @@ def test_spheres_and_their_rate() -> None:
     assert after((*GOOD, Sent((one,)), refused), few).refuses(two, AT_US) is None
     unknown = DropFinished(AT_US, NAME, HASH, 0, False, False, "no answer")
     assert after((*GOOD, Sent((one,)), unknown), few).refuses(two, AT_US) is not None
-    later = (Sent((one,)), here(159 * S + 950_000), Present(159 * S, "ann", "alpha"))
+    later = (Sent((one,)), here(159 * S + 950_000), OperatorHeartbeat(159 * S, "ann", "alpha"))
     assert after((*GOOD, *later), slow).refuses(two, 159 * S + 800_000) is not None
     assert after((*GOOD, *later), slow).refuses(two, 159 * S + 900_000) is None
 
@@ -288,7 +291,7 @@ def test_a_vehicle_that_was_never_armed() -> None:
 
 
 def test_a_go_from_elsewhere_is_none() -> None:
-    assert after(changed(Answered, station="nowhere")).open_items == ("weather", "payload")
+    assert after(changed(ChecklistAnswered, station="nowhere")).open_items == ("weather", "payload")
 
 
 def test_a_load_begins_with_a_landing() -> None:
@@ -320,12 +323,12 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     proposed = [
         place
         for place, thing in enumerate(flat)
-        if isinstance(thing, Propose) and thing.plan_hash == drop.plan_hash
+        if isinstance(thing, ProposePlan) and thing.plan_hash == drop.plan_hash
     ]
     if not proposed:
         return False
     made = flat[proposed[-1]]
-    assert isinstance(made, Propose)
+    assert isinstance(made, ProposePlan)
     approvals = [
         place
         for place, thing in enumerate(flat)
@@ -343,13 +346,15 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     for place, thing in enumerate(flat):
         if place < proposed[-1]:
             continue
-        if isinstance(thing, Withdraw | Rejected) and thing.plan_hash == drop.plan_hash:
+        if isinstance(thing, WithdrawPlan | Rejected) and thing.plan_hash == drop.plan_hash:
             return False
         if place < approvals[-1]:
             continue
-        if isinstance(thing, Return | ClimbAndHold | Aborted | Resumed | UnitTold):
+        if isinstance(thing, Return | ClimbAndHold | Aborted | Resumed | BurnUnitSet):
             return False
-        if isinstance(thing, VehicleRebooted) or (isinstance(thing, Answered) and not thing.go):
+        if isinstance(thing, VehicleRebooted) or (
+            isinstance(thing, ChecklistAnswered) and not thing.go
+        ):
             return False
     # The list, when it was approved; nothing since has opened an item (looked at above and below).
     if not all(is_go(flat[: approvals[-1]], item, stations) for item in section.go_items):
@@ -364,13 +369,13 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     attended = [
         (place, thing.at_us)
         for place, thing in enumerate(since)
-        if isinstance(thing, Crew)
+        if isinstance(thing, OperatorEvent)
         and not isinstance(thing, Resumed)
         and thing.station == approved.station
         and (thing.by == approved.by or thing.may_approve)
     ]
     place, attended_us = attended[-1]
-    if not at_us - attended_us <= section.crew_silent_s * 1e6:
+    if not at_us - attended_us <= section.approver_timeout_s * 1e6:
         return False
     if not host_allows(flat, proposed[-1], approvals[-1], approvals[-1] + place, section):
         return False
@@ -388,13 +393,13 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
                                            | VehicleRebooted)]  # fmt: skip
     if not links or isinstance(links[-1], LinkLost | Resumed):
         return False
-    fixes = [thing for thing in known if isinstance(thing, FixTold)]
-    batteries = [thing for thing in known if isinstance(thing, BatteryTold)]
+    fixes = [thing for thing in known if isinstance(thing, GpsFixChanged)]
+    batteries = [thing for thing in known if isinstance(thing, BatteryUpdated)]
     modes = [thing for thing in known if isinstance(thing, ModeChanged)]
     places = [thing for thing in known if isinstance(thing, Telemetry)]
     if not (fixes and batteries and modes and places):
         return False
-    if not (fixes[-1].good and batteries[-1].percent >= section.least_battery_pct):
+    if not (fixes[-1].good and batteries[-1].percent >= section.min_battery_pct):
         return False
     if not (modes[-1].armed and modes[-1].mode == "mission"):
         return False
@@ -424,10 +429,10 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
         return False
     if not 7.5 <= position.altitude_amsl_m - 300.0 <= 22.5:
         return False
-    units = [thing for thing in flat if isinstance(thing, UnitTold)]
+    units = [thing for thing in flat if isinstance(thing, BurnUnitSet)]
     if units and units[-1].points != CORNERS:
         return False
-    for person in {t.name: t for t in flat if isinstance(t, PersonTold)}.values():
+    for person in {t.name: t for t in flat if isinstance(t, PersonReported)}.values():
         east_m = (person.lon_deg - LON) / DEG_PER_M * 0.8049
         north_m = (person.lat_deg - LAT) / DEG_PER_M
         if person.radius_m and shapely.Point(east_m, north_m).distance(target) <= person.radius_m:
@@ -447,11 +452,11 @@ def host_allows(
         return read[-1] - then[-1] if read and then else float("inf")
 
     made = flat[proposed]
-    assert isinstance(made, Propose)
+    assert isinstance(made, ProposePlan)
     return (
         passed_us(proposed) <= made.plan.valid_until_us - made.plan.made_at_us
         and passed_us(approved) <= section.approval_s * 1e6
-        and passed_us(attended) <= section.crew_silent_s * 1e6
+        and passed_us(attended) <= section.approver_timeout_s * 1e6
     )
 
 
@@ -472,7 +477,7 @@ def spheres_left(history: list[Happening], section: BurnSection, at_us: int) -> 
             armed = thing.armed
         if isinstance(thing, VehicleRebooted | Resumed):
             armed = False
-    return used < section.spheres and recent < section.most_drops_per_min
+    return used < section.spheres and recent < section.max_drops_per_min
 
 
 def recalls(flat: list[object]) -> bool:
@@ -499,7 +504,7 @@ def is_go(flat: list[object], item: str, stations: list[str]) -> bool:
             flat[: place + 1]
         ):
             return False
-        if isinstance(thing, Answered) and thing.item == item:
+        if isinstance(thing, ChecklistAnswered) and thing.item == item:
             if not thing.go:
                 return False
             if thing.station in stations:
@@ -534,15 +539,15 @@ def any_thing(chance: random.Random) -> Happening:
     watch = any_of([who, (0, "bob", "alpha")])
     name, yes = any_of(HASHES), any_of([True, False])
     crew: list[Happening] = [
-        Answered(*who, any_of(["weather", "payload", "else"]), yes),
+        ChecklistAnswered(*who, any_of(["weather", "payload", "else"]), yes),
         Approved(*who, name),
         Rejected(*who, name),
         Aborted(*who),
-        Present(*watch, may_approve=yes),
-        WindTold(*watch, 3.0, 270.0, may_approve=yes),
+        OperatorHeartbeat(*watch, may_approve=yes),
+        WindSet(*watch, 3.0, 270.0, may_approve=yes),
         Resumed(0, "service", "", 1.0),
-        UnitTold(*who, any_of([CORNERS, CORNERS, ELSEWHERE])),
-        PersonTold(*who, "cy", LAT, LON, any_of([0.0, 5.0, 30.0])),
+        BurnUnitSet(*who, any_of([CORNERS, CORNERS, ELSEWHERE])),
+        PersonReported(*who, "cy", LAT, LON, any_of([0.0, 5.0, 30.0])),
     ]
     mode = any_of(["mission", "mission", "return", "land", "hold"])
     flown: list[Happening] = [
@@ -551,15 +556,15 @@ def any_thing(chance: random.Random) -> Happening:
         LinkLost(0, NAME, 3.0),
         LinkRestored(0, NAME),
         VehicleRebooted(0, NAME),
-        FixTold(0, NAME, yes, ""),
-        BatteryTold(0, NAME, any_of([10.0, 80.0])),
+        GpsFixChanged(0, NAME, yes, ""),
+        BatteryUpdated(0, NAME, any_of([10.0, 80.0])),
         ModeChanged(0, NAME, 0, yes, mode),
         here(0, any_of([-5.0, 5.0, -60.0, 60.0]), any_of([15.0, 15.0, 1.0, 60.0])),
         DropFinished(0, NAME, HASH, chance.randrange(4), False, yes, ""),
     ]
     sent: list[Happening] = [
-        Sent((Propose(NAME, any_of([PLAN, OTHER]), name),)),
-        Sent((Withdraw(NAME, name, "x"),)),
+        Sent((ProposePlan(NAME, any_of([PLAN, OTHER]), name),)),
+        Sent((WithdrawPlan(NAME, name, "x"),)),
         Sent((Return(NAME),)),
         Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),
         Sent((drop_of(chance.randrange(4), NAME, name),)),
@@ -569,7 +574,7 @@ def any_thing(chance: random.Random) -> Happening:
 
 HASHES = [HASH, HASH, HASH, plan_hash(OTHER)]
 ELSEWHERE = tuple((lat_deg + 1.0, lon_deg) for lat_deg, lon_deg in CORNERS)
-SECTIONS = (BURN, burn(spheres=1), burn(most_drops_per_min=1.0, drop_spacing_m=300.0))
+SECTIONS = (BURN, burn(spheres=1), burn(max_drops_per_min=1.0, drop_spacing_m=300.0))
 
 
 @settings(max_examples=300)

@@ -13,28 +13,28 @@ from mission_service.commands import AnyCommand, Drop, StartMission, UploadMissi
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import (
-    Answered,
+    AnyOperatorEvent,
     Approved,
+    ChecklistAnswered,
     Corrected,
-    CrewEvent,
     DropFinished,
-    FixTold,
-    Lit,
+    GpsFixChanged,
+    IgnitionReported,
     Resumed,
     Telemetry,
     VehicleConnected,
 )
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.journal.journal_file import Journal, Rest, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.snapshot import Known
 from mission_service.live.daemon import replay
 from mission_service.replay.verification import verify
-from mission_service.runtime.engine import Service
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 from mission_service.simulation.crew import SimulatedCrew
 
@@ -61,9 +61,9 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
     )
     scenario = load_scenario("burn", changes)
     path = tmp_path_factory.mktemp("flown") / "journal.jsonl"
-    script: list[CrewEvent] = [
+    script: list[AnyOperatorEvent] = [
         Corrected(60_000_000, *WHO, "unburned", "point", (PLACE,), 60_000_000),
-        Lit(70_000_000, *WHO, ((36.3496, -84.1585),), 70_000_000),
+        IgnitionReported(70_000_000, *WHO, ((36.3496, -84.1585),), 70_000_000),
     ]
     assert scenario.burn is not None
     crew = SimulatedCrew(scenario.burn, script=script)
@@ -88,8 +88,8 @@ class Kept:
 
 
 class Again(NamedTuple):
-    service: Service
-    leader: BurnFlight
+    service: Engine
+    guidance: BurnFlight
     executed: list[AnyCommand]
     journal: Journal
     ordered: set[tuple[str, int]]  # drops that the interlock knows of
@@ -103,15 +103,15 @@ def gone_on(flown: Burn, path: Path) -> Again:
     assert cut_off is not None
     journal = Journal(path, header_of(scenario, digest, ""), durable=True, rest=cut_off.rest())
     core, kept = Core(scenario, landscape), Kept()
-    world = FireWorld(fire_of(scenario, landscape), landscape)
+    world = SimulatedFire(fire_of(scenario, landscape), landscape)
     gateways = {NAME: cast(Gateway, kept)}
-    service = Service(scenario, core, world, journal, Record((NAME,), 0), gateways)
+    service = Engine(scenario, core, world, journal, RunStatistics((NAME,), 0), gateways)
     replay(cut_off, service)
     assert kept.commands == []
     plans = service.status()["plans"]
     ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
     service.go_on(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
-    return Again(service, burn_flight(core.leader), kept.commands, journal, ordered)
+    return Again(service, burn_flight(core.guidance), kept.commands, journal, ordered)
 
 
 def cuts(journal: bytes) -> dict[str, int]:
@@ -145,15 +145,15 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
 
         told = [entry.content for entry in SegmentReader(path)]
         dropped = {(each.plan_hash, each.number) for each in told if isinstance(each, Drop)}
-        leader = again.leader
-        spheres = leader.state.account.spheres
+        guidance = again.guidance
+        spheres = guidance.state.account.spheres
         assert {(each.plan_hash, each.number) for each in spheres} == dropped, where
         assert flown.scenario.burn is not None
-        assert leader.state.account.left == flown.scenario.burn.spheres - len(dropped)
-        assert len(leader.state.fire.log.held()) == counts["Corrected"], where
+        assert guidance.state.account.left == flown.scenario.burn.spheres - len(dropped)
+        assert len(guidance.state.fire.log.held()) == counts["Corrected"], where
         assert len(again.service.record.vehicles[NAME].drops) == len(dropped)
-        assert (leader.approvals.plan, leader.approvals.approval) == (None, None), where
-        assert not leader.checklist.complete
+        assert (guidance.approvals.plan, guidance.approvals.approval) == (None, None), where
+        assert not guidance.checklist.complete
         assert again.ordered == dropped, where
         plans = again.service.status()["plans"]
         assert all(known["approved"] is None for known in plans), where
@@ -190,7 +190,7 @@ def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
     path.write_bytes(flown.journal)
     again = gone_on(flown, path)
     scenario, landscape, _ = flown
-    truth = FireWorld(fire_of(scenario, landscape), landscape)
+    truth = SimulatedFire(fire_of(scenario, landscape), landscape)
     falls: dict[int, tuple[float, float]] = {}
     assert scenario.burn is not None
     for entry in SegmentReader(path):
@@ -199,7 +199,7 @@ def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
             falls[thing.number] = (thing.lat_deg, thing.lon_deg)
         elif isinstance(thing, Telemetry):
             truth.advance(thing.at_us)
-        elif isinstance(thing, Lit):
+        elif isinstance(thing, IgnitionReported):
             truth.light(thing.points, thing.lit_at_us / 1e6)
         elif isinstance(thing, DropFinished) and not thing.refused:
             truth.light([falls[thing.number]], thing.at_us / 1e6 + scenario.burn.ignition_delay_s)
@@ -218,27 +218,27 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     path = tmp_path / "journal.jsonl"
     path.write_bytes(flown.journal[: cuts(flown.journal)["after an order to drop"]])
     again = gone_on(flown, path)
-    service, leader = again.service, again.leader
+    service, guidance = again.service, again.guidance
     here = service.record.vehicles[NAME].here
     assert here is not None
     at_us = here[0] + 5_000_000
-    assert leader.phase != "flying"
+    assert guidance.phase != "flying"
     moved = partial(Telemetry, vehicle=NAME, lat_deg=here[1], lon_deg=here[2],
                     altitude_amsl_m=here[3] + 60.0, altitude_relative_m=75.0,
                     velocity_north_m_s=0.0, velocity_east_m_s=0.0, heading_deg=0.0)  # fmt: skip
     service.take([VehicleConnected(at_us, NAME, "ardupilot copter", False)], 0)
-    service.take([FixTold(at_us, NAME, True, "3d")], 0)
+    service.take([GpsFixChanged(at_us, NAME, True, "3d")], 0)
     for step in range(60):
         service.take([moved(at_us=at_us + step * 100_000)], 0)
-    proposed = leader.approvals.plan_hash
+    proposed = guidance.approvals.plan_hash
     assert proposed
     before = cuts_hash(flown.journal)
     assert proposed != before
     service.tell(Approved(at_us + 6_000_000, *WHO, before), 0)
-    assert leader.approvals.approval is None
+    assert guidance.approvals.approval is None
     assert flown.scenario.burn is not None
     for item in flown.scenario.burn.go_items:
-        service.tell(Answered(at_us + 6_000_000, *WHO, item, True), 0)
+        service.tell(ChecklistAnswered(at_us + 6_000_000, *WHO, item, True), 0)
     for step in range(60, 70):
         service.take([moved(at_us=at_us + step * 100_000)], 0)
     again.journal.close()

@@ -22,7 +22,7 @@ from mission_service.guidance.burn.line_planner import (
     fastest_flight,
     next_line,
 )
-from mission_service.guidance.burn.recheck import plan_problem
+from mission_service.guidance.burn.plan_validity import plan_problem
 from mission_service.guidance.burn.unit import ExclusionCircle
 from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import (
@@ -93,7 +93,7 @@ def test_scenario_1_lines_parallel_to_a_backing_front_and_into_the_wind() -> Non
     assert not over_at_safe_height(first)
     assert first.path[-1, 2] == SAFE_M
     assert first.path[-1, :2] == pytest.approx(first.drops[-1, :2])
-    assert first.least_time_margin_s > SETTINGS.time_margin_s
+    assert first.min_time_margin_s > SETTINGS.time_margin_s
     # The next line: 20 m farther into the wind, each drop right upwind of one before.
     second = planned(after(now, first))
     assert second.drops[:, 1] == pytest.approx(np.full(len(second.drops), 40.0))
@@ -386,4 +386,4 @@ def test_wind_in_the_margin() -> None:
 
 def test_no_fire_at_all() -> None:
     plan = planned(situation(fire=NO_FIRE))
-    assert plan.least_time_margin_s == math.inf
+    assert plan.min_time_margin_s == math.inf

@@ -86,7 +86,7 @@ def test_on_the_ground_it_lies_where_it_is_let_go() -> None:
 
 
 def flown(
-    target_m: tuple[float, float], step_s: float, first_s: float, miss_m: float
+    target_m: tuple[float, float], step_s: float, first_s: float, max_miss_m: float
 ) -> tuple[list[str], ImpactPoint]:
     """What is said along a line at 5 m/s until it is not "wait", and where the sphere would lie."""
     said: list[str] = []
@@ -94,7 +94,7 @@ def flown(
         at_s = first_s + step * step_s
         vehicle = VehicleMotion(5.0 * at_s, 0.0, 15.0, 5.0, 0.0)
         there = impact_point(vehicle, WIND, VT, DELAY_S)
-        said.append(release_decision(vehicle, there, target_m, step_s, miss_m))
+        said.append(release_decision(vehicle, there, target_m, step_s, max_miss_m))
         if said[-1] != "wait":
             return said, there
     return said, there

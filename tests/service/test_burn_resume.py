@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, Command, Propose
+from mission_service.commands import Announce, AnyCommand, Command, ProposePlan
 from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError
 from mission_service.events import (
     AnyEvent,
     Approved,
-    Present,
+    OperatorHeartbeat,
     Resumed,
     Telemetry,
 )
@@ -85,7 +85,7 @@ def a_core() -> Handle:
         seen.append(event)
         told = Announce(NAME, f"{len(seen)}: {type(event).__name__} at {event.at_us}")
         if len(seen) == 5:
-            return [told, Propose(NAME, PLAN, HASH), told]
+            return [told, ProposePlan(NAME, PLAN, HASH), told]
         if isinstance(event, Telemetry):
             number = sum(isinstance(each, Telemetry) for each in seen) - 1
             return [told, drop(number)] if number < 3 else []
@@ -97,7 +97,7 @@ def a_core() -> Handle:
 EVENTS: tuple[AnyEvent, ...] = (
     *(thing for thing in GOOD if not isinstance(thing, Sent)),
     here(AT_US),
-    Present(AT_US, "ann", "alpha"),
+    OperatorHeartbeat(AT_US, "ann", "alpha"),
     here(AT_US + 500_000, 5.0),
     here(AT_US + 600_000, 6.0),
 )
@@ -221,7 +221,7 @@ def test_a_damaged_journal_is_not_gone_on_with(
     path.write_bytes(damaged)
     with pytest.raises(JournalError, match=words) as caught:
         went_on(path)
-    assert "; to begin anew, start with --anew (the journal is kept" in str(caught.value)
+    assert "; to begin anew, start with --fresh (the journal is kept" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == damaged
 

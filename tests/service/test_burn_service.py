@@ -12,7 +12,7 @@ from benchmarks.burn_frames import CORNERS, place
 from firemodel.landscape.default import jacksboro
 from mission_service.commands import AnyCommand, Drop, UploadMission
 from mission_service.core.core import Core
-from mission_service.events import BatteryTold, DropFinished, UploadFinished
+from mission_service.events import BatteryUpdated, DropFinished, UploadFinished
 from mission_service.guidance.burn.interlock import interlock_of
 from mission_service.journal.journal_file import SegmentReader
 from tests.service.test_burn_flight import Burn, scenario
@@ -28,7 +28,7 @@ def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> Non
     """The core answers the next event with this command, and then says nothing any more."""
     once = iter([[command]])
     monkeypatch.setattr(Core, "handle", lambda self, event: next(once, []))
-    battery = BatteryTold(burn.at_us, "kestrel", 90.0)
+    battery = BatteryUpdated(burn.at_us, "kestrel", 90.0)
     burn.simulation.service.take([battery], burn.simulation.link_us)
     burn.run(5.0)
     burn.close()
@@ -38,7 +38,7 @@ def test_a_drop_that_nobody_approved_stays(tmp_path: Path, monkeypatch: pytest.M
     burn = Burn(tmp_path / "journal.jsonl", scenario())
     burn.crew_is_there = False
     burn.run(15.0)
-    name = burn.leader.approvals.plan_hash
+    name = burn.guidance.approvals.plan_hash
     mad(burn, monkeypatch, Drop("kestrel", name, 0, 36.3501, -84.1599))
     (refused,) = told(burn.path, DropFinished)
     assert isinstance(refused, DropFinished)

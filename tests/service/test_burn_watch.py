@@ -2,7 +2,7 @@
 
 import pytest
 
-from mission_service.guidance.burn.wind import mean_wind, wind_differs
+from mission_service.guidance.burn.plan_validity import mean_wind, wind_differs
 from tests.service.test_burn_approval import BURN, a_plan
 
 

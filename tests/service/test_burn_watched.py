@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mission_service.commands import Drop
-from mission_service.events import Crew, Event
+from mission_service.events import Event, OperatorEvent
 from mission_service.interfaces.api.access.token_file import added
 from mission_service.journal.journal_file import SegmentReader
 from tests.web.service import BURN, Service, running
@@ -30,9 +30,9 @@ def until_first_drop(boss: Service) -> None:
         boss.post("burn/go", item=item)
     deadline = time.monotonic() + 300.0
     while not (now := boss.get("burn"))["drops"]:
-        assert time.monotonic() < deadline, now["leader"]
+        assert time.monotonic() < deadline, now["guidance"]
         boss.post("burn/present")
-        if now["plan_hash"] and now["leader"]["approved_by"] is None:
+        if now["plan_hash"] and now["guidance"]["approved_by"] is None:
             boss.post("burn/approve", hash=now["plan_hash"])
         time.sleep(POLL_S)
 
@@ -42,8 +42,8 @@ def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> 
     feed = burning._replace(boss=added(tokens, "weather station", ("correct",), ""))
     until_first_drop(burning)
     deadline = time.monotonic() + 300.0
-    while (now := feed.get("burn"))["leader"]["phase"] == "flying":
-        assert time.monotonic() < deadline, now["leader"]
+    while (now := feed.get("burn"))["guidance"]["phase"] == "flying":
+        assert time.monotonic() < deadline, now["guidance"]
         feed.post("wind", speed_m_s=2.0, from_deg=0.0)
         time.sleep(POLL_S)
     texts = [line["text"] for line in feed.get("news")]
@@ -51,9 +51,9 @@ def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> 
     at_us, approver_us, drops = 0, 0, 0
     for entry in SegmentReader(burning.log.parent / "out" / "journal.jsonl"):
         thing = entry.content
-        if isinstance(thing, Event | Crew):
+        if isinstance(thing, Event | OperatorEvent):
             at_us = max(at_us, thing.at_us)
-            if isinstance(thing, Crew) and thing.by == "boss":
+            if isinstance(thing, OperatorEvent) and thing.by == "boss":
                 approver_us = at_us
         elif isinstance(thing, Drop):
             drops += 1

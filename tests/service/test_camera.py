@@ -11,7 +11,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.setup import burning_of, fire_of, landscape_of
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.guidance.formation.members import first_fire, settings_of
 from mission_service.guidance.formation.settings import Settings
 
@@ -37,7 +37,7 @@ def test_a_rectangle_lies_along_the_heading(heading_deg: float) -> None:
 
 def test_the_footprint_has_the_papers_size_and_turns(land: Landscape) -> None:
     scenario = load_scenario("virtual-agents", ("fire.initial_cells=40",))
-    world = FireWorld(fire_of(scenario, land), land)
+    world = SimulatedFire(fire_of(scenario, land), land)
     camera = Camera(np.radians(60.0), np.radians(46.8))
     lat, lon = scenario.ignition[0].lat_deg, scenario.ignition[0].lon_deg
     assert lat is not None

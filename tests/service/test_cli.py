@@ -14,7 +14,7 @@ from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli.main import main
-from mission_service.cli.parts import tell_address
+from mission_service.cli.options import tell_address
 from mission_service.config.scenario import SHIPPED
 from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port

@@ -12,11 +12,11 @@ from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
 from mission_service.runtime.outputs import write_outputs
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import simulate
 
 # An hour's fire, then forty minutes of flight in a fresh wind.
@@ -31,8 +31,8 @@ SHORT = (
 @dataclass
 class Run:
     journal: Path
-    record: Record
-    world: FireWorld
+    record: RunStatistics
+    world: SimulatedFire
 
 
 def fly(path: Path, *overrides: str, name: str = "default") -> Run:
@@ -129,7 +129,7 @@ def altered(
 
 
 def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Path) -> None:
-    found, line = altered(run, tmp_path, "Decided", '"front_cells":', '"front_cells":9')
+    found, line = altered(run, tmp_path, "DirectionDecision", '"front_cells":', '"front_cells":9')
     assert found.differing == ["file", "planner", "core"]
     assert str(found.difference).startswith(f"line {line}: altered, its checksum does not match")
     for name in ("planner", "core"):

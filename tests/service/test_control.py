@@ -16,35 +16,35 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission_service.core.requests import REQUESTS, RequestScope, event_of
+from mission_service.core.request_events import REQUESTS, RequestScope, event_of
 from mission_service.errors import ControlError, MissionServiceError, RequestError
 from mission_service.events import (
     Aborted,
-    Answered,
     AnyEvent,
+    AnyOperatorEvent,
     Approved,
+    BurnUnitSet,
+    ChecklistAnswered,
     Corrected,
-    CrewEvent,
     Erased,
-    Lit,
+    IgnitionReported,
     MissionAccepted,
     MissionRefused,
-    MissionWanted,
-    Ordered,
-    PersonTold,
-    PlanWanted,
-    Present,
+    MissionRequested,
+    OperatorHeartbeat,
+    OrderGiven,
+    PersonReported,
+    PlanRequested,
     Redone,
     Rejected,
-    SettingsTold,
+    SettingsChanged,
     Undone,
-    UnitTold,
-    WindTold,
+    WindSet,
 )
-from mission_service.interfaces.control import server as control
-from mission_service.interfaces.control.client import NAME, Control
-from mission_service.interfaces.control.server import claimed, serve_control
-from mission_service.runtime.request_handler import Desk
+from mission_service.interfaces.control import control_server as control
+from mission_service.interfaces.control.control_client import NAME, ControlClient
+from mission_service.interfaces.control.control_server import claimed, serve_control
+from mission_service.runtime.request_handler import RequestHandler
 from tests.patience import PATIENCE_S, until
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
@@ -57,14 +57,14 @@ CORNERS = [[36.0, -84.0], [36.0, -83.99], [36.01, -83.99]]
 PLACES = ((36.0, -84.0), (36.0, -83.99), (36.01, -83.99))
 
 # One good request of each kind, and its event.
-GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
-    ({"do": "plan"}, PlanWanted(*EVENT)),
-    ({"do": "plan", "line_spacing_m": 30, "drop_spacing_m": 6.5}, PlanWanted(*EVENT, 30.0, 6.5)),
+GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
+    ({"do": "plan"}, PlanRequested(*EVENT)),
+    ({"do": "plan", "line_spacing_m": 30, "drop_spacing_m": 6.5}, PlanRequested(*EVENT, 30.0, 6.5)),
     ({"do": "approve", "hash": HASH}, Approved(*EVENT, HASH)),
     ({"do": "reject", "hash": HASH}, Rejected(*EVENT, HASH)),
     ({"do": "abort"}, Aborted(*EVENT)),
-    ({"do": "go", "item": "weather"}, Answered(*EVENT, "weather", True)),
-    ({"do": "no-go", "item": "payload"}, Answered(*EVENT, "payload", False)),
+    ({"do": "go", "item": "weather"}, ChecklistAnswered(*EVENT, "weather", True)),
+    ({"do": "no-go", "item": "payload"}, ChecklistAnswered(*EVENT, "payload", False)),
     (
         {"do": "correct", "state": "burned", "shape": "point", "points": [[36, -84]], "in_s": -9},
         Corrected(*EVENT, "burned", "point", ((36.0, -84.0),), 91_000_000),
@@ -75,7 +75,7 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
     ),
     (
         {"do": "lit", "points": [[36, -84], [36, -83.99]], "ago_s": 2.5},
-        Lit(*EVENT, PLACES[:2], 97_500_000),
+        IgnitionReported(*EVENT, PLACES[:2], 97_500_000),
     ),
     (
         {"do": "erase", "lat_deg": 36, "lon_deg": -84, "radius_m": 5},
@@ -83,26 +83,26 @@ GOOD: list[tuple[dict[str, Any], CrewEvent]] = [
     ),
     ({"do": "undo"}, Undone(*EVENT)),
     ({"do": "redo"}, Redone(*EVENT)),
-    ({"do": "wind", "speed_m_s": 4, "from_deg": 270}, WindTold(*EVENT, 4.0, 270.0)),
+    ({"do": "wind", "speed_m_s": 4, "from_deg": 270}, WindSet(*EVENT, 4.0, 270.0)),
     (
         {"do": "person", "name": "cy", "lat_deg": 36, "lon_deg": -84, "radius_m": 0},
-        PersonTold(*EVENT, "cy", 36.0, -84.0, 0.0),
+        PersonReported(*EVENT, "cy", 36.0, -84.0, 0.0),
     ),
-    ({"do": "unit", "points": CORNERS}, UnitTold(*EVENT, PLACES)),
-    ({"do": "present"}, Present(*EVENT)),
-    ({"do": "hold", "vehicle": "hawk"}, Ordered(*EVENT, "hawk", "hold")),
-    ({"do": "resume"}, Ordered(*EVENT, "", "resume")),
-    ({"do": "return"}, Ordered(*EVENT, "", "return")),
-    ({"do": "start"}, Ordered(*EVENT, "", "start")),
-    ({"do": "renew", "vehicle": "hawk"}, MissionWanted(*EVENT, "hawk")),
+    ({"do": "unit", "points": CORNERS}, BurnUnitSet(*EVENT, PLACES)),
+    ({"do": "present"}, OperatorHeartbeat(*EVENT)),
+    ({"do": "hold", "vehicle": "hawk"}, OrderGiven(*EVENT, "hawk", "hold")),
+    ({"do": "resume"}, OrderGiven(*EVENT, "", "resume")),
+    ({"do": "return"}, OrderGiven(*EVENT, "", "return")),
+    ({"do": "start"}, OrderGiven(*EVENT, "", "start")),
+    ({"do": "renew", "vehicle": "hawk"}, MissionRequested(*EVENT, "hawk")),
     ({"do": "accept", "vehicle": "hawk", "hash": HASH}, MissionAccepted(*EVENT, "hawk", HASH)),
     ({"do": "refuse", "vehicle": "hawk", "hash": HASH}, MissionRefused(*EVENT, "hawk", HASH)),
-    ({"do": "settings", "alpha": 2}, SettingsTold(*EVENT, 2.0)),
+    ({"do": "settings", "alpha": 2}, SettingsChanged(*EVENT, 2.0)),
 ]
 
 
 @pytest.mark.parametrize(("request_", "event"), GOOD)
-def test_a_request_becomes_its_event(request_: dict[str, Any], event: CrewEvent) -> None:
+def test_a_request_becomes_its_event(request_: dict[str, Any], event: AnyOperatorEvent) -> None:
     for may_approve in (None, False, True):
         made = event_of({**request_, **WHO}, AT_US, SCOPE, may_approve)
         needs_approver = REQUESTS[request_["do"]].role == "approve"
@@ -279,13 +279,15 @@ class Told:
     """What a daemon would do with events."""
 
     def __init__(self) -> None:
-        self.events: list[CrewEvent] = []
+        self.events: list[AnyOperatorEvent] = []
         scope = RequestScope(STATIONS, ITEMS, on_map)
-        self.desk = Desk(self.tell, lambda: {"phase": "planning"}, lambda: AT_US, scope)
+        self.request_handler = RequestHandler(
+            self.tell, lambda: {"phase": "planning"}, lambda: AT_US, scope
+        )
 
-    def tell(self, event: CrewEvent) -> list[str]:
+    def tell(self, event: AnyOperatorEvent) -> list[str]:
         self.events.append(event)
-        if isinstance(event, UnitTold):
+        if isinstance(event, BurnUnitSet):
             raise MissionServiceError("the unit is on the moon")
         if isinstance(event, Redone):
             raise AssertionError("a defect")
@@ -298,12 +300,12 @@ def served(out: Path, client: Callable[[Told], Awaitable[None]]) -> Told:
 
     async def both() -> None:
         with claimed(out / NAME) as listening:
-            server = asyncio.create_task(serve_control(listening, told.desk))
+            serving = asyncio.create_task(serve_control(listening, told.request_handler))
             doing = asyncio.ensure_future(client(told))
             done, _ = await asyncio.wait(
-                {server, doing}, timeout=2 * PATIENCE_S, return_when=asyncio.FIRST_COMPLETED
+                {serving, doing}, timeout=2 * PATIENCE_S, return_when=asyncio.FIRST_COMPLETED
             )
-            for task in (server, doing):
+            for task in (serving, doing):
                 if task not in done:
                     task.cancel()
                     await asyncio.wait({task})
@@ -334,13 +336,13 @@ def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
         assert answers[0] == {
             "ok": True,
             "at_s": 100.0,
-            "event": "Present",
-            "said": ["Present by ann"],
+            "event": "OperatorHeartbeat",
+            "said": ["OperatorHeartbeat by ann"],
         }
         assert answers[1] == {"ok": True, "status": {"phase": "planning"}}
         assert len(answers) == 3
 
-    assert served(tmp_path, client).events == [Present(*EVENT, may_approve=True)] * 2
+    assert served(tmp_path, client).events == [OperatorHeartbeat(*EVENT, may_approve=True)] * 2
 
 
 def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
@@ -380,7 +382,7 @@ def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
 def test_an_abort_finds_a_place_when_all_are_taken(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
         others = [
-            await asyncio.open_unix_connection(tmp_path / NAME) for _ in range(control.MOST_CLIENTS)
+            await asyncio.open_unix_connection(tmp_path / NAME) for _ in range(control.MAX_CLIENTS)
         ]
         (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
         assert answer["error"].startswith("16 clients are connected already")
@@ -460,7 +462,7 @@ def test_an_abort_is_done_before_the_lines_that_wait(tmp_path: Path) -> None:
 def test_an_abort_finds_a_place_among_any_number_of_clients(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
         others = []
-        for _ in range(3 * control.MOST_WAITING):
+        for _ in range(3 * control.MAX_WAITING):
             there = socket.socket(socket.AF_UNIX)
             there.connect(str(tmp_path / NAME))
             there.send(b'{"do":')
@@ -498,7 +500,7 @@ def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
 def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
         def talk() -> None:
-            with Control(tmp_path) as there:
+            with ControlClient(tmp_path) as there:
                 assert there.ask(do="undo", **WHO)["said"] == ["Undone by ann"]
                 with pytest.raises(RequestError, match="unknown station"):
                     there.ask(do="undo", by="ann", station="x")
@@ -507,7 +509,7 @@ def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
         await asyncio.to_thread(talk)
 
     with pytest.raises(ControlError, match="no run of a burn there"):
-        Control(tmp_path)
+        ControlClient(tmp_path)
     served(tmp_path, client)
 
 
@@ -526,7 +528,7 @@ def test_what_a_killed_run_has_left_is_replaced(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(path))
     with pytest.raises(ControlError, match="was killed; start it again"):
-        Control(tmp_path)
+        ControlClient(tmp_path)
     with claimed(path):
         assert path.exists()
 

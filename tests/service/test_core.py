@@ -21,10 +21,10 @@ from mission_service.events import (
     CommandFinished,
     LinkLost,
     LinkRestored,
-    MissionHeld,
     MissionProgress,
+    MissionReadBack,
     ModeChanged,
-    Ordered,
+    OrderGiven,
     Resumed,
     Telemetry,
     UploadFinished,
@@ -33,7 +33,7 @@ from mission_service.events import (
 )
 from mission_service.fire.camera import camera_of
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 
@@ -120,7 +120,7 @@ def test_a_place_at_the_other_end_of_the_world_is_no_place(land: Landscape) -> N
     there = Telemetry(flight.at_us, "hawk", 0.1, 0.1, 500.0, 100.0, 0.0, 12.0, 90.0)
     assert not np.isfinite(land.xy_of_lat_lon(0.1, 0.1)).any()
     assert flight.tell(there) == []
-    world = FireWorld(fire_of(scenario, land), land)
+    world = SimulatedFire(fire_of(scenario, land), land)
     assert world.observe(there, camera_of(scenario.vehicles[0])) is None
     assert uploads(flight.at_height(0.0))
 
@@ -243,14 +243,14 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
     flight.finished(mission.mission_id, "accepted")
     flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
     flight.at_height(8.0)
-    (told,) = flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "return"))
+    (told,) = flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
     assert isinstance(told, Announce)
     assert told.text == "return ordered by ann: as soon as it has taken off"
     # Neither the service nor the autopilot forgets it when it is restarted.
     flight.tell(Resumed(flight.at_us, "service", "", 1.0))
     flight.tell(VehicleConnected(flight.at_us, "hawk", "a stack", True))
     flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
-    flight.tell(MissionHeld(flight.at_us, "hawk", mission.mission_id, 5))
+    flight.tell(MissionReadBack(flight.at_us, "hawk", mission.mission_id, 5))
     flight.tell(VehicleRebooted(flight.at_us, "hawk"))
     assert Return not in kinds(flight.at_height(12.0))
     assert kinds(flight.at_height(16.0)) == [Return]
@@ -259,11 +259,11 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
 
 def test_an_order_that_is_refused_leaves_the_mode_as_it_was(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
-    flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "hold"))
+    flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "hold"))
     flight.tell(ModeChanged(flight.at_us, "hawk", 9, armed=True, mode="land"))
-    taken_over = flight.core.vehicles["hawk"].presence
+    taken_over = flight.core.vehicles["hawk"].availability
     assert taken_over.taken_over
-    flight.tell(Ordered(flight.at_us, "ann", "desk", "hawk", "start", confirmed=True))
+    flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "start", confirmed=True))
     assert taken_over.taken_over
     assert Hold not in kinds(flight.tell(Aborted(flight.at_us, "ann", "desk")))
 

@@ -10,7 +10,7 @@ import pytest
 from autopilot_bridge.links.link import MemoryLink
 from mission_service.commands import (
     AnyCommand,
-    Decided,
+    DirectionDecision,
     Hold,
     ProposeMission,
     StartMission,
@@ -22,12 +22,12 @@ from mission_service.events import (
     Aborted,
     AnyEvent,
     CommandFinished,
-    FixTold,
+    GpsFixChanged,
     LandedStateChanged,
     MissionAccepted,
     MissionRefused,
-    MissionWanted,
-    Ordered,
+    MissionRequested,
+    OrderGiven,
     Resumed,
 )
 from mission_service.runtime.gateway import printable
@@ -58,18 +58,18 @@ def times_s(lines: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[
 
 def alarm(flight: Flight, name: str) -> str:
     """The words of an alarm of hawk's; empty where there is none."""
-    raised = flight.picture.alarms.get(f"{name}/hawk")
+    raised = flight.state_view.alarms.get(f"{name}/hawk")
     return "" if raised is None else raised.text
 
 
 def order(flight: Flight, what: str, confirmed: bool = False, by: str = "ann") -> list[str]:
-    return flight.tell(Ordered(flight.now_us, by, "desk", "hawk", what, confirmed))  # type: ignore[arg-type]
+    return flight.tell(OrderGiven(flight.now_us, by, "desk", "hawk", what, confirmed))  # type: ignore[arg-type]
 
 
 def until_landed(flight: Flight) -> None:
     for _ in range(200):
         flight.run(10.0)
-        if not flight.picture.vehicles["hawk"].armed:
+        if not flight.state_view.vehicles["hawk"].armed:
             return
     raise AssertionError("it has not landed")
 
@@ -89,7 +89,7 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
     until_landed(flight)
     landed_s = flight.now_s
     flight.run(300.0)
-    assert not flight.picture.vehicles["hawk"].armed
+    assert not flight.state_view.vehicles["hawk"].armed
     assert not flight.sim.rigs[0].mock.flight.armed
     order(flight, "start")
     flight.run(60.0)
@@ -107,7 +107,7 @@ def test_an_engine_failure_is_reported_and_the_vehicle_left_alone(fly: Fly, stac
     flight.sim.rigs[0].mock.flight.fail_engine(True)
     flight.run(2.0)
     assert alarm(flight, "thrust").startswith("hawk: sinks by 3 m/s at 100 % of throttle")
-    assert flight.picture.alarms["thrust/hawk"].severity == "severe"
+    assert flight.state_view.alarms["thrust/hawk"].severity == "severe"
     for kind in (Hold, StartMission):
         assert not [at_s for at_s in times_s(flight.over(), kind) if at_s >= failed_s]
     flight.sim.rigs[0].mock.flight.fail_engine(False)
@@ -124,7 +124,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     assert flight.mode == "return"
     assert "not ordered" in alarm(flight, "mode")
     assert alarm(flight, "autopilot")
-    assert flight.picture.alarms["front/hawk"].severity == "severe"
+    assert flight.state_view.alarms["front/hawk"].severity == "severe"
     # Neither the service's own order at its end, nor an abort, nor an unconfirmed order ends it.
     (left,) = order(flight, "hold", by=SERVICE)
     assert "stays in mode" in left
@@ -133,7 +133,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     flight.run(5.0)
     (question,) = order(flight, "hold")
     assert question.startswith("confirm:")
-    assert flight.picture.vehicles["hawk"].order == "hold"  # the abort's
+    assert flight.state_view.vehicles["hawk"].order == "hold"  # the abort's
     flight.run(20.0)
     assert flight.mode == "return"
     order(flight, "hold", confirmed=True)
@@ -156,7 +156,7 @@ def test_a_breached_fence_is_reported_and_the_vehicle_left_alone(fly: Fly, stack
     flight.run(240.0)
     assert flight.mode != "mission"
     lines = flight.over()
-    for kind in (UploadMission, StartMission, Hold, Decided):
+    for kind in (UploadMission, StartMission, Hold, DirectionDecision):
         assert not [at_s for at_s in times_s(lines, kind) if at_s > began_s + 1.5], kind
 
 
@@ -164,9 +164,9 @@ def test_a_fence_that_holds_it_right_after_an_upload_is_reported_too(fly: Fly) -
     """A hold by then may be the upload's: the state that follows it tells them apart (PX4 1.17)."""
     flight = fly(on("px4"))
     flight.run(400.0)
-    uploads = flight.picture.vehicles["hawk"].uploads_accepted
-    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
-    while flight.picture.vehicles["hawk"].uploads_accepted == uploads:
+    uploads = flight.state_view.vehicles["hawk"].uploads_accepted
+    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
+    while flight.state_view.vehicles["hawk"].uploads_accepted == uploads:
         flight.run(0.5)
     flight.sim.rigs[0].mock.breach_fence(True)
     flight.run(4.0)
@@ -180,35 +180,35 @@ def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
     flight = fly()
     flight.run(500.0)
     # Positions go on, dead-reckoned: seen for a minute on ArduPlane 4.6.2 and PX4 1.17.
-    lost = FixTold(flight.now_us, "hawk", False, "no fix")
+    lost = GpsFixChanged(flight.now_us, "hawk", False, "no fix")
     flight.sim.service.take([lost], flight.sim.link_us)
-    began_s, seen = flight.now_s, flight.picture.observations
-    assert flight.picture.alarms["position/hawk"].severity == "severe"
+    began_s, seen = flight.now_s, flight.state_view.observations
+    assert flight.state_view.alarms["position/hawk"].severity == "severe"
     flight.run(30.0)
-    assert flight.picture.observations == seen
-    found = FixTold(flight.now_us, "hawk", True, "3d")
+    assert flight.state_view.observations == seen
+    found = GpsFixChanged(flight.now_us, "hawk", True, "3d")
     flight.sim.service.take([found], flight.sim.link_us)
     flight.run(20.0)
-    assert flight.picture.observations > seen
+    assert flight.state_view.observations > seen
     lines = flight.over()
-    for kind in (UploadMission, Decided):
+    for kind in (UploadMission, DirectionDecision):
         assert not [at_s for at_s in times_s(lines, kind) if began_s < at_s < began_s + 30.0], kind
 
 
 def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
-    first = flight.picture.missions["hawk"].proposed
+    first = flight.state_view.missions["hawk"].proposed
     assert first is not None
     flight.tell(MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash))
     flight.run(100.0)
-    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(3.0)
-    wanted = flight.picture.missions["hawk"].proposed
+    wanted = flight.state_view.missions["hawk"].proposed
     assert wanted is not None
     assert "requested by ann" in wanted.why
     flight.run(66.0)
-    again = flight.picture.missions["hawk"].proposed
+    again = flight.state_view.missions["hawk"].proposed
     assert again is not None
     assert again.mission_id != wanted.mission_id
     assert "requested by ann" in again.why
@@ -219,14 +219,14 @@ def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fl
 def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
-    first = flight.picture.missions["hawk"].proposed
+    first = flight.state_view.missions["hawk"].proposed
     assert first is not None
     flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", first.mission_hash))
     flight.run(300.0)  # it stands on the ground: nothing differs
-    assert flight.picture.missions["hawk"].proposed is None
-    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    assert flight.state_view.missions["hawk"].proposed is None
+    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(5.0)
-    assert flight.picture.missions["hawk"].proposed is not None
+    assert flight.state_view.missions["hawk"].proposed is not None
     proposed = [line for line in flight.over() if isinstance(line, ProposeMission)]
     assert len(proposed) == 2
 
@@ -241,7 +241,7 @@ def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
     flight.sim.rigs[0]._up = MemoryLink()
     flight.run(20.0)
     assert flight.mode == "hold"
-    refused = [line.text for line in flight.picture.news if "took its place" in line.text]
+    refused = [line.text for line in flight.state_view.news if "took its place" in line.text]
     assert refused == []
     holds = times_s(flight.over(), Hold)
     assert len(holds) < 10
@@ -252,10 +252,10 @@ def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None
     flight.run(500.0)
     order(flight, "hold")
     flight.run(5.0)
-    assert "front/hawk" in flight.picture.alarms
-    flight.picture.clear_all_but("abort")
+    assert "front/hawk" in flight.state_view.alarms
+    flight.state_view.clear_all_but("abort")
     flight.tell(Resumed(flight.now_us, "service", "", 1.0))
-    assert "front/hawk" in flight.picture.alarms
+    assert "front/hawk" in flight.state_view.alarms
 
 
 def test_a_text_of_the_autopilot_is_one_printable_line() -> None:

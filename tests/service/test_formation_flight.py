@@ -38,8 +38,8 @@ from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation import members as formation_seats
 from mission_service.guidance.formation.agent import Intention, OwnState
 from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit
-from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
-from mission_service.position_fix import Here
+from mission_service.peer_messages import AgentState, AnyMessage, FireUpdate, Leaving
+from mission_service.position_fix import PositionFix
 from mission_service.simulation.demo import write_plan
 
 LOITER_UNLIM, TAKEOFF, LAND_START = 17, 22, 189
@@ -106,7 +106,7 @@ class Flight:
 
     @property
     def agent(self) -> Scripted:
-        agent = self.core.leader.formation.members[self.name].agent  # type: ignore[attr-defined]
+        agent = self.core.guidance.formation.members[self.name].agent  # type: ignore[attr-defined]
         assert isinstance(agent, Scripted)
         return agent
 
@@ -204,7 +204,7 @@ def test_the_first_mission_takes_off_and_loiters_anticlockwise_clear_of_the_fire
     assert (up.command, loiter.command, landing[0].command) == (TAKEOFF, LOITER_UNLIM, LAND_START)
     assert loiter.param3 == -150.0
     x_m, y_m = land.xy_of_lat_lon(loiter.x / 1e7, loiter.y / 1e7)
-    formation = flight.core.leader.formation  # type: ignore[attr-defined]
+    formation = flight.core.guidance.formation  # type: ignore[attr-defined]
     off_m = np.hypot(x_m - formation.centre_m[0], y_m - formation.centre_m[1])
     assert off_m > formation.reach_m + 2 * 150.0
     assert loiter.z >= float(land.elevation_at(x_m, y_m)) + 300.0
@@ -304,9 +304,12 @@ def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) ->
         flight = Flight(land)
         flight.orbiting()
         flight.for_s(5.0)
-        other = flight.core.leader.formation.members["stork"]  # type: ignore[attr-defined]
+        other = flight.core.guidance.formation.members["stork"]  # type: ignore[attr-defined]
         x_m, y_m = flight.home_m[0] - 800.0, flight.home_m[1] + away_m
-        other.here, other.flies = Here(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0), True
+        other.here, other.flies = (
+            PositionFix(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0),
+            True,
+        )
         flight.means(-810.0, 0.0, airspeed_m_s=20.0)
         found = flight.for_s(1.0)
         assert len(times_s(found, Orbit)) == expected
@@ -332,7 +335,7 @@ def test_one_order_is_under_way_at_a_time_and_a_refused_one_comes_again(land: La
 
 
 def test_speeds_keep_to_the_airframe_and_are_told_again_in_another_mode(land: Landscape) -> None:
-    flight = Flight(land, "vehicles.0.most_airspeed_m_s=21")
+    flight = Flight(land, "vehicles.0.max_airspeed_m_s=21")
     flight.orbiting()
     flight.means(-800.0, 0.0, airspeed_m_s=24.0)
     (speed,) = (command for _, command in flight.for_s(5.0) if isinstance(command, ChangeSpeed))
@@ -360,7 +363,7 @@ def test_where_the_agent_has_settled_the_mission_loiters_until_it_moves(land: La
     )
     assert [type(c) for _, c in found if not isinstance(c, Announce)] == [StartMission, ChangeSpeed]
     assert found[0][0] - (flight.at_s - 30.0) == pytest.approx(20.25, abs=0.3)
-    assert flight.core.leader.in_mission(flight.name)
+    assert flight.core.guidance.in_mission(flight.name)
     assert [type(command) for _, command in flight.for_s(60.0)] == []  # and there it stays
     flight.means(-850.0, 0.0, settled=False)
     assert [type(command) for _, command in flight.for_s(2.0)] == [Orbit, ChangeSpeed]
@@ -379,7 +382,7 @@ def test_the_mission_on_board_ends_not_far_from_where_it_is(land: Landscape) -> 
     )
     assert mission.items[0].command == LOITER_UNLIM
     assert not of([command for _, command in flight.for_s(30.0)], StartMission)
-    assert not flight.core.leader.in_mission(flight.name)
+    assert not flight.core.guidance.in_mission(flight.name)
 
 
 def test_a_broken_upload_does_not_end_an_orbit(land: Landscape) -> None:
@@ -415,11 +418,11 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.guidance.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.mode("position")
     flight.for_s(10.0)
-    states = [message for message in heard if isinstance(message, State)]
+    states = [message for message in heard if isinstance(message, AgentState)]
     assert 18 <= len(states) <= 22  # twice a second
     assert {(state.sender, state.agent_x_m, state.goal_x_m) for state in states} == {
         (flight.name, None, None)
@@ -475,13 +478,13 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
     flight = Flight(land)
     orbit = flight.orbiting()
     x_m, y_m = land.xy_of_lat_lon(orbit.lat_deg, orbit.lon_deg)
-    state = State(
+    state = AgentState(
         flight.at_us, flight.name, x_m + 150.0, y_m, 700.0, 0.0, 15.0, x_m, y_m, x_m, y_m, -150.0,
         15.0, settled=True,
     )  # fmt: skip
     flight.agent.to_say.append(state)
     flight.at(300.0)
-    heard = flight.core.leader.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
+    heard = flight.core.guidance.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
     heard.clear()
     flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert heard == [state]
@@ -542,7 +545,7 @@ def test_what_it_sees_measures_and_says_reaches_agents(land: Landscape) -> None:
     assert own.hot  # fire in the middle of the picture
     assert own.wind_x_m_s == pytest.approx(5.0, abs=0.01)
     assert own.airspeed_m_s == pytest.approx(12.5)
-    seats = flight.core.leader.formation.members  # type: ignore[attr-defined]
+    seats = flight.core.guidance.formation.members  # type: ignore[attr-defined]
     others = [member.agent.heard for name, member in seats.items() if name != flight.name]
     assert len(others) == 7
     assert all(heard == [update] for heard in others)

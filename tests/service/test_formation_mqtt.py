@@ -13,24 +13,24 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.config.mqtt_names import Broker, check_prefix, read_broker, site_of
 from mission_service.errors import MissionServiceError
-from mission_service.interfaces.mqtt.inbox import Inbox
-from mission_service.interfaces.mqtt.peers import (
-    MOST_WAITING,
+from mission_service.interfaces.mqtt.command_inbox import Inbox
+from mission_service.interfaces.mqtt.peer_exchange import (
+    MAX_WAITING,
     OVERTAKEN,
     Channel,
-    Exchange,
     Outbox,
+    PeerExchange,
     UnfitError,
     decoded,
     encoded,
 )
 from mission_service.peer_messages import (
+    AgentState,
     AnyMessage,
     Difference,
     Digest,
     FireUpdate,
     Leaving,
-    State,
 )
 from tests.patience import PATIENCE_S, until
 
@@ -42,8 +42,10 @@ CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
 LATEST_US = 3_600_000_000
 
 
-def state(sender: str, at_us: int) -> State:
-    return State(at_us, sender, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, -150.0, 17.5, False)
+def state(sender: str, at_us: int) -> AgentState:
+    return AgentState(
+        at_us, sender, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, -150.0, 17.5, False
+    )
 
 
 @pytest.fixture
@@ -63,7 +65,7 @@ class Talker:
         self.mission_us = 0
         self.contacts: list[bool] = []
         channel = Channel(Broker("127.0.0.1", port), "test", "fire")
-        self.exchange = Exchange(channel, [name], LATEST_US)
+        self.exchange = PeerExchange(channel, [name], LATEST_US)
 
     def passed(self, mission_us: int) -> None:
         self.mission_us = max(self.mission_us, mission_us)
@@ -257,18 +259,18 @@ def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
 
 def test_newer_states_overtake_and_the_rest_is_bounded() -> None:
     outbox = Outbox()
-    for at_us in range(MOST_WAITING * 3):
+    for at_us in range(MAX_WAITING * 3):
         outbox.put(state("hawk", at_us))
         outbox.put(Digest(at_us, "hawk", ()))
         outbox.put(FireUpdate(at_us, "hawk", (1,)))
     taken = []
     while (message := outbox.take()) is not None:
         taken.append(message)
-    last_us = MOST_WAITING * 3 - 1
+    last_us = MAX_WAITING * 3 - 1
     assert taken[0] == state("hawk", last_us)
     assert taken[-1] == Digest(last_us, "hawk", ())
     updates = [message.at_us for message in taken if isinstance(message, FireUpdate)]
-    assert updates == list(range(MOST_WAITING * 2, MOST_WAITING * 3))
+    assert updates == list(range(MAX_WAITING * 2, MAX_WAITING * 3))
     assert not outbox.is_not_empty.is_set()
 
 

@@ -11,13 +11,13 @@ from benchmarks.formation_flight import figures_of
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
-from mission_service.events import CrewEvent, Ordered
+from mission_service.events import AnyOperatorEvent, OrderGiven
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import Simulation, simulate
 
 APART_M = 340.0  # of homes, so that all may take off at once
@@ -42,7 +42,7 @@ def at_once(scenario: Scenario) -> Scenario:
 @dataclass
 class Run:
     journal: Path
-    record: Record
+    record: RunStatistics
     figures: dict[str, Any]
     said: list[str]
 
@@ -50,7 +50,7 @@ class Run:
 def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
     said: list[str] = []
 
-    def listen(record: Record, world: FireWorld) -> None:
+    def listen(record: RunStatistics, world: SimulatedFire) -> None:
         said.extend(f"{news.vehicle}: {news.text}" for _, news in record.news)
         record.news.clear()
 
@@ -129,9 +129,9 @@ def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
     scenario = at_once(load_scenario("virtual-agents", ("duration_s=800",)))
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-01-01")
-    held: list[CrewEvent] = [Ordered(330_000_000, "ann", "desk", "crane", "hold")]
+    held: list[AnyOperatorEvent] = [OrderGiven(330_000_000, "ann", "desk", "crane", "hold")]
 
-    def hold(at_us: int, core: Core) -> list[CrewEvent]:
+    def hold(at_us: int, core: Core) -> list[AnyOperatorEvent]:
         return [held.pop()] if held and at_us >= held[0].at_us else []
 
     with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:

@@ -15,9 +15,9 @@ from mission_service.errors import NotRecordedError
 from mission_service.events import (
     Aborted,
     Corrected,
-    MissionHeld,
-    Ordered,
-    Present,
+    MissionReadBack,
+    OperatorHeartbeat,
+    OrderGiven,
     Resumed,
     Telemetry,
     VehicleConnected,
@@ -25,7 +25,7 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
-from mission_service.runtime.picture import Picture
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 FROM_S = 3590.0
@@ -48,7 +48,7 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.service.picture = Picture(scenario, landscape, 0)
+    simulation.service.state_view = StateView(scenario, landscape, 0)
     simulation.run(FROM_S + seconds)
     return simulation
 
@@ -65,8 +65,8 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
     path = tmp_path / "journal.jsonl"
     simulation = flight(path, 90.0)
     service, clock = simulation.service, simulation.clock
-    recording, picture = service.recording, service.picture
-    assert picture is not None
+    recording, state_view = service.recording, service.state_view
+    assert state_view is not None
     (gateway,) = (rig.gateway for rig in simulation.rigs)
     done: list[Any] = []
     execute = gateway.execute
@@ -83,11 +83,11 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
         assert path.read_bytes() == whole
         assert done == []
         # Positions are shown all the same.
-        assert picture.telemetry["hawk"].at_us > clock.now_us - 1_000_000
+        assert state_view.telemetry["hawk"].at_us > clock.now_us - 1_000_000
         fire = service.world.fire
         for asked in (
-            Present(clock.now_us, "ann", ""),
-            Ordered(clock.now_us, "ann", "", "hawk", "hold"),
+            OperatorHeartbeat(clock.now_us, "ann", ""),
+            OrderGiven(clock.now_us, "ann", "", "hawk", "hold"),
             Corrected(clock.now_us, "ann", "", "burned", "point", (PLACE,), clock.now_us),
         ):
             with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; nothing was"):
@@ -102,7 +102,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
     on_for(simulation, 5.0)
     assert service.mend(clock.now_us, simulation.link_us)
     assert recording.trouble == ""
-    service.tell(Ordered(clock.now_us, "ann", "", "hawk", "resume"), simulation.link_us)
+    service.tell(OrderGiven(clock.now_us, "ann", "", "hawk", "resume"), simulation.link_us)
     on_for(simulation, 60.0)
     recording.journal.close()
 
@@ -111,9 +111,9 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
     resumed = next(each for each in told if isinstance(each, Resumed))
     assert kinds.index(Aborted) < kinds.index(Resumed) < kinds.index(VehicleConnected)
     assert 50.0 <= resumed.down_s < 60.0
-    held = next(each for each in told if isinstance(each, MissionHeld))
+    held = next(each for each in told if isinstance(each, MissionReadBack))
     assert held.mission_id > 0
-    assert kinds.index(MissionHeld) < kinds.index(UploadMission)
+    assert kinds.index(MissionReadBack) < kinds.index(UploadMission)
     assert not any(isinstance(each, Telemetry) and each.at_us < down_us for each in told)
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
@@ -136,16 +136,16 @@ def test_a_failing_disk_leaves_whole_lines_and_is_tried_again(
 
     monkeypatch.setattr(os, broken, fails)
     with pytest.raises(NotRecordedError, match="cannot be written: Input/output error"):
-        service.tell(Present(at_us, "ann", ""), 0)
+        service.tell(OperatorHeartbeat(at_us, "ann", ""), 0)
     assert path.read_bytes() == before
     monkeypatch.setattr(os, broken, works)
     assert service.mend(at_us + 2_000_000, 0)
-    service.tell(Present(at_us + 3_000_000, "bob", ""), 0)
+    service.tell(OperatorHeartbeat(at_us + 3_000_000, "bob", ""), 0)
     service.recording.journal.close()
     added = entries(path)[len(before.splitlines()) - 1 :]
     assert [type(each).__name__ for each in added if not hasattr(each, "vehicle")] == [
         "Resumed",
-        "Present",
+        "OperatorHeartbeat",
     ]
     assert verify(path).difference is None
 
@@ -166,13 +166,13 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
         return works(file, data)
 
     monkeypatch.setattr(os, "write", fails)
-    service.tell(Ordered(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    service.tell(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
     assert (service.recording.trouble, done) == ("disk full", [])
     monkeypatch.setattr(os, "write", works)
     assert service.mend(now_us + 5_000_000, simulation.link_us)
     service.recording.journal.close()
     told = [type(each) for each in entries(path)]
-    assert told.index(Ordered) < told.index(Hold) < told.index(Resumed)
+    assert told.index(OrderGiven) < told.index(Hold) < told.index(Resumed)
     assert verify(path).difference is None
 
 
@@ -185,7 +185,9 @@ def test_what_people_say_is_on_the_disk_before_they_are_answered(
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.read_bytes()))
     on_for(simulation, 2.0)
     assert synced == []
-    simulation.service.tell(Present(simulation.clock.now_us, "ann", ""), simulation.link_us)
+    simulation.service.tell(
+        OperatorHeartbeat(simulation.clock.now_us, "ann", ""), simulation.link_us
+    )
     assert len(synced) == 1
     assert b'"by":"ann"' in synced[0]
     assert path.read_bytes() == synced[0]

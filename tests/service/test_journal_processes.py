@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from mission_service.errors import ControlError, RequestError
-from mission_service.interfaces.control.client import Control
+from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.replay.verification import verify
 from tests.service.test_live import CLI, free_port, process, wait_for
 
@@ -28,7 +28,7 @@ def arguments(out: Path, *sets: str) -> list[str]:
 
 
 @contextmanager
-def running(command: list[str], out: Path) -> Iterator[tuple[Control, Any]]:
+def running(command: list[str], out: Path) -> Iterator[tuple[ControlClient, Any]]:
     """The control socket of a run, once it answers, and its process."""
     log = out.parent / "run.log"
     with process(command, log) as child:
@@ -36,14 +36,14 @@ def running(command: list[str], out: Path) -> Iterator[tuple[Control, Any]]:
         def answers() -> bool:
             assert child.poll() is None, log.read_text(encoding="utf-8")
             try:
-                with Control(out) as there:
+                with ControlClient(out) as there:
                     there.ask(do="status")
             except ControlError:
                 return False
             return True
 
         wait_for(answers, 120)
-        with Control(out) as there:
+        with ControlClient(out) as there:
             yield there, child
 
 
@@ -52,7 +52,7 @@ def stopped(child: "subprocess.Popen[bytes]", by: signal.Signals) -> None:
     child.wait(timeout=60)
 
 
-def refused(there: Control, **request: Any) -> str:
+def refused(there: ControlClient, **request: Any) -> str:
     try:
         there.ask(**request, by="ann", station="desk")
     except RequestError as error:
@@ -84,8 +84,8 @@ def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) ->
     out = tmp_path / "out"
     log = tmp_path / "run.log"
 
-    def a_run(*sets: str, anew: bool = False, by: signal.Signals = signal.SIGTERM) -> str:
-        extra = ["--anew"] if anew else []
+    def a_run(*sets: str, fresh: bool = False, by: signal.Signals = signal.SIGTERM) -> str:
+        extra = ["--fresh"] if fresh else []
         with running([*arguments(out, *sets), *extra], out) as (there, child):
             there.ask(do="present", by="ann", station="desk")
             stopped(child, by)
@@ -100,7 +100,7 @@ def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) ->
     assert "journal-1.jsonl" in told
     assert first < texts()
     second = texts()
-    told = a_run("planner.alpha=1.5", anew=True)
+    told = a_run("planner.alpha=1.5", fresh=True)
     assert "journal-2.jsonl" in told
     assert second < texts()
     for kept in ("journal-1.jsonl", "journal-2.jsonl"):

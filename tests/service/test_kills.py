@@ -8,7 +8,7 @@ from benchmarks.kills import Found, run
 def test_a_service_that_is_killed_goes_on_and_has_lost_nothing(tmp_path: Path) -> None:
     found = Found()
     keep = {"state_every_s": 1.0, "rotate_mb": 0.05, "keep_mb": 100.0}
-    run("damped", 3, 7, tmp_path, found, keep)
+    run("islam_hu_damped", 3, 7, tmp_path, found, keep)
     assert found.wrong == []
     assert found.kills >= 3
     assert found.asked > 0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.interfaces.control.client import Control
+from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S
 
@@ -84,7 +84,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
             wait_for(said("autopilot restarted: it waits for an operator to start it"), 60)
             wait_for(said("on the ground: it waits for an operator to start it"), 60)
             assert not said("start mission: accepted", times=2)()
-            with Control(tmp_path) as operator:
+            with ControlClient(tmp_path) as operator:
                 operator.ask(do="start", vehicle="hawk", by="ann", station="desk")
             wait_for(said("start mission: accepted", times=2), 60)
             uploads = log.read_text(encoding="utf-8").count("uploads accepted")
@@ -108,7 +108,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert vehicle["autopilot_restarts"] >= 1
     assert vehicle["announcements"]["warning"] >= 2
     assert summary["alarms"]["link"] >= 1
-    assert (summary["requests"], summary["service_restarts"]) == ({"Ordered": 1}, 0)
+    assert (summary["requests"], summary["service_restarts"]) == ({"OrderGiven": 1}, 0)
     # Started again it goes on with what it has counted.
     went_on = said("resumes the run of")
     with process(arguments, log) as daemon:

@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from mission_service.simulation.mocks import Surroundings, by_hand, listening, read_wind
+from mission_service.simulation.mocks import MockEnvironment, by_hand, listening, read_wind
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import CLI, free_port
@@ -51,7 +51,7 @@ def test_links_to_listen_on() -> None:
 
 
 def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
-    around = Surroundings(read_wind("270,4"), 20.0, 250.0, ("loss=0.5",), 7)
+    around = MockEnvironment(read_wind("270,4"), 20.0, 250.0, ("loss=0.5",), 7)
     fleet = by_hand("ardupilot", "copter", 5, "36.5,-84,300", 3, around)
     assert [mock.system_id for mock in fleet.mocks] == [5, 6, 7]
     assert [round(mock.flight.frame.lon_deg, 6) for mock in fleet.mocks] == [

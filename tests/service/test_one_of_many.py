@@ -7,18 +7,18 @@ import pytest
 from click.testing import CliRunner
 
 from mission_service.cli.main import main
-from mission_service.commands import Announce, Hold, Say, StartMission, UploadMission
+from mission_service.commands import Announce, BroadcastMessage, Hold, StartMission, UploadMission
 from mission_service.config.scenario import Scenario, load_scenario, one_of_many
 from mission_service.core.core import TAKEOFF_EVERY_S, Core
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
     AnyEvent,
-    Contact,
-    Heard,
-    MissionWanted,
+    MissionRequested,
     ModeChanged,
-    Ordered,
+    OrderGiven,
+    PeerLinkChanged,
+    PeerMessage,
     Resumed,
     Telemetry,
     UploadFinished,
@@ -27,7 +27,7 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
-from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State
+from mission_service.peer_messages import AgentState, AnyMessage, Digest, FireUpdate, Leaving
 from mission_service.replay.verification import verify
 from mission_service.runtime.gateway import Gateway, MissionClock
 from tests.service.test_gateway import Client, at
@@ -35,16 +35,16 @@ from tests.service.test_gateway import Client, at
 S = 1_000_000
 
 
-def scenario(talks: bool = True) -> Scenario:
+def scenario(peer_messaging: bool = True) -> Scenario:
     whole = load_scenario("virtual-agents", ("fire.initial_cells=50",))
-    return one_of_many(whole, "crane", talks)
+    return one_of_many(whole, "crane", peer_messaging)
 
 
 class Flown:
     """Crane's core, its vehicle in the air in its mission."""
 
-    def __init__(self, talks: bool = True) -> None:
-        self.scenario = scenario(talks)
+    def __init__(self, peer_messaging: bool = True) -> None:
+        self.scenario = scenario(peer_messaging)
         self.core = Core(self.scenario, landscape_of(self.scenario))
         self.home = self.scenario.flown[0]
         self.events: list[AnyEvent] = [
@@ -52,7 +52,7 @@ class Flown:
             self.at(1, 0.0),
             UploadFinished(2 * S, "crane", 1, "accepted", ""),
             ModeChanged(3 * S, "crane", 0, True, "mission"),
-            Contact(4 * S, "crane", True),
+            PeerLinkChanged(4 * S, "crane", True),
         ]
         for event in self.events:
             self.core.handle(event)
@@ -68,23 +68,23 @@ class Flown:
         said: list[AnyMessage] = []
         for second in seconds:
             commands = self.core.handle(self.at(second, 0.006 + 15e-5 * second))
-            said += [each.message for each in commands if isinstance(each, Say)]
+            said += [each.message for each in commands if isinstance(each, BroadcastMessage)]
         return said
 
     def hears(self, second: int, message: AnyMessage) -> list[str]:
-        commands = self.core.handle(Heard(second * S, "crane", message))
+        commands = self.core.handle(PeerMessage(second * S, "crane", message))
         return [each.text for each in commands if isinstance(each, Announce)]
 
     @property
     def peers(self) -> int:
-        leader = cast(FormationFlight, self.core.leader)
-        assert list(leader.formation.members) == ["crane"]
-        return len(leader.formation.members["crane"].agent.peers.rows(10 * S))
+        guidance = cast(FormationFlight, self.core.guidance)
+        assert list(guidance.formation.members) == ["crane"]
+        return len(guidance.formation.members["crane"].agent.peers.rows(10 * S))
 
 
-def state_of(state: State, sender: str, north_m: float) -> State:
+def state_of(state: AgentState, sender: str, north_m: float) -> AgentState:
     assert state.agent_y_m is not None
-    return State(
+    return AgentState(
         state.at_us, sender, state.x_m, state.y_m + north_m, state.altitude_amsl_m, 0.0, 17.0,
         state.agent_x_m, state.agent_y_m + north_m, state.orbit_x_m, state.orbit_y_m + north_m,
         -150.0, 17.5, False,
@@ -94,7 +94,7 @@ def state_of(state: State, sender: str, north_m: float) -> State:
 def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None:
     crane = Flown()
     said = crane.flies(9)
-    states = [message for message in said if isinstance(message, State)]
+    states = [message for message in said if isinstance(message, AgentState)]
     assert {message.sender for message in said} == {"crane"}
     assert len(states) == 1
     assert any(isinstance(message, Digest) for message in said)
@@ -109,10 +109,10 @@ def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None
 def test_without_contact_it_circles_on_where_it_is() -> None:
     crane = Flown()
     assert crane.flies(9)
-    crane.core.handle(Contact(9 * S, "crane", False))
+    crane.core.handle(PeerLinkChanged(9 * S, "crane", False))
     for second in range(10, 40):
         assert crane.core.handle(crane.at(second, 0.006 + 15e-5 * second)) == []
-    crane.core.handle(Contact(40 * S, "crane", True))
+    crane.core.handle(PeerLinkChanged(40 * S, "crane", True))
     assert crane.flies(40)
 
 
@@ -133,7 +133,7 @@ def test_each_has_its_time_to_take_off() -> None:
 
 
 def test_who_talks_to_nobody_says_nothing() -> None:
-    assert Flown(talks=False).flies(9, 10, 11) == []
+    assert Flown(peer_messaging=False).flies(9, 10, 11) == []
 
 
 def test_cells_of_another_map_are_left_out_and_told_once() -> None:
@@ -150,18 +150,18 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
     fresh = Core(crane.scenario, landscape_of(crane.scenario))
     path = tmp_path / "journal.jsonl"
     journal = Journal(path, header_of(crane.scenario, fresh.landscape.digest(), ""), durable=False)
-    (state,) = [each for each in crane.flies(9) if isinstance(each, State)]
+    (state,) = [each for each in crane.flies(9) if isinstance(each, AgentState)]
     heard: list[AnyEvent] = [
-        Heard(9 * S, "crane", state_of(state, "eagle", 200.0)),
-        Heard(9 * S, "crane", FireUpdate(9 * S, "eagle", (7,))),
-        Heard(9 * S, "crane", FireUpdate(9 * S, "eagle", (10**9,))),
+        PeerMessage(9 * S, "crane", state_of(state, "eagle", 200.0)),
+        PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (7,))),
+        PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (10**9,))),
     ]
     for event in [*crane.events, crane.at(9, 0.006), *heard, crane.at(10, 0.0062)]:
         journal.event(event)
         journal.commands(fresh.handle(event))
     journal.close()
     kinds = {type(entry.content).__name__ for entry in SegmentReader(path)}
-    assert {"Heard", "Say"} <= kinds
+    assert {"PeerMessage", "BroadcastMessage"} <= kinds
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
 
@@ -171,10 +171,10 @@ def test_orders_to_all_go_to_the_vehicle_flown_here() -> None:
     crane.flies(9)
     for event in (
         Aborted(10 * S, *ann),
-        Ordered(11 * S, *ann, "", "hold"),
-        Ordered(12 * S, *ann, "heron", "hold"),
-        MissionWanted(13 * S, *ann, ""),
-        Ordered(14 * S, *ann, "", "return"),
+        OrderGiven(11 * S, *ann, "", "hold"),
+        OrderGiven(12 * S, *ann, "heron", "hold"),
+        MissionRequested(13 * S, *ann, ""),
+        OrderGiven(14 * S, *ann, "", "return"),
         Resumed(15 * S, *ann, 1.0),
     ):
         commands = crane.core.handle(event)
@@ -187,9 +187,9 @@ def test_only_its_own_vehicle_is_flown() -> None:
     assert [section.name for section in scenario().flown] == ["crane"]
     assert len(scenario().vehicles) == 8
     with pytest.raises(ScenarioError, match="--vehicle dodo: virtual-agents has heron, stork"):
-        one_of_many(load_scenario("virtual-agents"), "dodo", talks=True)
+        one_of_many(load_scenario("virtual-agents"), "dodo", peer_messaging=True)
     with pytest.raises(ScenarioError, match='--broker is for rule = "formation"'):
-        one_of_many(load_scenario("team"), None, talks=True)
+        one_of_many(load_scenario("team"), None, peer_messaging=True)
     with pytest.raises(ScenarioError, match="only: no vehicle dodo"):
         load_scenario("team", ('only="dodo"',))
 

@@ -27,14 +27,14 @@ from mission_service.events import (
     Erased,
     MissionAccepted,
     MissionRefused,
-    MissionWanted,
+    MissionRequested,
     Observed,
-    Ordered,
+    OrderGiven,
     Place,
     Redone,
-    SettingsTold,
+    SettingsChanged,
     Undone,
-    WindTold,
+    WindSet,
 )
 from mission_service.fire.corrected import MAX_OBSERVATIONS, thinned
 from mission_service.fire.setup import landscape_of
@@ -63,28 +63,28 @@ def test_hold_resume_return_and_abort_are_obeyed_and_replay(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     assert flight.mode == "mission"
-    assert flight.tell(Ordered(flight.now_us, *ANN, "hawk", "hold")) == ["hold ordered by ann"]
-    uploads = flight.picture.vehicles["hawk"].uploads_accepted
+    assert flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "hold")) == ["hold ordered by ann"]
+    uploads = flight.state_view.vehicles["hawk"].uploads_accepted
     flight.run(120.0)
     assert flight.mode == "hold"
-    assert flight.picture.vehicles["hawk"].order == "hold"
-    assert flight.picture.vehicles["hawk"].uploads_accepted <= uploads + 1
-    flight.tell(Ordered(flight.now_us, *ANN, "", "resume"))
+    assert flight.state_view.vehicles["hawk"].order == "hold"
+    assert flight.state_view.vehicles["hawk"].uploads_accepted <= uploads + 1
+    flight.tell(OrderGiven(flight.now_us, *ANN, "", "resume"))
     flight.run(60.0)
     assert flight.mode == "mission"
-    assert flight.picture.vehicles["hawk"].order == ""
+    assert flight.state_view.vehicles["hawk"].order == ""
     flight.tell(Aborted(flight.now_us, "", ""))
     flight.run(30.0)
     assert flight.mode == "hold"
-    assert flight.picture.alarms["abort"].severity == "severe"
-    flight.tell(Ordered(flight.now_us, *ANN, "", "resume"))
-    assert "abort" not in flight.picture.alarms
+    assert flight.state_view.alarms["abort"].severity == "severe"
+    flight.tell(OrderGiven(flight.now_us, *ANN, "", "resume"))
+    assert "abort" not in flight.state_view.alarms
     flight.run(60.0)
     assert flight.mode == "mission"
-    flight.tell(Ordered(flight.now_us, *ANN, "hawk", "return"))
+    flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
     flight.run(60.0)
     assert flight.mode == "return"
-    flight.tell(Ordered(flight.now_us, *ANN, "hawk", "resume"))
+    flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "resume"))
     flight.run(60.0)
     assert flight.mode == "mission"
     flight.over()
@@ -99,7 +99,7 @@ def test_a_hold_is_told_again_until_the_autopilot_says_yes(fly: Fly) -> None:
     flight.over()
 
 
-@pytest.mark.parametrize("rule", ["damped", "predictive", "team.balanced"])
+@pytest.mark.parametrize("rule", ["islam_hu_damped", "predictive", "team.balanced"])
 def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly, rule: str) -> None:
     flight = fly(rule=rule)
     flight.run(900.0)
@@ -114,11 +114,11 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     drawn_cells = after[row : row + 9, col : col + 9]
     assert drawn_cells.all(), "all that was drawn, without holes"
     flight.run(5.0)
-    planner = flight.sim.core.steering.planners["hawk"]
-    assert isinstance(planner, PerimeterPlanner) or rule != "damped"
+    planner = flight.sim.core.decision_engine.planners["hawk"]
+    assert isinstance(planner, PerimeterPlanner) or rule != "islam_hu_damped"
     shape = planner.shape(row, col)  # type: ignore[attr-defined]
     assert flight.sim.world.corrections()[0]["by"] == "ann"
-    said = flight.picture.missions["hawk"]
+    said = flight.state_view.missions["hawk"]
     mission = said.sending or said.on_board
     assert mission is not None
     assert mission.at_us >= drawn.at_us, "the mission was renewed at once"
@@ -147,7 +147,7 @@ def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
     lat, lon = flight.landscape.lat_lon_of(*flight.landscape.xy_of((row + north) / 2, float(col)))
     flight.tell(Erased(now, *ANN, float(lat), float(lon), 400.0))
     assert np.array_equal(np.argwhere(flight.sim.world.fire.burned()), burned)
-    flight.tell(WindTold(now, *ANN, 12.0, 270.0))
+    flight.tell(WindSet(now, *ANN, 12.0, 270.0))
     weather = flight.sim.world.fire.weather.at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
     flight.run(600.0)
@@ -163,32 +163,34 @@ def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
 def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
-    first = flight.picture.missions["hawk"].proposed
+    first = flight.state_view.missions["hawk"].proposed
     assert first is not None
-    assert flight.picture.missions["hawk"].on_board is None
+    assert flight.state_view.missions["hawk"].on_board is None
     wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
     assert flight.tell(wrong) == ["no such mission is proposed; load the proposal again"]
     accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
     assert "accepted by ann" in flight.tell(accept)[0]
     flight.run(60.0)
-    assert flight.picture.missions["hawk"].on_board == flight.picture.missions["hawk"].on_board
-    on_board = flight.picture.missions["hawk"].on_board
+    assert (
+        flight.state_view.missions["hawk"].on_board == flight.state_view.missions["hawk"].on_board
+    )
+    on_board = flight.state_view.missions["hawk"].on_board
     assert on_board is not None
     assert on_board.mission_hash == first.mission_hash
     assert flight.mode == "mission"
-    flight.tell(MissionWanted(flight.now_us, *ANN, "hawk"))
+    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(5.0)
-    second = flight.picture.missions["hawk"].proposed
+    second = flight.state_view.missions["hawk"].proposed
     assert second is not None
     flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", second.mission_hash))
-    assert flight.picture.missions["hawk"].proposed is None
+    assert flight.state_view.missions["hawk"].proposed is None
     refused_hash = second.mission_hash
     flight.run(20.0)  # meanwhile it comes to the front: another mission is due
-    third = flight.picture.missions["hawk"].proposed
+    third = flight.state_view.missions["hawk"].proposed
     assert third is None or third.mission_hash != refused_hash
     assert third is None or "unlike the mission that ann refused" in third.why
     flight.run(300.0)
-    lapsed = flight.picture.missions["hawk"].proposed
+    lapsed = flight.state_view.missions["hawk"].proposed
     assert lapsed is not None
     said = flight.over()
     assert len(commands(said, UploadMission)) == 1
@@ -198,14 +200,14 @@ def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
 
 def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
     flight = fly()
-    said = flight.tell(SettingsTold(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
+    said = flight.tell(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
     assert said == ["settings by ann: alpha = 2.5, dwell_s = 50"]
-    planner = flight.sim.core.steering.planners["hawk"]
+    planner = flight.sim.core.decision_engine.planners["hawk"]
     assert isinstance(planner, PerimeterPlanner)
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
     flight.over()
     team = fly(rule="team.balanced")
-    assert "nothing was changed" in team.tell(SettingsTold(team.now_us, *ANN, alpha=2.5))[0]
+    assert "nothing was changed" in team.tell(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
 
 
 def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:

@@ -12,14 +12,14 @@ from mission_service.guidance.front.perimeter_planner import PerimeterPlanner, P
 SIZE = 161
 CENTRE = (80.0, 80.0)
 SETTINGS = PerimeterSettings(
-    rule="damped",
+    rule="islam_hu_damped",
     alpha=1.0,
     clockwise_first=True,
     ignition_known=True,
     baseline_s=300.0,
     smoothing_deg=10,
     reversal_margin=0.1,
-    least_gain_cells=0.3,
+    min_gain_cells=0.3,
     dwell_s=120.0,
     speed_cells_s=0.4,
     path=PathSettings(horizon_cells=80.0, lookahead_cells=3.0),
@@ -120,7 +120,7 @@ def test_circling_never_turns_back() -> None:
 def test_the_literal_rule_turns_more_often_than_the_damped_one() -> None:
     settings = replace(SETTINGS, alpha=5.0)
     damped = fly(FAST, settings, 3600.0, 7200.0)[1]
-    literal = fly(FAST, replace(settings, rule="literal"), 3600.0, 7200.0)[1]
+    literal = fly(FAST, replace(settings, rule="islam_hu"), 3600.0, 7200.0)[1]
     assert len(literal) > 2 * len(damped)
 
 

@@ -12,7 +12,7 @@ from mission_service.guidance.formation import peer_table as peers
 from mission_service.guidance.formation.settings import Airframe
 
 FRAME = Airframe()
-LIMITS = (FRAME.least_airspeed_m_s, FRAME.most_airspeed_m_s)
+LIMITS = (FRAME.min_airspeed_m_s, FRAME.max_airspeed_m_s)
 
 
 def row(
@@ -119,7 +119,7 @@ def synchronised_rad(
                 state[0], state[1], *middles[number], -150.0, number + 1,
                 np.delete(rows, number, axis=0), range_m, *LIMITS, math.hypot(*wind),
             )  # fmt: skip
-            assert math.hypot(*wind) < airspeed_m_s <= FRAME.most_airspeed_m_s
+            assert math.hypot(*wind) < airspeed_m_s <= FRAME.max_airspeed_m_s
             for _ in range(2):
                 state = loiter.orbit_step(
                     *state, *middles[number], -150.0, airspeed_m_s, *wind, 0.25, FRAME.bank_rad

@@ -5,82 +5,82 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.commands import Announce, Decided, Orbit, UploadMission
+from mission_service.commands import Announce, DirectionDecision, Orbit, UploadMission
 from mission_service.config.scenario import load_run, load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
     AnyEvent,
-    BatteryTold,
+    BatteryUpdated,
     CommandFinished,
-    FixTold,
+    GpsFixChanged,
     LinkLost,
     LinkRestored,
     ModeChanged,
-    Ordered,
+    OrderGiven,
     Telemetry,
     VehicleConnected,
     VehicleRebooted,
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
-from mission_service.runtime.picture import MOST_NEWS, Picture
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.runtime.state_view import MAX_NEWS, StateView
 
 
 @pytest.fixture
-def picture() -> Picture:
+def state_view() -> StateView:
     scenario = load_scenario("demo")
-    return Picture(scenario, landscape_of(scenario), 0)
+    return StateView(scenario, landscape_of(scenario), 0)
 
 
-def test_what_changed_has_a_newer_version_and_nothing_else(picture: Picture) -> None:
-    before, then = picture.version, dict(picture.changed)
+def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView) -> None:
+    before, then = state_view.version, dict(state_view.changed)
     here = Telemetry(1, "hawk", 36.3708, -84.1323, 500.0, 150.0, 3.0, 4.0, 10.0)
-    picture.take(here, [])
-    changed = {key for key, version in picture.changed.items() if version > before}
+    state_view.take(here, [])
+    changed = {key for key, version in state_view.changed.items() if version > before}
     assert changed == {"telemetry/hawk"}
-    assert then.keys() <= picture.changed.keys()
-    told = picture.telemetry["hawk"]
+    assert then.keys() <= state_view.changed.keys()
+    told = state_view.telemetry["hawk"]
     assert told.ground_speed_m_s == 5.0
     assert told.track_deg == pytest.approx(53.1)
     assert told.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
 
 
-def test_alarms_are_raised_once_and_cleared(picture: Picture) -> None:
-    picture.take(VehicleConnected(1, "hawk", "px4 plane", True), [])
+def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
+    state_view.take(VehicleConnected(1, "hawk", "px4 plane", True), [])
     for at_us in (2, 3):
-        picture.take(LinkLost(at_us, "hawk", 3.0), [])
-    picture.take(BatteryTold(4, "hawk", 12.0), [])
-    picture.take(FixTold(5, "hawk", False, "none"), [])
-    picture.take(CommandFinished(6, "hawk", "hold", False, "denied"), [])
+        state_view.take(LinkLost(at_us, "hawk", 3.0), [])
+    state_view.take(BatteryUpdated(4, "hawk", 12.0), [])
+    state_view.take(GpsFixChanged(5, "hawk", False, "none"), [])
+    state_view.take(CommandFinished(6, "hawk", "hold", False, "denied"), [])
     raised = {"link/hawk", "battery/hawk", "position/hawk", "order/hawk/hold"}
-    assert set(picture.alarms) == raised
-    assert picture.alarms["link/hawk"].at_us == 2
-    picture.take(LinkRestored(7, "hawk"), [])
-    picture.take(BatteryTold(8, "hawk", 28.0), [])
-    assert "battery/hawk" in picture.alarms, "not before it is well above the limit"
-    picture.take(BatteryTold(9, "hawk", 31.0), [])
-    picture.take(FixTold(10, "hawk", True, "3d"), [])
-    picture.take(CommandFinished(11, "hawk", "hold", True, ""), [])
-    assert not picture.alarms
-    assert picture.cleared[0].alarm == "link/hawk"
-    assert picture.cleared[0].cleared_at_us == 7
+    assert set(state_view.alarms) == raised
+    assert state_view.alarms["link/hawk"].at_us == 2
+    state_view.take(LinkRestored(7, "hawk"), [])
+    state_view.take(BatteryUpdated(8, "hawk", 28.0), [])
+    assert "battery/hawk" in state_view.alarms, "not before it is well above the limit"
+    state_view.take(BatteryUpdated(9, "hawk", 31.0), [])
+    state_view.take(GpsFixChanged(10, "hawk", True, "3d"), [])
+    state_view.take(CommandFinished(11, "hawk", "hold", True, ""), [])
+    assert not state_view.alarms
+    assert state_view.cleared[0].alarm == "link/hawk"
+    assert state_view.cleared[0].cleared_at_us == 7
 
 
-def test_news_are_bounded_and_numbered(picture: Picture) -> None:
-    for _ in range(MOST_NEWS + 10):
-        picture.take(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
-    assert len(picture.news) == MOST_NEWS
-    ids = [line.id for line in picture.news]
+def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
+    for _ in range(MAX_NEWS + 10):
+        state_view.take(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
+    assert len(state_view.news) == MAX_NEWS
+    ids = [line.id for line in state_view.news]
     assert ids == sorted(set(ids))
-    assert ids[-1] <= picture.version
+    assert ids[-1] <= state_view.version
 
 
-def test_decisions_are_shown(picture: Picture) -> None:
-    decided = Decided("hawk", "anticlockwise", True, 4, 3.25, 1.5, 99)
-    picture.take(LinkRestored(70, "hawk"), [decided])
-    shown = picture.vehicles["hawk"]
+def test_decisions_are_shown(state_view: StateView) -> None:
+    decided = DirectionDecision("hawk", "anticlockwise", True, 4, 3.25, 1.5, 99)
+    state_view.take(LinkRestored(70, "hawk"), [decided])
+    shown = state_view.vehicles["hawk"]
     assert (shown.direction, shown.reversals, shown.reversed_at_us) == ("anticlockwise", 4, 70)
     assert (shown.importance_back, shown.importance_front) == (3.25, 1.5)
 
@@ -103,16 +103,16 @@ def test_pairs_too_near_are_found() -> None:
     assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
 
 
-def test_the_health_monitor_tells_of_pairs_and_of_being_late(picture: Picture) -> None:
-    health_monitor = HealthMonitor(picture, 30.0, 200_000)
-    picture.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
+def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateView) -> None:
+    health_monitor = HealthMonitor(state_view, 30.0, 200_000)
+    state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
     health_monitor.look(0)
-    assert set(picture.alarms) == {"near/a/b"}
-    picture.telemetry["b"] = at("b", 36.1, 110.0)
+    assert set(state_view.alarms) == {"near/a/b"}
+    state_view.telemetry["b"] = at("b", 36.1, 110.0)
     health_monitor.look(1_200_000)
-    assert set(picture.alarms) == {"late"}
+    assert set(state_view.alarms) == {"late"}
     health_monitor.look(1_400_000)
-    assert not picture.alarms
+    assert not state_view.alarms
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:
 
 def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more() -> None:
     scenario = load_scenario("virtual-agents")
-    picture = Picture(scenario, landscape_of(scenario), 0)
+    state_view = StateView(scenario, landscape_of(scenario), 0)
     section = scenario.vehicles[0]
     name, mode = section.name, ModeChanged(2, section.name, 0, True, "guided")
     ordered = Orbit(name, 36.36, -84.14, 700.0, -90.0)
@@ -150,14 +150,14 @@ def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more
     no_more: list[AnyEvent] = [
         VehicleRebooted(3, name),
         ModeChanged(3, name, 0, False, "auto"),
-        Ordered(3, "ann", "desk", name, "hold"),
+        OrderGiven(3, "ann", "desk", name, "hold"),
         Aborted(3, "ann", "desk"),
     ]
     for event in no_more:
-        picture.take(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
-        shown = picture.vehicles[name].orbit
+        state_view.take(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
+        shown = state_view.vehicles[name].orbit
         assert shown is not None
         assert (shown.lat_deg, shown.radius_m) == (36.36, -90.0)
         assert shown.view_width_m == pytest.approx(width_m, abs=0.1)
-        picture.take(event, [])
-        assert picture.vehicles[name].orbit is None
+        state_view.take(event, [])
+        assert state_view.vehicles[name].orbit is None

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from mission_service.journal.journal import JournalReader
 
+from mission_service.journal.journal_file import SegmentReader
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, mock, wait_for
 
@@ -67,7 +67,7 @@ def test_it_flies_in_a_simulation_and_decides_the_same_again(tmp_path: Path) -> 
     (vehicle,) = json.loads(done.stdout)["vehicles"]
     assert vehicle["reversals"] >= 3
     assert vehicle["upload_reasons"]["turn back"] >= 3
-    header = JournalReader(out / "journal.jsonl").header
+    header = SegmentReader(out / "journal.jsonl").header
     assert header["scenario"]["pendulum"] == {"turn_every_s": 40.0, "radius_m": 1200.0}
     again = service("decide", str(out / "journal.jsonl"))
     assert again.returncode == 0, again.stderr

@@ -150,7 +150,7 @@ def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
     return values
 
 
-def least_cost(values: CoarseRing, clockwise: bool, turn_s: float) -> float:
+def min_cost(values: CoarseRing, clockwise: bool, turn_s: float) -> float:
     found = np.empty(len(PLANS))
     delay_s = 0.0 if clockwise else turn_s
     costs_of(PLANS, values, 36, clockwise, delay_s, turn_s, 2 * NODES * 60.0, found)
@@ -159,16 +159,16 @@ def least_cost(values: CoarseRing, clockwise: bool, turn_s: float) -> float:
 
 def test_it_turns_back_to_a_hot_arc_unless_turning_takes_too_long() -> None:
     behind = ring(slice(28, 34))
-    assert least_cost(behind, False, 0.0) < 0.9 * least_cost(behind, True, 0.0)
-    assert least_cost(behind, False, 7200.0) > least_cost(behind, True, 7200.0)
+    assert min_cost(behind, False, 0.0) < 0.9 * min_cost(behind, True, 0.0)
+    assert min_cost(behind, False, 7200.0) > min_cost(behind, True, 7200.0)
     ahead = ring(slice(38, 44))
-    assert least_cost(ahead, True, 0.0) < 0.9 * least_cost(ahead, False, 0.0)
+    assert min_cost(ahead, True, 0.0) < 0.9 * min_cost(ahead, False, 0.0)
 
 
 def test_an_even_front_is_circled() -> None:
     values = ring(slice(0, 0))
     values.error[:] = 0.5 + 1e-4 * 60.0 * ((36 - np.arange(NODES)) % NODES)  # flown clockwise
-    assert least_cost(values, True, 0.0) < least_cost(values, False, 0.0)
+    assert min_cost(values, True, 0.0) < min_cost(values, False, 0.0)
 
 
 def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:

@@ -21,7 +21,7 @@ from mission_service.commands import (
     UploadMission,
 )
 from mission_service.config.scenario import Scenario, flying, load_scenario
-from mission_service.events import MissionHeld, Ordered, Resumed, UploadFinished
+from mission_service.events import MissionReadBack, OrderGiven, Resumed, UploadFinished
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
@@ -30,7 +30,7 @@ from mission_service.journal.snapshot import Frozen, Known, write
 from mission_service.live.daemon import replay
 from mission_service.replay.verification import verify
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.picture import Picture
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
 
@@ -55,7 +55,7 @@ class Flight:
     def _with(self, journal: Journal) -> Simulation:
         simulation = Simulation(self.scenario, journal, self.landscape)
         start_us = simulation.clock.now_us
-        simulation.service.picture = Picture(self.scenario, self.landscape, start_us)
+        simulation.service.state_view = StateView(self.scenario, self.landscape, start_us)
         return simulation
 
     def fly(self, seconds: float) -> None:
@@ -116,7 +116,7 @@ class Flight:
         again.service.go_on(cut_off.missing, news, link_us + DOWN_US)
 
     def tell(self, order: str) -> None:
-        asked = Ordered(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]
+        asked = OrderGiven(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]
         self.simulation.service.tell(asked, self.simulation.link_us)
 
     @property
@@ -155,7 +155,7 @@ def test_a_mission_that_never_left_is_not_counted_on_and_the_one_before_is_flown
     flight.begin_again()
     flight.fly(25.0)
     told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionHeld))
+    held = next(each for each in told if isinstance(each, MissionReadBack))
     sent = [entry.content for entry in SegmentReader(flight.path)]
     accepted = [each.mission_id for each in sent if isinstance(each, UploadFinished)]
     assert held.mission_id in accepted
@@ -179,7 +179,7 @@ def test_an_upload_that_was_cut_off_ends_in_a_mission_that_is_flown(
     flight.begin_again()
     flight.fly(40.0)
     told = flight.after_resumed()
-    assert MissionHeld in kinds(told)
+    assert MissionReadBack in kinds(told)
     assert flight.modes == ["mission"]
     vehicle = flight.simulation.core.vehicles["hawk"]
     assert vehicle.flown_line is not None or vehicle.pending is not None
@@ -190,10 +190,10 @@ def test_a_start_that_never_left_is_ordered_again(flight: Flight) -> None:
     flight.begin_again()
     flight.fly(40.0)
     told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionHeld))
+    held = next(each for each in told if isinstance(each, MissionReadBack))
     assert held.mission_id == 1
     assert kinds(told).index(StartMission) > told.index(held)
-    assert flight.simulation.core.vehicles["hawk"].presence.airborne
+    assert flight.simulation.core.vehicles["hawk"].availability.airborne
 
 
 def test_a_hold_and_a_return_that_never_left_are_ordered_again(flight: Flight) -> None:
@@ -224,7 +224,7 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     flight.begin_again()
     flight.fly(20.0)
     told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionHeld))
+    held = next(each for each in told if isinstance(each, MissionReadBack))
     assert held.mission_id == 0
     assert held.items
     assert UploadMission in kinds(told)[told.index(held) :]
@@ -237,7 +237,7 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     monkeypatch.setattr("autopilot_bridge.missions.ftp.FtpDownload.start", unanswered)
     flight.begin_again()
     flight.fly(10.0)
-    held = next(each for each in flight.after_resumed() if isinstance(each, MissionHeld))
+    held = next(each for each in flight.after_resumed() if isinstance(each, MissionReadBack))
     assert (held.mission_id, held.items) == (0, None)
 
 
@@ -269,7 +269,7 @@ def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
     assert not any("not ours" in text for text in texts), texts
     for name in flight.simulation.core.vehicles:
         mine = [each for each in told if getattr(each, "vehicle", "") == name]
-        first = next(place for place, each in enumerate(mine) if isinstance(each, MissionHeld))
+        first = next(place for place, each in enumerate(mine) if isinstance(each, MissionReadBack))
         assert any(isinstance(each, Orbit) for each in mine[first:]), name
         assert not any(isinstance(each, Orbit | UploadMission) for each in mine[:first]), name
 
@@ -286,14 +286,14 @@ def test_who_is_resumed_in_a_formation_is_started_when_its_mission_is_known(tmp_
     flight.keep_state()
     flight.begin_again()
     vehicles = flight.simulation.core.vehicles
-    while not any(vehicle.presence.online for vehicle in vehicles.values()):
+    while not any(vehicle.availability.online for vehicle in vehicles.values()):
         flight.simulation.step()
-    heard = next(name for name, vehicle in vehicles.items() if vehicle.presence.online)
-    assert vehicles[heard].doubt is not None
+    heard = next(name for name, vehicle in vehicles.items() if vehicle.availability.online)
+    assert vehicles[heard].unconfirmed is not None
     flight.tell("resume")
     flight.fly(20.0)
     told = flight.after_resumed()
     mine = [each for each in told if getattr(each, "vehicle", "") == heard]
-    first = next(place for place, each in enumerate(mine) if isinstance(each, MissionHeld))
+    first = next(place for place, each in enumerate(mine) if isinstance(each, MissionReadBack))
     assert StartMission not in kinds(mine[:first])
     assert StartMission in kinds(mine[first:])

@@ -62,7 +62,7 @@ class Flight:
         scenario = load_scenario("default", overrides)
         self.core, self.home = Core(scenario, land), scenario.vehicles[0]
         self.planner = Watched()
-        self.core.steering.planners["hawk"] = self.planner  # type: ignore[index]
+        self.core.decision_engine.planners["hawk"] = self.planner  # type: ignore[index]
         self.at_s = scenario.deploy_at_s
         self.tell(VehicleConnected(self.at_us, "hawk", "a stack", True))
         self.at(0.0)

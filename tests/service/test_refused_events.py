@@ -18,8 +18,8 @@ from mission_service.events import (
     Aborted,
     LinesSkipped,
     MissionRefused,
-    Ordered,
-    Present,
+    OperatorHeartbeat,
+    OrderGiven,
     Resumed,
     Telemetry,
     WindMeasured,
@@ -32,10 +32,10 @@ from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
 from mission_service.live.daemon import desk_of, replay
 from mission_service.replay.verification import in_text, verify
-from mission_service.runtime.engine import TRIED, Service
+from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 FROM_S = 590.0
@@ -52,19 +52,19 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.service.picture = Picture(scenario, landscape, simulation.clock.now_us)
+    simulation.service.state_view = StateView(scenario, landscape, simulation.clock.now_us)
     simulation.run(FROM_S + seconds)
     return simulation
 
 
-def folds(service: Service) -> dict[str, Any]:
+def folds(service: Engine) -> dict[str, Any]:
     """All that a restart would know, copied."""
     return copied(service.kept(), service.known)
 
 
 def here(simulation: Simulation, **changes: Any) -> Telemetry:
     """The next position of the vehicle, changed."""
-    last = simulation.service.picture.telemetry["hawk"]  # type: ignore[union-attr]
+    last = simulation.service.state_view.telemetry["hawk"]  # type: ignore[union-attr]
     told = Telemetry(
         simulation.clock.now_us + 250_000,
         "hawk",
@@ -98,7 +98,7 @@ def test_what_could_not_be_read_again_is_not_written(
     journal = Journal(tmp_path / "journal.jsonl", {}, durable=True)
     with pytest.raises(RefusedEventError):
         journal.event(event)
-    journal.event(Present(1, "ann", ""))
+    journal.event(OperatorHeartbeat(1, "ann", ""))
     journal.close()
     assert journal.path.read_bytes().count(b"\n") == 2
 
@@ -121,14 +121,14 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     service = simulation.service
     service.record.news.clear()
     before, written = folds(service), path.read_bytes()
-    picture = service.picture
-    assert picture is not None
+    state_view = service.state_view
+    assert state_view is not None
     absurd = here(simulation, **changes)
-    service.picture = None  # its alarm is all that may change
+    service.state_view = None  # its alarm is all that may change
     service.take([absurd], simulation.link_us)
     assert len(service.record.news) == 1
     service.record.news.clear()
-    service.picture = picture
+    service.state_view = state_view
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
     service.take([absurd] * 5, simulation.link_us)  # not told again
@@ -140,24 +140,24 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
 def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> None:
     simulation = flight(tmp_path / "journal.jsonl", 15.0)
     service, at_us = simulation.service, simulation.clock.now_us
-    assert service.picture is not None
+    assert service.state_view is not None
     service.take([WindMeasured(at_us, "hawk", NAN, 0.0)], simulation.link_us)
-    assert list(service.picture.alarms) == ["refused/hawk/WindMeasured"]
+    assert list(service.state_view.alarms) == ["refused/hawk/WindMeasured"]
     service.take([WindMeasured(at_us, "hawk", 4.0, 0.0)], simulation.link_us)
-    assert list(service.picture.alarms) == []
+    assert list(service.state_view.alarms) == []
 
 
-FOLDS: dict[str, Callable[[Service], object]] = {
+FOLDS: dict[str, Callable[[Engine], object]] = {
     "core": lambda service: service.core,
     "record": lambda service: service.record,
-    "picture": lambda service: service.picture,
+    "picture": lambda service: service.state_view,
     "_missions": lambda service: service._missions,
 }
 
 
 def defective(monkeypatch: pytest.MonkeyPatch, fold: object, kind: type) -> None:
     """Let a fold raise at one kind of event, after it has taken in half of it."""
-    name = {"Core": "handle", "Record": "add"}.get(type(fold).__name__, "take")
+    name = {"Core": "handle", "RunStatistics": "add"}.get(type(fold).__name__, "take")
     works = getattr(type(fold), name)
 
     def fails(self: Any, event: Any, *more: Any) -> Any:
@@ -182,19 +182,21 @@ def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
     gateway = simulation.rigs[0].gateway
     with monkeypatch.context() as patch:
         patch.setattr(gateway, "execute", lambda command, now_us: done.append(command))
-        defective(patch, FOLDS[name](service), Ordered)
-        desk = desk_of(simulation.service._scenario, service, simulation.clock, {})
+        defective(patch, FOLDS[name](service), OrderGiven)
+        request_handler = desk_of(simulation.service._scenario, service, simulation.clock, {})
         for _ in range(2):
-            answer = desk.ask({"do": "hold", "vehicle": "hawk", "by": "ann", "station": "desk"})
+            answer = request_handler.ask(
+                {"do": "hold", "vehicle": "hawk", "by": "ann", "station": "desk"}
+            )
             assert not answer["ok"]
             assert "cannot be handled" in answer["error"]
             assert "\n" not in answer["error"]
         defective(patch, FOLDS[name](service), Aborted)
-        assert not desk.ask({"do": "abort", "by": "ann", "station": "desk"})["ok"]
+        assert not request_handler.ask({"do": "abort", "by": "ann", "station": "desk"})["ok"]
         assert done == [Hold("hawk")]  # all the same
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
-    service.tell(Ordered(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    service.tell(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
     simulation.run(FROM_S + 65.0)
     assert verify(path).difference is None
 
@@ -235,7 +237,7 @@ class Silent:
         """Nobody is heard."""
 
 
-def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Service]:
+def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
     """What a restart makes of a journal: why lines were skipped now, and the service."""
     scenario = scenario_flown()
     landscape = landscape_of(scenario)
@@ -243,14 +245,14 @@ def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Service]:
     assert cut_off is not None
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), True, cut_off.rest())
     start_us = round(FROM_S * 1e6)
-    service = Service(
+    service = Engine(
         scenario,
         Core(scenario, landscape),
         world_of(scenario, landscape),
         journal,
-        Record(("hawk",), start_us),
+        RunStatistics(("hawk",), start_us),
         {"hawk": cast(Gateway, Silent())},
-        picture=Picture(scenario, landscape, start_us),
+        state_view=StateView(scenario, landscape, start_us),
     )
     if cut_off.objects is not None:
         service.restore(cut_off.objects)
@@ -308,7 +310,7 @@ def as_null(path: Path, number: int) -> None:
 
 def without_name(path: Path, number: int) -> None:
     poison = (
-        b'{"event":{"type":"MissionHeld","at_us":1,"vehicle":"nobody","mission_id":0,"items":1}'
+        b'{"event":{"type":"MissionReadBack","at_us":1,"vehicle":"nobody","mission_id":0,"items":1}'
     )
     with_line(path, number, lambda text: poison)
 
@@ -344,7 +346,7 @@ def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
             if not hasattr(entry, "why")][-8:]  # fmt: skip
     assert any(isinstance(each, LinesSkipped) for each in told)
     assert any(isinstance(each, Resumed) for each in told)
-    assert service.core.vehicles["hawk"].doubt is not None
+    assert service.core.vehicles["hawk"].unconfirmed is not None
     # Later restarts know, and so does a replay.
     assert gone_on(path)[0] == ()
     found = verify(path)

@@ -19,11 +19,11 @@ from mission_service.errors import JournalError
 from mission_service.events import (
     Aborted,
     Corrected,
-    Lit,
+    IgnitionReported,
     Observed,
-    Ordered,
-    SettingsTold,
-    WindTold,
+    OrderGiven,
+    SettingsChanged,
+    WindSet,
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.differences import compare, fields_that_differ
@@ -280,10 +280,10 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
         lat, lon = FIRE
         line = ((lat + 0.004, lon + 0.004), (lat + 0.004, lon))
         for event in (
-            Lit(now_us, *ANN, line, now_us - 60_000_000),
-            WindTold(now_us, *ANN, 12.0, 10.0),
+            IgnitionReported(now_us, *ANN, line, now_us - 60_000_000),
+            WindSet(now_us, *ANN, 12.0, 10.0),
             Corrected(now_us, *ANN, "burned", "point", ((lat + 0.003, lon + 0.003),), now_us),
-            SettingsTold(now_us, *ANN, alpha=0.1),
+            SettingsChanged(now_us, *ANN, alpha=0.1),
         ):
             simulation.service.tell(event, simulation.link_us)
 
@@ -308,7 +308,7 @@ def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
         )
         for order, seconds in orders:
             now_us = simulation.clock.now_us
-            ordered = Ordered(now_us, *ANN, "", order)  # type: ignore[arg-type]
+            ordered = OrderGiven(now_us, *ANN, "", order)  # type: ignore[arg-type]
             event = Aborted(now_us, *ANN) if order == "abort" else ordered
             simulation.service.tell(event, simulation.link_us)
             simulation.run(now_us / 1e6 + seconds)

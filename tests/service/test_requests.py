@@ -12,12 +12,12 @@ from click.testing import CliRunner
 
 from benchmarks.mqtt_schemas import command_file, documents
 from mission_service.cli.main import main
-from mission_service.cli.requests import request as group
+from mission_service.cli.request_commands import request as group
 from mission_service.config.sections import PlannerSection
-from mission_service.core.requests import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
-from mission_service.events import TUNED, SettingsTold
+from mission_service.core.request_events import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
+from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
-from mission_service.interfaces.mqtt.commands import Doorkeeper
+from mission_service.interfaces.mqtt.command_gate import CommandGate
 from tests.api.worlds import World, scenario_of, served, world_in
 
 API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
@@ -77,7 +77,7 @@ def test_each_is_a_command_over_mqtt_unless_drops_may_follow(name: str) -> None:
         return {"ok": True}
 
     payload = json.dumps({**SENT, **kind.example}).encode()
-    reply = Doorkeeper(ask).take(name, payload, False, 0, 0.0, 0)
+    reply = CommandGate(ask).take(name, payload, False, 0, 0.0, 0)
     assert reply is not None
     assert reply.ok == kind.over_mqtt
     assert [each["do"] for each in asked] == [name] * kind.over_mqtt
@@ -92,10 +92,10 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
     name: str, scenario: str, tmp_path: Path
 ) -> None:
     world = world_in(tmp_path, scenario_of(scenario, ()))
-    place = {} if scenario == "demo" else {"station": world.hub.scenario.burn.stations[0].name}  # type: ignore[union-attr]
+    place = {} if scenario == "demo" else {"station": world.context.scenario.burn.stations[0].name}  # type: ignore[union-attr]
     line = {"do": name, **WHO, **place, **REQUESTS[name].example}
-    answer = world.hub.desk.answer(json.dumps(line).encode())
-    accepted = name in accepted_in(world.hub.scenario)
+    answer = world.context.request_handler.answer(json.dumps(line).encode())
+    accepted = name in accepted_in(world.context.scenario)
     of_run = "only in a burn" if scenario == "demo" else "not in a burn"
     assert (f"{name}: {of_run}" not in answer.get("error", "")) == accepted
 
@@ -122,6 +122,6 @@ def test_settings_are_the_keys_of_their_event_with_its_bounds() -> None:
         for value in (-1, 1e9):
             with pytest.raises(msgspec.ValidationError):
                 msgspec.convert({"do": "settings", **WHO, name: value}, REQUESTS["settings"])
-            event = {"type": "SettingsTold", "at_us": 0, **WHO, name: value}
+            event = {"type": "SettingsChanged", "at_us": 0, **WHO, name: value}
             with pytest.raises(msgspec.ValidationError):
-                msgspec.convert(event, SettingsTold)
+                msgspec.convert(event, SettingsChanged)

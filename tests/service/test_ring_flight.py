@@ -12,7 +12,7 @@ from mission_service.experiments.bent.ring_flight import (
 )
 from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.guidance.team.baselines import Bumper, Circling
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Integers
 
 CELL_M = 30.0
 SPEED_M_S = 15.0

@@ -50,7 +50,7 @@ def fly(
     scenario, landscape, arrival_s = site
     told = scenario.planner.model_copy(update={"rule": rule})
     core = Core(scenario.model_copy(update={"planner": told}), landscape)
-    planners = cast(dict[str, Planner], core.leader.planners)
+    planners = cast(dict[str, Planner], core.guidance.planners)
     ignition = scenario.ignition[0]
     assert ignition.lat_deg is not None
     assert ignition.lon_deg is not None

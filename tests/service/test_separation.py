@@ -26,7 +26,7 @@ from mission_service.missions.separation import (
     place_aside,
     track_of,
 )
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 
 SEPARATION_M = 30.0
 TURN_M = 60.0
@@ -39,11 +39,11 @@ def land() -> Landscape:
 
 def here(
     x_m: float, y_m: float, east_m_s: float, north_m_s: float, altitude_m: float = 500.0
-) -> Here:
-    return Here(0.0, 0.0, 0.0, x_m, y_m, altitude_m, east_m_s, north_m_s)
+) -> PositionFix:
+    return PositionFix(0.0, 0.0, 0.0, x_m, y_m, altitude_m, east_m_s, north_m_s)
 
 
-def near(own: Here, other: Here) -> bool:
+def near(own: PositionFix, other: PositionFix) -> bool:
     return is_near(own, other, SEPARATION_M, TURN_M)
 
 
@@ -106,7 +106,7 @@ def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landsc
             return heights_below(points, [below]) + SEPARATION_M  # noqa: B023
 
         alone = track_of(mission_along(paths[1], True, high, land, False), land, 90.0)
-        items = mission_along(paths[1], True, high, land, False, least_at=least)
+        items = mission_along(paths[1], True, high, land, False, min_at=least)
         above = track_of(items, land, 90.0)
         gap = above.lowest_m - heights_below(above.points_m, [below])
         assert gap.min() >= SEPARATION_M

@@ -7,11 +7,11 @@ import pytest
 
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.events import Corrected, CrewEvent, Erased, Undone, WindTold
+from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, WindSet
 from mission_service.fire import corrected as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import FireWorld, world_of
+from mission_service.fire.simulated import SimulatedFire, world_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")
@@ -23,7 +23,7 @@ class Drawn:
     """A fire that is drawn on."""
 
     scenario: Scenario
-    world: FireWorld
+    world: SimulatedFire
 
     def place(self, north: int, east: int) -> tuple[float, float]:
         """So many cells from the ignition."""
@@ -45,7 +45,7 @@ class Drawn:
         """A correction of one cell."""
         self.tell(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
 
-    def tell(self, event: CrewEvent) -> None:
+    def tell(self, event: AnyOperatorEvent) -> None:
         """Somebody does something."""
         self.world.apply_report(event)
 
@@ -78,7 +78,7 @@ def test_their_number_and_that_of_winds_is_bounded(drawn: Drawn) -> None:
         drawn.spot(drawn.place(-40 - 2 * number, -60))
         drawn.world.advance(AT_US + 60_000_000 * (number + 1))
         at_us = round(drawn.world.fire.time_s * 1e6)
-        drawn.tell(WindTold(at_us, *ANN, 1.0 + 0.1 * number, 90.0))
+        drawn.tell(WindSet(at_us, *ANN, 1.0 + 0.1 * number, 90.0))
         assert len(drawn.world.corrections()) <= MAX_STEPS
         weather = drawn.world.fire.weather
         assert len(weather.entries) <= 1 + len(drawn.scenario.weather)

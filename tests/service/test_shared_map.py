@@ -41,9 +41,9 @@ def quiet(*maps: SharedMap) -> None:
         shared.messages(0)
 
 
-def exchange(maps: list[SharedMap], from_us: int, most_s: float) -> float:
+def exchange(maps: list[SharedMap], from_us: int, max_s: float) -> float:
     """Everybody hears everything; returns the seconds until all are the same."""
-    for tick in range(int(most_s * S / TICK_US)):
+    for tick in range(int(max_s * S / TICK_US)):
         at_us = from_us + tick * TICK_US
         for message in [message for shared in maps for message in shared.messages(at_us)]:
             for shared in maps:
@@ -351,8 +351,8 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
     assert alone[100 + 15 :].mean() <= 1.05 * without[115:].mean() + 0.1
 
 
-@pytest.mark.parametrize(("count", "most_bytes_s"), [(8, 300), (32, 120)])
-def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) -> None:
+@pytest.mark.parametrize(("count", "max_bytes_s"), [(8, 300), (32, 120)])
+def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
     """With as much fire as in the paper's experiments and 30 % of messages lost."""
     rng = np.random.default_rng(4)
     rows, cols = np.divmod(np.arange(250_000), 500)
@@ -375,7 +375,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, most_bytes_s: int) 
                 said += len(msgspec.json.encode(message))
                 heard = np.flatnonzero(rng.random(count) >= 0.3).tolist()
                 under_way += [(i, message) for i in heard if i != k]
-    assert said / 60.0 / count < most_bytes_s
+    assert said / 60.0 / count < max_bytes_s
     fire = np.zeros(250_000, dtype=np.bool_)
     fire[order[:burned]] = True
     assert inaccuracy_cells(fire.reshape(500, 500), [shared.fire for shared in team]) < 2.0

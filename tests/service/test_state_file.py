@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.rules import own_ways
+from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
@@ -85,7 +85,7 @@ def test_a_core_goes_on_from_a_state_as_if_nothing_had_been(
     assert restored.landscape is run.landscape
     assert restored.scenario is scenario
     name = scenario.vehicles[0].name
-    assert restored.vehicles[name].presence is restored.steering.presence[name]
+    assert restored.vehicles[name].availability is restored.decision_engine.availability[name]
     assert restored.vehicles[name].section is scenario.vehicles[0]
 
 

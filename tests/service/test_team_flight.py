@@ -9,14 +9,14 @@ import pytest
 
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.guidance.team.baselines import Bumper
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
 from mission_service.runtime.outputs import summary_of
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 
 DIES_S = 4350.0
@@ -40,7 +40,7 @@ class Dead:
         return []
 
 
-class Mortal(sim.Rig):
+class Mortal(sim.SimulatedVehicle):
     """A rig whose mock dies if it is swift."""
 
     def advance(self, now_us: int, service: Any) -> None:
@@ -65,14 +65,14 @@ class Noted(Bumper):
 @dataclass
 class Run:
     journal: Path
-    record: Record
-    world: FireWorld
+    record: RunStatistics
+    world: SimulatedFire
     cores: list[Core]
     said: list[str] = field(default_factory=list)
 
     @property
     def member(self) -> TeamMember:
-        planner = self.cores[0].steering.planners["hawk"]
+        planner = self.cores[0].decision_engine.planners["hawk"]
         assert isinstance(planner, TeamMember)
         return planner
 
@@ -84,13 +84,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
     def core(*args: Any) -> Core:
         cores.append(Core(*args))
-        team = cores[-1].steering.planners["hawk"]._team  # type: ignore[attr-defined]
+        team = cores[-1].decision_engine.planners["hawk"]._team  # type: ignore[attr-defined]
         team.rule = Noted()
         return cores[-1]
 
     said: list[str] = []
 
-    def listen(record: Record, world: FireWorld) -> None:
+    def listen(record: RunStatistics, world: SimulatedFire) -> None:
         said.extend(f"{news.vehicle}: {news.text}" for _, news in record.news)
         record.news.clear()
 
@@ -115,7 +115,8 @@ def test_no_two_come_nearer_than_the_separation(run: Run) -> None:
 
 
 def test_the_first_lap_is_shared(run: Run) -> None:
-    began = next(at_s for at_s, _ in run.cores[0].steering.planners["hawk"]._team.rule.members)  # type: ignore[attr-defined]
+    hawk = run.cores[0].decision_engine.planners["hawk"]
+    began = next(at_s for at_s, _ in hawk._team.rule.members)  # type: ignore[attr-defined]
     assert began < 4500.0
 
 
@@ -123,7 +124,7 @@ def test_the_death_of_one_is_told_and_the_others_fly_without_it_from_their_next_
     run: Run,
 ) -> None:
     assert any(line.startswith("swift: no heartbeat") for line in run.said)
-    shown = run.cores[0].steering.planners["hawk"]._team.rule.members  # type: ignore[attr-defined]
+    shown = run.cores[0].decision_engine.planners["hawk"]._team.rule.members  # type: ignore[attr-defined]
     before = [members for at_s, members in shown if DIES_S - 30.0 < at_s < DIES_S]
     after = [members for at_s, members in shown if at_s > DIES_S + 4.5]
     assert (0, 1, 2, 3) in before

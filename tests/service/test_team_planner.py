@@ -10,7 +10,7 @@ from mission_service.events import Observed
 from mission_service.guidance.fire_map import BEARINGS
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.team import way
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Integers
 from mission_service.guidance.team.team import MemberPerformance, Team, TeamMember, TeamSettings
 
 CENTRE = 100.0

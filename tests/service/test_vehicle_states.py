@@ -9,7 +9,7 @@ from mission_service.commands import AnyCommand, Hold, StartMission
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent, Telemetry, UploadFinished
 from mission_service.vehicles.availability import GOING_HOME
-from mission_service.vehicles.state import Vehicle
+from mission_service.vehicles.vehicle_state import Vehicle
 from tests.service.vehicle_machine import VehicleMachine, run
 from tests.service.vehicle_sites import BURNS, SETTINGS
 
@@ -72,8 +72,8 @@ class SeesNoFailsafe(Core):
     """Every mode counts as ordered."""
 
     def _handle(self, event: AnyEvent) -> list[AnyCommand]:
-        for presence in self.steering.presence.values():
-            presence.mode_is_ordered = True
+        for availability in self.decision_engine.availability.values():
+            availability.mode_is_ordered = True
         return super()._handle(event)
 
 

@@ -140,7 +140,7 @@ def test_the_papers_forces_and_avoidance_fly_too() -> None:
 def test_vehicles_apart_by_their_heights_are_not_in_each_others_way() -> None:
     experiment = BY_NAME["Exp2_1"]
     arrival_s = burned(experiment.p_spread, experiment.first_cells, 1)
-    settings = replace(SETTINGS, apart_by_height_m=60.0)
+    settings = replace(SETTINGS, vertical_separation_m=60.0)
     in_conflict = {}
     for step_m in (0.0, 70.0):
         world = FormationWorld(arrival_s, 8, settings, Rules(), 1)

@@ -20,20 +20,20 @@ from benchmarks.load_scenario import FIRE, Load, scenario_text
 from mission_service.config.scenario import flying, load_run
 from mission_service.core.core import Core
 from mission_service.events import (
+    AnyOperatorEvent,
     Corrected,
-    CrewEvent,
     Erased,
-    MissionWanted,
-    Ordered,
+    MissionRequested,
+    OrderGiven,
     Redone,
     Undone,
-    WindTold,
+    WindSet,
 )
 from mission_service.fire import corrected as corrected_fire
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime import picture, record, track
-from mission_service.runtime.picture import Picture
+from mission_service.runtime import run_statistics, state_view, track
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 START_S = 12 * 3600.0  # a slow fire, large enough for two
@@ -98,7 +98,7 @@ class People:
         self._due_us = round((START_S + 120.0) * 1e6)
         self.count = 0
 
-    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+    def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         if now_us < self._due_us:
             return []
         self._due_us = now_us + 10_000_000
@@ -114,11 +114,11 @@ class People:
             case 2:
                 return [Erased(*ann, FIRE[0] + north, FIRE[1] + east, 100.0)]
             case 3 | 4:
-                return [WindTold(*ann, rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0))]
+                return [WindSet(*ann, rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0))]
             case 5:
-                return [Ordered(*ann, vehicle, "hold"), Ordered(*ann, vehicle, "resume")]
+                return [OrderGiven(*ann, vehicle, "hold"), OrderGiven(*ann, vehicle, "resume")]
             case 6:
-                return [MissionWanted(*ann, vehicle)]
+                return [MissionRequested(*ann, vehicle)]
             case _:
                 place = (FIRE[0] + north, FIRE[1] + east)
                 state: Literal["burned", "unburned"] = rng.choice(("burned", "unburned"))
@@ -139,10 +139,10 @@ def grown(samples: list[Counter[str]]) -> list[str]:
 def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture, "MOST_NEWS", 10)
-    monkeypatch.setattr(record, "MAX_REVERSALS", 1)
-    monkeypatch.setattr(record, "MAX_REASONS", 3)
-    monkeypatch.setattr(track, "MOST_POINTS", 64)
+    monkeypatch.setattr(state_view, "MAX_NEWS", 10)
+    monkeypatch.setattr(run_statistics, "MAX_REVERSALS", 1)
+    monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
+    monkeypatch.setattr(track, "MAX_POINTS", 64)
     monkeypatch.setattr(corrected_fire, "MAX_STEPS", 6)
     path = tmp_path / "weeks.toml"
     load = Load(VEHICLES, cells=120, start_s=START_S, end_s=1e8, wind_speed_m_s=0, dead_1h_pct=6)
@@ -151,7 +151,7 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "")
     journal = Journal(tmp_path / "journal.jsonl", header, durable=False)
-    shown, people = Picture(scenario, landscape, round(START_S * 1e6)), People()
+    shown, people = StateView(scenario, landscape, round(START_S * 1e6)), People()
     simulation = Simulation(
         scenario, journal, landscape, people.due, lambda kept, _: kept.news.clear(), shown
     )

@@ -7,20 +7,20 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mission_service.cli.main import main
-from mission_service.commands import Decided
+from mission_service.commands import DirectionDecision
 from mission_service.config.scenario import flying, load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.events import (
     Aborted,
+    AnyOperatorEvent,
     Approved,
-    CrewEvent,
     MissionAccepted,
-    Ordered,
-    Present,
+    OperatorHeartbeat,
+    OrderGiven,
     Resumed,
-    SettingsTold,
-    WindTold,
+    SettingsChanged,
+    WindSet,
 )
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.journal.reader import JournalReader
@@ -35,12 +35,12 @@ ANN = ("ann", "desk")
 
 def script() -> Script:
     """Wind, other settings and a hold, as people of the first flight have it."""
-    said: list[CrewEvent] = [
-        Present(3_600_000_000, *ANN),
-        WindTold(3_700_000_000, *ANN, 12.0, 10.0),
-        SettingsTold(3_750_000_000, *ANN, alpha=0.2, dwell_s=30.0),
-        Ordered(3_900_000_000, *ANN, "hawk", "hold"),
-        Ordered(3_960_000_000, *ANN, "hawk", "resume"),
+    said: list[AnyOperatorEvent] = [
+        OperatorHeartbeat(3_600_000_000, *ANN),
+        WindSet(3_700_000_000, *ANN, 12.0, 10.0),
+        SettingsChanged(3_750_000_000, *ANN, alpha=0.2, dwell_s=30.0),
+        OrderGiven(3_900_000_000, *ANN, "hawk", "hold"),
+        OrderGiven(3_960_000_000, *ANN, "hawk", "resume"),
     ]
     return Script(said)
 
@@ -87,10 +87,12 @@ def test_another_planner_flies_otherwise_and_both_are_told(run: Path, tmp_path: 
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert figures_of(summary) == told["what_if"]
     entries = [entry.content for entry in SegmentReader(out / "journal.jsonl")]
-    assert sum(isinstance(each, Decided) for each in entries) == told["what_if"]["decisions"]
-    said = [each for each in entries if isinstance(each, SettingsTold)]
+    assert (
+        sum(isinstance(each, DirectionDecision) for each in entries) == told["what_if"]["decisions"]
+    )
+    said = [each for each in entries if isinstance(each, SettingsChanged)]
     assert [each.given for each in said] == [{"alpha": 0.2}]
-    assert sum(isinstance(each, Ordered | WindTold | Present) for each in entries) == 4
+    assert sum(isinstance(each, OrderGiven | WindSet | OperatorHeartbeat) for each in entries) == 4
     assert verify(out / "journal.jsonl").differing == []
 
 
@@ -121,7 +123,7 @@ def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
         scenario, record, world.fire
     )
     assert [type(each) for each in past.people] == [
-        Present, WindTold, SettingsTold, Ordered, Ordered,
+        OperatorHeartbeat, WindSet, SettingsChanged, OrderGiven, OrderGiven,
     ]  # fmt: skip
 
 
@@ -138,12 +140,16 @@ def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
 
 def test_approvals_and_restarts_are_not_told_again() -> None:
     who = (1, *ANN)
-    kept: list[CrewEvent] = [Aborted(*who), Present(*who), SettingsTold(*who, reversal_margin=0.1)]
-    people: list[CrewEvent] = [
+    kept: list[AnyOperatorEvent] = [
+        Aborted(*who),
+        OperatorHeartbeat(*who),
+        SettingsChanged(*who, reversal_margin=0.1),
+    ]
+    people: list[AnyOperatorEvent] = [
         Approved(*who, "x"),
         MissionAccepted(*who, "hawk", "y"),
         Resumed(*who, 3.0),
-        SettingsTold(*who, alpha=2.0),
+        SettingsChanged(*who, alpha=2.0),
         *kept,
     ]
     assert told_again(people, {"alpha": 1.0}) == kept

@@ -9,13 +9,13 @@ from mission_service.events import (
     CommandFinished,
     LinkLost,
     MissionAccepted,
-    MissionHeld,
+    MissionReadBack,
     MissionRefused,
-    MissionWanted,
+    MissionRequested,
     ModeChanged,
     Order,
-    Ordered,
-    PlanWanted,
+    OrderGiven,
+    PlanRequested,
     Resumed,
     UploadFinished,
     VehicleConnected,
@@ -207,7 +207,7 @@ class Flights(Turns):
     def order(self, name: str, order: Order, confirmed: bool) -> None:
         """An order to one vehicle, or to all without a name; a burn has none."""
         if self.crew is None:
-            self.tell(Ordered(self.now_us, "ann", "", name, order, confirmed))
+            self.tell(OrderGiven(self.now_us, "ann", "", name, order, confirmed))
         self.step()
 
     def abort(self) -> None:
@@ -218,9 +218,9 @@ class Flights(Turns):
     def renew(self, name: str) -> None:
         """Somebody wants another mission, or another plan of a burn."""
         if self.crew is None:
-            self.tell(MissionWanted(self.now_us, "ann", "", name))
+            self.tell(MissionRequested(self.now_us, "ann", "", name))
         else:
-            self.tell(PlanWanted(self.now_us, "ann", ""))
+            self.tell(PlanRequested(self.now_us, "ann", ""))
         self.step()
 
     def word_on_mission(self, name: str, accepts: bool, newest: bool) -> None:
@@ -258,7 +258,7 @@ class Flights(Turns):
 
     def kill_before_sending(self, name: str, order: Order) -> None:
         """The service is killed when an order is written down, and what follows is not."""
-        event = Ordered(self.now_us, "ann", "", name, order, True)
+        event = OrderGiven(self.now_us, "ann", "", name, order, True)
         aborted = Aborted(self.now_us, "ann", "")
         self.tell(event if self.crew is None else aborted, carried_out=False)
         self.restart(1.0, True, "same")
@@ -273,7 +273,9 @@ class Flights(Turns):
             known, items = (flown.mission, 3) if read == "same" else (0, 3)
             self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
             bridge.mode = (flown.armed, flown.mode)
-            self.tell(MissionHeld(self.now_us, name, known, None if read == "nothing" else items))
+            self.tell(
+                MissionReadBack(self.now_us, name, known, None if read == "nothing" else items)
+            )
 
     def restore(self) -> None:
         """The core goes on from a state on the disk, beside the one that was never stopped."""

@@ -29,7 +29,7 @@ from mission_service.events import (
     LinkRestored,
     ModeChanged,
     Order,
-    Ordered,
+    OrderGiven,
     Resumed,
     SystemStateChanged,
     Telemetry,
@@ -120,7 +120,7 @@ class Oracle:
         found: list[Violation] = []
         at_s = event.at_us / 1e6
         match event:
-            case Ordered():
+            case OrderGiven():
                 for name in [event.vehicle] if event.vehicle else list(self.told):
                     found += self._ordered(name, event, commands)
             case Aborted():
@@ -216,7 +216,7 @@ class Oracle:
 
     # What people order ------------------------------------------------------------------------
 
-    def _ordered(self, name: str, event: Ordered, commands: list[AnyCommand]) -> list[Violation]:
+    def _ordered(self, name: str, event: OrderGiven, commands: list[AnyCommand]) -> list[Violation]:
         told, order = self.told[name], event.order
         words = f"order {order} to {name} in {told.mode!r} ({told.judged})"
         asked = any(_asks(command, name) for command in commands)

@@ -15,11 +15,11 @@ from mission_service.config.sections import VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import (
     AnyEvent,
-    BatteryTold,
+    BatteryUpdated,
     CommandFinished,
     EstimatorStatusChanged,
     FenceStatusChanged,
-    FixTold,
+    GpsFixChanged,
     LandedStateChanged,
     LinkRestored,
     MissionProgress,
@@ -38,11 +38,11 @@ FIRE_M, VIEW_CELLS = 200.0, 8
 # Events without commands that need no line in a story.
 UNTOLD = (
     *(Observed, SystemStateChanged, LandedStateChanged, FenceStatusChanged),
-    *(EstimatorStatusChanged, FixTold, BatteryTold, MissionProgress),
+    *(EstimatorStatusChanged, GpsFixChanged, BatteryUpdated, MissionProgress),
 )
 REMEMBERED = 40  # turns, for the report of a violation
 UNSAID = ("at_us", "by", "station", "custom_mode", "atomic_upload", "stack")
-LEAST_STEP_S = 0.01
+MIN_STEP_S = 0.01
 
 
 class Turns:
@@ -136,7 +136,7 @@ class Turns:
             reason = f"{NAMES.get(type(command))} took its place"
             self._replaced.extend((command.vehicle, sent, reason) for sent in replaced)
 
-    def step(self, seconds: float = LEAST_STEP_S) -> None:
+    def step(self, seconds: float = MIN_STEP_S) -> None:
         """Time passes on the ground station; bridges report what is new, heartbeats first."""
         self.now_us += round(seconds * 1e6)
         while self._replaced:
@@ -180,9 +180,9 @@ class Turns:
                 problems = (state,) if state else ()
                 return EstimatorStatusChanged(self.now_us, name, not state, problems)
             case "fix":
-                return FixTold(self.now_us, name, state == "3d", state)
+                return GpsFixChanged(self.now_us, name, state == "3d", state)
             case _:
-                return BatteryTold(self.now_us, name, float(state))
+                return BatteryUpdated(self.now_us, name, float(state))
 
     # Flight -----------------------------------------------------------------------------
 

@@ -48,7 +48,7 @@ wind_speed_m_s = 4
 wind_from_deg = 45
 dead_1h_pct = 4
 [planner]
-rule = "damped"
+rule = "islam_hu_damped"
 [[vehicles]]
 name = "hawk"
 stack = "px4"
@@ -75,7 +75,7 @@ autostart = true
     + HTTP
 )
 FORMATION = (
-    FIRE.replace('rule = "damped"', 'rule = "formation"')
+    FIRE.replace('rule = "islam_hu_damped"', 'rule = "formation"')
     + """
 [mission]
 approval = "each"

@@ -49,7 +49,7 @@ def desktop(chromium: Browser, fire: Service) -> Iterator[tuple[Page, Seen]]:
         yield opened
 
 
-def picture(page: Page, name: str) -> None:
+def state_view(page: Page, name: str) -> None:
     if PICTURES:
         page.screenshot(path=Path(PICTURES) / f"{name}.png")
 
@@ -109,7 +109,7 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     )
     assert off_front_m(fire) < 300
     expect(page.locator(".vehicles")).to_contain_text("m/s")
-    picture(page, "demo")
+    state_view(page, "demo")
 
     # The fire is corrected by pen: it has burned beyond what the mission flies round.
     mission, area = on_board(fire), area_ha(fire)
@@ -133,7 +133,7 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     wait_for(other, 30, "the mission on board changes")
     page.click("#tools .move")
     page.wait_for_timeout(500)
-    picture(page, "corrected")
+    state_view(page, "corrected")
 
 
 def test_undo_takes_a_correction_back_and_redo_brings_it(
@@ -161,7 +161,7 @@ def test_the_slider_shows_a_larger_fire_later(desktop: tuple[Page, Seen]) -> Non
         page.check(f"#show-{group}")
     expect(page.locator(".scale")).to_be_visible(timeout=10_000)
     page.wait_for_timeout(1500)
-    picture(page, "forecast")
+    state_view(page, "forecast")
     for group in ("arrival", "uncertainty", "contours"):
         page.uncheck(f"#show-{group}")
     page.keyboard.press("0")
@@ -241,7 +241,7 @@ def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
     wait_for(lambda: orders(fire) == {"hold"}, 30, "all hold")
     wait_for(lambda: page.evaluate("window.sounded").count(960) >= 4, 30, "it is heard")
     expect(page.locator("#alarms")).to_contain_text("aborted by boss")
-    picture(page, "abort")
+    state_view(page, "abort")
     page.keyboard.press("k")
     expect(page.locator(".alarm")).to_have_count(0)
 
@@ -331,7 +331,7 @@ def test_a_tablet_is_drawn_on_with_a_finger_and_moved_with_two(
         assert corrections(fire)[-1]["shape"] == "line"
         page.tap("#tools .undo")
         wait_for(lambda: len(corrections(fire)) == held, 30, "and takes it back")
-        picture(page, "tablet")
+        state_view(page, "tablet")
         assert not small_targets(page)
         assert not weak_texts(page)
 
@@ -387,7 +387,7 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
         fire.process.kill()
         expect(page.locator(".alarm.severe")).to_contain_text("Service lost", timeout=15_000)
         expect(page.locator(".alarm.severe")).to_contain_text("old")
-        picture(page, "service-lost")
+        state_view(page, "service-lost")
         seen.complaints.clear()  # of each try that nobody answered
 
 
@@ -410,7 +410,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
             assert on_board(service) is None
             page.get_by_role("button", name="Plan and send now").click()  # not by itself: refused
             wait_for(waits, 60, "another one is proposed")
-            picture(page, "accept")
+            state_view(page, "accept")
             page.get_by_role("button", name="Accept").click()
             flies = wait_for(lambda: on_board(service), 30, "it is on board")
             assert flies["outcome"] == "accepted"
@@ -432,7 +432,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
                 30,
                 "what it covers is drawn",
             )
-            picture(page, "orbits")
+            state_view(page, "orbits")
             # Figures that were asked for just when somebody else had accepted the mission.
             seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
 
@@ -452,18 +452,18 @@ def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_pa
 
         page.get_by_role("button", name="Plan the next line").click()
         second = wait_for(lambda: burn.get("burn")["plan_hash"], 30, "another plan")
-        items = len(burn.get("burn")["leader"]["checklist"]["items"])
+        items = len(burn.get("burn")["guidance"]["checklist"]["items"])
         for i in range(items):
             page.get_by_role("button", name="GO", exact=True).nth(i).click()
             expect(page.locator(".go-list li.go")).to_have_count(i + 1)
         expect(panel).to_contain_text("All GO")
         page.locator("#panel-burn").evaluate("panel => panel.scrollTo(0, 0)")
-        picture(page, "burn")
+        state_view(page, "burn")
         page.get_by_role("button", name="Approve", exact=True).click()
-        assert burn.get("burn")["leader"]["approved_by"] is None, "one press is not enough"
+        assert burn.get("burn")["guidance"]["approved_by"] is None, "one press is not enough"
         page.get_by_role("button", name=f"Approve {second[:8]}").click()
         wait_for(
-            lambda: burn.get("burn")["leader"]["approved_by"] == "boss at firing-boss",
+            lambda: burn.get("burn")["guidance"]["approved_by"] == "boss at firing-boss",
             10,
             "exactly this plan is approved",
         )

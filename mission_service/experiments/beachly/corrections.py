@@ -64,7 +64,7 @@ class Case(NamedTuple):
     points: Floats  # (rows * cols, 2) its cells
     before_s: Floats  # (rows, cols) burned at the beginning: a time; else infinite
     apart_m: float = APART_M  # of points on fronts
-    most_m: float = FARTHEST_M  # that a front may be off
+    max_m: float = FARTHEST_M  # that a front may be off
 
 
 class Study(NamedTuple):
@@ -141,7 +141,7 @@ def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
         if known != used:
             used, expected_s = known, arrival_s(case, observations[:known], method)
         front = front_points(expected_s, float(at_s), case.grid, case.apart_m)
-        found[number] = front_error_m(case.fronts[number], front, case.most_m)
+        found[number] = front_error_m(case.fronts[number], front, case.max_m)
     return found
 
 

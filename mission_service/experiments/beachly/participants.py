@@ -55,17 +55,17 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
 
 
-def front_error_m(true_front: Floats, found_front: Floats, most_m: float = FARTHEST_M) -> float:
+def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
     """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
 
-    At most ``most_m`` each, also where there is no other front; NaN where there is no true one.
+    At most ``max_m`` each, also where there is no other front; NaN where there is no true one.
     """
     if not true_front.size:
         return float("nan")
     if not found_front.size:
-        return most_m
+        return max_m
     distance_m, _ = cKDTree(found_front).query(true_front)
-    return float(np.minimum(distance_m, most_m).mean())
+    return float(np.minimum(distance_m, max_m).mean())
 
 
 def random_observations(

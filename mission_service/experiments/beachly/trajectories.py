@@ -20,7 +20,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
 from mission_service.core.core import Core
-from mission_service.events import CrewEvent, Lit
+from mission_service.events import AnyOperatorEvent, IgnitionReported
 from mission_service.fire.setup import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
@@ -120,32 +120,34 @@ class RecordingCrew:
         self._next_us = 0
         self._told = flown.scenario != 4
 
-    def due(self, now_us: int, core: Core) -> list[CrewEvent]:
+    def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         """What the crew does by now."""
-        leader = burn_flight(core.leader)
+        guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
-            self._note(now_us, core, leader)
+            self._note(now_us, core, guidance)
         events = self._crew.due(now_us, core)
-        spheres = leader.state.account.spheres
+        spheres = guidance.state.account.spheres
         if not self._told and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
             self._told = True
             assert self._burn.unit is not None
             station = self._burn.stations[0].name
-            events.append(Lit(now_us, "onlooker", station, second_front(self._burn.unit), 0))
+            events.append(
+                IgnitionReported(now_us, "onlooker", station, second_front(self._burn.unit), 0)
+            )
         return events
 
-    def _note(self, now_us: int, core: Core, leader: BurnFlight) -> None:
+    def _note(self, now_us: int, core: Core, guidance: BurnFlight) -> None:
         flown = self._flown
-        flown.spheres = [sphere for sphere in leader.state.account.spheres if sphere.counts]
-        if leader.approvals.plan is not None:
-            flown.plans.setdefault(leader.approvals.plan_hash, leader.approvals.plan)
+        flown.spheres = [sphere for sphere in guidance.state.account.spheres if sphere.counts]
+        if guidance.approvals.plan is not None:
+            flown.plans.setdefault(guidance.approvals.plan_hash, guidance.approvals.plan)
         (vehicle,) = core.vehicles.values()
-        here = vehicle.presence.here
-        if here is not None and vehicle.presence.airborne:
+        here = vehicle.availability.here
+        if here is not None and vehicle.availability.airborne:
             height_m = here.altitude_m - float(core.landscape.elevation_at(here.x_m, here.y_m))
             place = (here.at_s, here.x_m, here.y_m, height_m)
-            flown.samples.append(Sample(*place, leader.state.fire.simulation))
+            flown.samples.append(Sample(*place, guidance.state.fire.simulation))
 
 
 def fly(number: int, out: Path | None = None) -> Flown:
@@ -163,7 +165,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
     return flown
 
 
-def least_time_margin_s(flown: Flown, safe_height_m: float) -> float:
+def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """The least time, over all moments at low height and all drops, until fire came there.
 
     By what was estimated at that moment. Negative where it burned already.
@@ -185,8 +187,10 @@ def row_of(flown: Flown) -> dict[str, Any]:
         "scenario": flown.scenario,
         "drops": len(flown.spheres),
         "skipped": sum(len(plan.skipped) for plan in lines),
-        "min_time_margin_s": round(least_time_margin_s(flown, safe_height_m), 1),
+        "min_time_margin_s": round(min_time_margin_s(flown, safe_height_m), 1),
         "outside_area": outside,
         "lines": len(lines),
-        "farthest_off_its_place_m": round(max((s.miss_m for s in flown.spheres), default=0.0), 2),
+        "farthest_off_its_place_m": round(
+            max((s.max_miss_m for s in flown.spheres), default=0.0), 2
+        ),
     }

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.experiments.fires import CELL_M
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 

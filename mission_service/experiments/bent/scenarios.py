@@ -28,7 +28,7 @@ from mission_service.guidance.team.bent_rules import (
     PLANNERS,
     bent_rule,
 )
-from mission_service.guidance.team.ring import TeamRule
+from mission_service.guidance.team.front_ring import TeamRule
 
 Floats = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 TRACK = "#0b3c8c"
 COLOURS = {
     "circling": "#666666",
-    "literal": "#7a0177",
-    "damped": "#0b3c8c",
+    "islam_hu": "#7a0177",
+    "islam_hu_damped": "#0b3c8c",
     "predictive": "#00796b",
 }
 OTHER_COLOUR = "#b34700"
@@ -43,7 +43,7 @@ def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, F
         named = {f"α = {alpha:g}": flight for alpha, flight in sweep.items()}
         draw_tracks(out / f"alpha-{stem}.png", burn, named)
     draw_errors(out / f"error-{stem}.png", burn, flights)
-    draw_importance(out / f"importance-{stem}.png", burn, flights["damped"])
+    draw_importance(out / f"importance-{stem}.png", burn, flights["islam_hu_damped"])
 
 
 def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, list[Any]]:
@@ -106,7 +106,7 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         axes.plot(hours, flight.max_error, color=colour, linewidth=0.8, alpha=0.6)
         so_far = np.cumsum(flight.max_error) / np.arange(1, flight.max_error.size + 1)
         axes.plot(hours, so_far, color=colour, linewidth=2.0, label=label)
-    most = max(flight.max_error.max() for name, flight in flights.items() if name != "literal")
+    most = max(flight.max_error.max() for name, flight in flights.items() if name != "islam_hu")
     axes.set(
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
@@ -130,7 +130,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     turn_s = turns_s[0] if turns_s.size else later[int(np.argmax(share)), 0]
     moments = (float(later[int(np.argmin(share)), 0]), float(turn_s))
     figure, panels = _new(2, 2, (9.0, 7.5))
-    planner = perimeter_planner(burn, "damped")
+    planner = perimeter_planner(burn, "islam_hu_damped")
 
     def look_at(at_s: float, row: int, col: int) -> None:
         if at_s in moments:

@@ -51,9 +51,9 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
     flights = {planner: fly(burn, make(burn)) for planner, make in PLANNERS.items()}
     flights["predictive"] = fly_predictive(burn)
     sweep = {
-        alpha: flights["damped"]
+        alpha: flights["islam_hu_damped"]
         if alpha == 1.0
-        else fly(burn, perimeter_planner(burn, "damped", alpha))
+        else fly(burn, perimeter_planner(burn, "islam_hu_damped", alpha))
         for alpha in ALPHAS
     }
     if out:
@@ -75,7 +75,7 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
             }
             for planner, flight in flights.items()
         ],
-        "attention": [{**which, **attention(burn, flights["damped"])}],
+        "attention": [{**which, **attention(burn, flights["islam_hu_damped"])}],
     }
 
 

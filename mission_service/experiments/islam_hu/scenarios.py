@@ -36,8 +36,8 @@ ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 # What the paper prints: figs. 11 and 16, there on fires of its own.
 PAPER_REVERSALS = {"slow-then-fast": (0, 8, 11, 15, 20, 43)}
 PAPER_MEAN_MAX_CELLS = {
-    "slow-then-fast": {"circling": 8.5, "literal": 7.3, "damped": 7.3},
-    "fast": {"circling": 15.8, "literal": 12.2, "damped": 12.2},
+    "slow-then-fast": {"circling": 8.5, "islam_hu": 7.3, "islam_hu_damped": 7.3},
+    "fast": {"circling": 15.8, "islam_hu": 12.2, "islam_hu_damped": 12.2},
 }
 
 
@@ -100,7 +100,7 @@ def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPl
         baseline_s=defaults.baseline_s,
         smoothing_deg=defaults.smoothing_deg,
         reversal_margin=defaults.reversal_margin,
-        least_gain_cells=defaults.least_gain_cells,
+        min_gain_cells=defaults.min_gain_cells,
         dwell_s=defaults.dwell_s,
         speed_cells_s=burn.speed_m_s / burn.landscape.cell_size_m,
         path=PathSettings(horizon_cells=80.0, lookahead_cells=5.0),  # paths are not flown
@@ -111,8 +111,8 @@ def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPl
 
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
     "circling": lambda burn: perimeter_planner(burn, "circling"),
-    "literal": lambda burn: perimeter_planner(burn, "literal"),
-    "damped": lambda burn: perimeter_planner(burn, "damped"),
+    "islam_hu": lambda burn: perimeter_planner(burn, "islam_hu"),
+    "islam_hu_damped": lambda burn: perimeter_planner(burn, "islam_hu_damped"),
 }
 
 

@@ -72,7 +72,7 @@ def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
     flown_m = float(sum(np.hypot(*step.T).sum() for step in steps))
     lines_m = float(sum(np.ptp(plan.line.across(plan.drops[:, :2])) for plan in plans))
     left_m2 = burn.area_left.area if burn.ended.why != "complete" else 0.0
-    margins = [plan.least_time_margin_s for plan in plans]
+    margins = [plan.min_time_margin_s for plan in plans]
     min_margin_s = min(margins, default=math.inf)
     return {
         "lines": len({round(plan.line.along_m, 3) for plan in plans}),
@@ -89,7 +89,7 @@ def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
         "unit_acres": round(area.area / M2_PER_ACRE, 2),
         "left_ha": round(left_m2 / 1e4, 2),
         "left_acres": round(left_m2 / M2_PER_ACRE, 2),
-        "least_time_margin_s": round(min_margin_s, 1) if math.isfinite(min_margin_s) else None,
+        "min_time_margin_s": round(min_margin_s, 1) if math.isfinite(min_margin_s) else None,
         "ended": burn.ended.words,
     }
 

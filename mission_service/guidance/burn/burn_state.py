@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
-from mission_service.events import PersonTold, PlanWanted, UnitTold
+from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
 from mission_service.fire.estimated import EstimatedFire, toward
 from mission_service.guidance.burn.hazard import hazard_of
 from mission_service.guidance.burn.line_flight import FlightConstraints
@@ -23,12 +23,12 @@ from mission_service.guidance.burn.line_planner import (
     next_line,
 )
 from mission_service.guidance.burn.plan_mission import plan_points
+from mission_service.guidance.burn.plan_validity import WindFrom, drift_compensated
 from mission_service.guidance.burn.sphere_account import PointXY, SphereAccount
 from mission_service.guidance.burn.unit import ExclusionCircle, burn_unit_of
-from mission_service.guidance.burn.wind import WindFrom, drift_compensated
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
-from mission_service.position_fix import Here
-from mission_service.vehicles.state import Vehicle
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.vehicle_state import Vehicle
 
 # Plans keep larger margins than those monitored in flight, since a flight deviates from its plan.
 SLACK_S, SLACK_M = 20.0, 3.0
@@ -58,9 +58,9 @@ class BurnState:
 
     # Inputs -----------------------------------------------------------------------------------
 
-    def unit_told(self, event: PersonTold | UnitTold) -> None:
+    def unit_told(self, event: PersonReported | BurnUnitSet) -> None:
         """Change the unit, or the people in it. Raises MissionServiceError for an invalid unit."""
-        if isinstance(event, UnitTold):
+        if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
             self.unit = unit.with_people(self.unit.people)
             self.area_left = shapely.intersection(self.area_left, unit.area)
@@ -73,18 +73,18 @@ class BurnState:
             self.unit = self.unit.with_people((*others, *there))
         self._air = None
 
-    def spaced(self, event: PlanWanted) -> str | None:
+    def spaced(self, event: PlanRequested) -> str | None:
         """Change the spacings; returns why they are rejected, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
-        min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.most_drops_per_min
+        min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.max_drops_per_min
         if drop_m < min_spacing_m or line_m <= 0.0:
             return f"spacings not taken: drops must be at least {min_spacing_m:g} m apart"
         changed = {"line_spacing_m": line_m, "drop_spacing_m": drop_m}
         self.burn = self.burn.model_copy(update=changed)
         return None
 
-    def stands(self, here: Here) -> None:
+    def stands(self, here: PositionFix) -> None:
         """On the ground: set the difference of the autopilot's altitude to the landscape's."""
         self._above_map_m = round(here.altitude_m - self._ground_m(here), 1)
 
@@ -99,15 +99,15 @@ class BurnState:
         """The same as a velocity on the grid: x, y."""
         return toward(self.landscape, *self.wind_from(at_s))
 
-    def height_m(self, here: Here) -> float:
+    def height_m(self, here: PositionFix) -> float:
         """The vehicle's height above the ground."""
         return here.altitude_m - self._ground_m(here) - self._above_map_m
 
-    def altitude_m(self, here: Here, height_m: float) -> float:
+    def altitude_m(self, here: PositionFix, height_m: float) -> float:
         """The autopilot's altitude of a height above the ground at the vehicle's place."""
         return self._ground_m(here) + self._above_map_m + height_m
 
-    def _ground_m(self, here: Here) -> float:
+    def _ground_m(self, here: PositionFix) -> float:
         return float(self.landscape.elevation_at(here.x_m, here.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -132,12 +132,12 @@ class BurnState:
         rings = shapely.get_rings(shapely.get_parts(shape))
         return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
 
-    def situation(self, vehicle: Vehicle, here: Here, at_s: float) -> Situation:
+    def situation(self, vehicle: Vehicle, here: PositionFix, at_s: float) -> Situation:
         """The situation for a plan that begins at a time."""
         place_m = (here.x_m, here.y_m)
-        if not vehicle.presence.airborne:
+        if not vehicle.availability.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
-        flown_s = here.at_s - vehicle.presence.took_off_at_s
+        flown_s = here.at_s - vehicle.availability.took_off_at_s
         return self.situation_from(place_m, self.height_m(here), flown_s, vehicle.home_m, at_s)
 
     def situation_from(
@@ -162,7 +162,7 @@ class BurnState:
             home_m=home_m,
         )
 
-    def air(self, vehicle: Vehicle, here: Here, at_s: float) -> FlightConstraints:
+    def air(self, vehicle: Vehicle, here: PositionFix, at_s: float) -> FlightConstraints:
         """The constraints of a flight, with the fire as estimated now."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, here, at_s), self.burn)
@@ -174,7 +174,7 @@ class BurnState:
         return self._air[1]
 
     def next_plan(
-        self, vehicle: Vehicle, here: Here, begin_s: float
+        self, vehicle: Vehicle, here: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
         """The plan of the next line, and the same as data to be approved."""
         wider = {
@@ -210,7 +210,7 @@ class BurnState:
             wind_from_deg=wind_from_deg,
             time_margin_s=self.burn.time_margin_s,
             distance_margin_m=self.burn.distance_margin_m,
-            least_time_margin_s=min(round(found.least_time_margin_s, 1), NO_FIRE_S),
+            min_time_margin_s=min(round(found.min_time_margin_s, 1), NO_FIRE_S),
             spheres_left=found.spheres_left,
             digest=self.unit.digest(self.burn),
         )

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mission_service.events import Aborted, Answered, AnyEvent, Resumed
+from mission_service.events import Aborted, AnyEvent, ChecklistAnswered, Resumed
 
 
 class Checklist:
@@ -14,7 +14,7 @@ class Checklist:
 
     def __init__(self, items: tuple[str, ...]) -> None:
         self.items = items
-        self._answers: dict[str, Answered] = {}
+        self._answers: dict[str, ChecklistAnswered] = {}
 
     @property
     def open_items(self) -> tuple[str, ...]:
@@ -31,7 +31,7 @@ class Checklist:
     def apply(self, event: AnyEvent) -> str | None:
         """Apply an event; returns a line for the operator if it concerns the list."""
         match event:
-            case Answered():
+            case ChecklistAnswered():
                 return self._answered(event)
             case Aborted():
                 return self.clear(f"abort by {event.by}")
@@ -47,7 +47,7 @@ class Checklist:
         self._answers.clear()
         return f"GO list: all {len(self.items)} items are open again ({why})"
 
-    def _answered(self, event: Answered) -> str:
+    def _answered(self, event: ChecklistAnswered) -> str:
         if event.item not in self.items:
             return f'GO list: there is no item "{event.item}"; there are: {"; ".join(self.items)}'
         self._answers[event.item] = event

@@ -21,28 +21,28 @@ from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
     Drop,
-    Propose,
-    Withdraw,
+    ProposePlan,
+    WithdrawPlan,
 )
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import (
     Aborted,
-    Answered,
+    AnyOperatorEvent,
     Approved,
-    BatteryTold,
-    CrewEvent,
+    BatteryUpdated,
+    BurnUnitSet,
+    ChecklistAnswered,
     DropFinished,
-    FixTold,
+    GpsFixChanged,
     HostTime,
     LinkLost,
     ModeChanged,
     Observed,
-    PersonTold,
-    PlanWanted,
+    PersonReported,
+    PlanRequested,
     Rejected,
     Resumed,
-    UnitTold,
     VehicleEvent,
     VehicleRebooted,
     WindMeasured,
@@ -61,14 +61,18 @@ from mission_service.guidance.burn.due_drops import due_drops
 from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
-from mission_service.guidance.burn.recheck import plan_problem
-from mission_service.guidance.burn.wind import WindFrom, mean_wind, wind_differs
+from mission_service.guidance.burn.plan_validity import (
+    WindFrom,
+    mean_wind,
+    plan_problem,
+    wind_differs,
+)
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import Spacing
+from mission_service.vehicles.traffic import TrafficManager
+from mission_service.vehicles.vehicle_state import Vehicle, say
 
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
@@ -85,7 +89,11 @@ class BurnFlight(Guidance):
     """Leads the one vehicle of a burn."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        spacing: TrafficManager,
+        missions: MissionsSent,
     ) -> None:
         assert scenario.burn is not None  # by the scenario's own check
         burn, section = scenario.burn, scenario.vehicles[0]
@@ -120,7 +128,7 @@ class BurnFlight(Guidance):
 
     # What comes in ----------------------------------------------------------------------------
 
-    def told(self, event: CrewEvent) -> list[AnyCommand]:
+    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """What a person did or said."""
         self.approvals.on_operator_input(event)
         try:
@@ -128,11 +136,11 @@ class BurnFlight(Guidance):
         except FireModelError as error:
             return self._say(f"not taken: {error}", warning=True)
         match event:
-            case PersonTold() | UnitTold():
+            case PersonReported() | BurnUnitSet():
                 return self._unit_told(event)
-            case Answered():
+            case ChecklistAnswered():
                 return self._answered(event)
-            case PlanWanted():
+            case PlanRequested():
                 return self._plan_wanted(event)
             case Approved():
                 return self._approved(event)
@@ -163,14 +171,14 @@ class BurnFlight(Guidance):
             case VehicleRebooted():
                 self.checklist.clear("the autopilot was restarted")
                 return self._stop("the autopilot was restarted")
-            case FixTold():
+            case GpsFixChanged():
                 self._fix_good = event.good
                 return [] if event.good else self._stop(f"its position is lost ({event.fix})")
-            case BatteryTold():
+            case BatteryUpdated():
                 return self._battery_told(vehicle, event)
             case DropFinished():
                 return self._drop_finished(event)
-            case WindMeasured() if vehicle.presence.airborne:
+            case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
             case Observed() if self.state.fire.take(event):
                 return []  # looked at once a second
@@ -179,7 +187,7 @@ class BurnFlight(Guidance):
 
     # The fire, the unit and the wind ----------------------------------------------------------
 
-    def _unit_told(self, event: PersonTold | UnitTold) -> list[AnyCommand]:
+    def _unit_told(self, event: PersonReported | BurnUnitSet) -> list[AnyCommand]:
         try:
             self.state.unit_told(event)
         except MissionServiceError as error:
@@ -217,9 +225,9 @@ class BurnFlight(Guidance):
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
         """Where the path that is proposed or still ahead would come too near to fire."""
         flown, vehicle = self._flown, self._vehicle
-        if vehicle is None or vehicle.presence.here is None or self._found is None:
+        if vehicle is None or vehicle.availability.here is None or self._found is None:
             return None
-        here = vehicle.presence.here
+        here = vehicle.availability.here
         if flown is None or self.phase != "flying":
             begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
             return plan_problem(self._found, begins, self.state.burn) or None
@@ -235,10 +243,10 @@ class BurnFlight(Guidance):
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         """What time brings: an approval that lapses, a plan that is due."""
-        here = vehicle.presence.here
+        here = vehicle.availability.here
         if here is None:
             return []
-        if not (vehicle.presence.airborne or self._armed or vehicle.deployed):  # it stands
+        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # it stands
             self.state.stands(here)
         why = self._why_over(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
@@ -271,12 +279,12 @@ class BurnFlight(Guidance):
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
-    def _may_plan(self, vehicle: Vehicle, here: Here) -> bool:
+    def _may_plan(self, vehicle: Vehicle, here: PositionFix) -> bool:
         if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
             return False
-        return not vehicle.presence.airborne or self._is_high(here)
+        return not vehicle.availability.airborne or self._is_high(here)
 
-    def _plan_wanted(self, event: PlanWanted) -> list[AnyCommand]:
+    def _plan_wanted(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
             return self._say("a line is being flown: the next plan comes after it")
         refused = self.state.spaced(event)
@@ -301,7 +309,7 @@ class BurnFlight(Guidance):
         self.phase, self._by_hand = "approved", False
         return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
 
-    def _answered(self, event: Answered) -> list[AnyCommand]:
+    def _answered(self, event: ChecklistAnswered) -> list[AnyCommand]:
         commands = self._say(self.checklist.apply(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
@@ -310,9 +318,9 @@ class BurnFlight(Guidance):
             self.state.account.load(self.state.burn.spheres)
         return commands
 
-    def _plan(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _plan(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Propose the next line; without one the vehicle goes home."""
-        airborne = vehicle.presence.airborne
+        airborne = vehicle.availability.airborne
         begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
         found = self.state.next_plan(vehicle, here, begin_s)
         if isinstance(found, NoPlan):
@@ -326,7 +334,7 @@ class BurnFlight(Guidance):
             f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
             f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
         )
-        return [Propose(self._name, plan, name), *self._say(words)]
+        return [ProposePlan(self._name, plan, name), *self._say(words)]
 
     def status(self) -> dict[str, Any]:
         """Where it stands, for people and programs."""
@@ -360,18 +368,18 @@ class BurnFlight(Guidance):
 
     # In the air -------------------------------------------------------------------------------
 
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats | None:
+    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
         """That of the plan that is approved."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.progress.points_m[:, :2]
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
         """The mission of the plan: its path and nothing else."""
         assert self._flown is not None
         self._flown.sent = True
-        plan, on_ground = self._flown.plan, not vehicle.presence.airborne
+        plan, on_ground = self._flown.plan, not vehicle.availability.airborne
         path = plan.path[1:] if on_ground else plan.path
         return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
@@ -379,7 +387,7 @@ class BurnFlight(Guidance):
         """Whether it flies the mission it has on board, by its mode."""
         return self._mode == "mission"
 
-    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Send what is approved, watch and drop what is flown, or climb to the safe height."""
         if not self._fix_good:
             return []
@@ -393,11 +401,11 @@ class BurnFlight(Guidance):
             return [self._missions.upload(vehicle, path, items, here, "fly the line approved")]
         return self._climb(vehicle, here)
 
-    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
         """At the safe height."""
         return None if self._is_high(here) else self._climb(vehicle, here)
 
-    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
+    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix) -> list[AnyCommand]:
         off_m = flown.progress.update(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
         why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
         if why is not None:
@@ -407,7 +415,9 @@ class BurnFlight(Guidance):
             commands += self._line_done(vehicle, flown)
         return commands
 
-    def _release(self, vehicle: Vehicle, flown: ApprovedPlan, here: Here) -> list[AnyCommand]:
+    def _release(
+        self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix
+    ) -> list[AnyCommand]:
         """Let go of the next sphere if it would fall on its place now."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, here):
@@ -441,7 +451,7 @@ class BurnFlight(Guidance):
 
     def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
         spheres = self.state.account.of_plan(self.approvals.plan_hash)
-        farthest_m = max((sphere.miss_m for sphere in spheres), default=0.0)
+        farthest_m = max((sphere.max_miss_m for sphere in spheres), default=0.0)
         if self._found is not None:
             self.state.area_left = self._found.area_left
         self.state.line += 1
@@ -461,7 +471,7 @@ class BurnFlight(Guidance):
         if not name:
             return []
         words = self._say(f"plan withdrawn: {why}", warning=True)
-        return [Withdraw(self._name, name, why), *words]
+        return [WithdrawPlan(self._name, name, why), *words]
 
     def _end_plan(self) -> None:
         self.approvals.withdraw()
@@ -476,7 +486,7 @@ class BurnFlight(Guidance):
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._void(why)
-        if vehicle is None or not vehicle.presence.airborne:
+        if vehicle is None or not vehicle.availability.airborne:
             self.phase = then
             if vehicle is not None:  # it does not take off with what it may have on board
                 vehicle.deployed = vehicle.started = False
@@ -487,12 +497,12 @@ class BurnFlight(Guidance):
             return commands
         vehicle.pending = vehicle.flown_line = None
         self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
-        here = vehicle.presence.here
-        if vehicle.presence.flies and here is not None and self._fix_good:
+        here = vehicle.availability.here
+        if vehicle.availability.flies and here is not None and self._fix_good:
             commands += self._climb(vehicle, here)
         return commands
 
-    def _climb(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _climb(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """To the safe height, straight up, unless somebody's hand is on it."""
         ordered = self._climbed_at_s > -math.inf
         if self._is_high(here) and (ordered or self.phase != "climbing"):
@@ -506,7 +516,7 @@ class BurnFlight(Guidance):
         altitude_m = round(max(safe_m, here.altitude_m), 1)
         return [ClimbAndHold(self._name, *self.state.lat_lon(here.x_m, here.y_m), altitude_m)]
 
-    def _is_high(self, here: Here) -> bool:
+    def _is_high(self, here: PositionFix) -> bool:
         return self.state.height_m(here) >= HIGH_SHARE * self.state.burn.safe_height_m
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
@@ -526,17 +536,17 @@ class BurnFlight(Guidance):
             return self._void(f"mode {event.mode} was not ordered here")
         return []
 
-    def _battery_told(self, vehicle: Vehicle, event: BatteryTold) -> list[AnyCommand]:
+    def _battery_told(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
         self._battery_pct = event.percent
         if not self._battery_low:
             return []
-        vehicle.going_home = vehicle.presence.airborne
+        vehicle.going_home = vehicle.availability.airborne
         return self._stop(f"its battery is at {event.percent:.0f} %")
 
     @property
     def _battery_low(self) -> bool:
         told = self._battery_pct
-        return told is not None and told < self.state.burn.least_battery_pct
+        return told is not None and told < self.state.burn.min_battery_pct
 
     def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []

@@ -15,7 +15,7 @@ from mission_service.guidance.burn.release import (
     release_decision,
 )
 from mission_service.guidance.burn.sphere_account import PointXY, Sphere
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
 RELEASES_BEFORE_S = 6.0  # a drop may become due so long before its time in the plan
@@ -35,7 +35,7 @@ class DueDrop(NamedTuple):
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
-def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[DueDrop]:
+def due_drops(state: BurnState, flown: ApprovedPlan, here: PositionFix) -> Iterator[DueDrop]:
     """Drops of a plan that have become due, in order; each is yielded once."""
     drops, comes_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
@@ -47,7 +47,7 @@ def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[Due
     too_high = height_m > HIGH_SHARE * flown.plan.drop_height_m
     while flown.next_drop < len(drops) and comes_s >= drops[flown.next_drop].after_s:
         x_m, y_m = flown.targets_m[flown.next_drop].tolist()
-        due = release_decision(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.miss_m)
+        due = release_decision(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.max_miss_m)
         comes_down = too_high and flown.progress.after_s < drops[flown.next_drop].after_s
         if due == "wait" or comes_down:
             return
@@ -57,7 +57,11 @@ def due_drops(state: BurnState, flown: ApprovedPlan, here: Here) -> Iterator[Due
 
 
 def _why_not(
-    state: BurnState, flown: ApprovedPlan, moving: VehicleMotion, falls: ImpactPoint, here: Here
+    state: BurnState,
+    flown: ApprovedPlan,
+    moving: VehicleMotion,
+    falls: ImpactPoint,
+    here: PositionFix,
 ) -> str | None:
     plan, burn, at_us = flown.plan, state.burn, round(here.at_s * 1e6)
     min_height_m, max_height_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m
@@ -65,7 +69,7 @@ def _why_not(
         return f"it is {moving.height_m:.0f} m above the ground"
     if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
         return "it is too fast"
-    last_us, apart_us = state.account.last_at_us, 60e6 / burn.most_drops_per_min
+    last_us, apart_us = state.account.last_at_us, 60e6 / burn.max_drops_per_min
     if last_us is not None and at_us - last_us < apart_us - TELEMETRY_S * 1e6:
         return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
     if state.account.left <= 0:

@@ -23,29 +23,29 @@ from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
     Drop,
-    Propose,
+    ProposePlan,
     Return,
-    Withdraw,
+    WithdrawPlan,
 )
 from mission_service.config.sections import BurnSection
 from mission_service.events import (
     Aborted,
-    Answered,
     AnyEvent,
     Approved,
-    BatteryTold,
-    Crew,
+    BatteryUpdated,
+    BurnUnitSet,
+    ChecklistAnswered,
     DropFinished,
-    FixTold,
+    GpsFixChanged,
     HostTime,
     LinkLost,
     LinkRestored,
     ModeChanged,
-    PersonTold,
+    OperatorEvent,
+    PersonReported,
     Rejected,
     Resumed,
     Telemetry,
-    UnitTold,
     VehicleConnected,
     VehicleRebooted,
 )
@@ -132,7 +132,7 @@ class Interlock:
     def apply(self, event: AnyEvent) -> None:
         """Apply an event, before the commands that it caused."""
         self._at_us = max(self._at_us, event.at_us)
-        if isinstance(event, Crew):
+        if isinstance(event, OperatorEvent):
             self._on_operator(event)
         else:
             self._on_vehicle(event)
@@ -141,9 +141,9 @@ class Interlock:
         """Apply commands: drops after ``refuses`` was called, whatever its result."""
         for command in commands:
             match command:
-                case Propose():
+                case ProposePlan():
                     self._propose(command)
-                case Withdraw():
+                case WithdrawPlan():
                     self._end(command.plan_hash, f"withdrawn: {command.why}")
                 case Return():
                     self._begin_anew("sent home since")
@@ -154,7 +154,7 @@ class Interlock:
                 case _:
                     pass
 
-    def _on_operator(self, event: Crew) -> None:
+    def _on_operator(self, event: OperatorEvent) -> None:
         for known in self._plans.values():
             if known.approved is not None and _shows_presence(event, known.approved):
                 known.attended_us, known.attended_host_us = event.at_us, self._host_us
@@ -172,18 +172,18 @@ class Interlock:
                     known.proposed_host_us = None
                 for name in self._vehicles:
                     self._forget(name)
-            case Answered():
+            case ChecklistAnswered():
                 self._answered(event)
-            case PersonTold():
+            case PersonReported():
                 self._people[event.name] = (event.lat_deg, event.lon_deg, event.radius_m)
-            case UnitTold():
+            case BurnUnitSet():
                 self._areas["burn unit"] = _polygon(event.points)
                 self._void("the burn unit was changed since")
             case _:
                 pass
 
     def _on_vehicle(self, event: AnyEvent) -> None:
-        assert not isinstance(event, Crew)
+        assert not isinstance(event, OperatorEvent)
         vehicle = self._vehicles.setdefault(event.vehicle, _Vehicle())
         match event:
             case VehicleConnected() | LinkRestored():
@@ -197,9 +197,9 @@ class Interlock:
                 vehicle.here = event
             case ModeChanged():
                 self._mode_changed(vehicle, event)
-            case BatteryTold():
+            case BatteryUpdated():
                 vehicle.battery_pct = event.percent
-            case FixTold():
+            case GpsFixChanged():
                 vehicle.fix_good = event.good
             case HostTime():
                 self._host_us = event.monotonic_us
@@ -222,14 +222,14 @@ class Interlock:
         elif event.armed and airborne and event.mode in GOING_HOME:
             self._begin_anew(f"recalled since (mode {event.mode})")
 
-    def _answered(self, event: Answered) -> None:
+    def _answered(self, event: ChecklistAnswered) -> None:
         if not event.go:
             self._go.discard(event.item)
             self._void(f'NO-GO for "{event.item}" by {event.by} since')
         elif event.station in self._stations:
             self._go.add(event.item)
 
-    def _propose(self, command: Propose) -> None:
+    def _propose(self, command: ProposePlan) -> None:
         self._plans[command.plan_hash] = _Plan(command.plan, self._host_us)
 
     def _approve(self, event: Approved) -> None:
@@ -350,7 +350,7 @@ class Interlock:
         if self.open_items:
             return f"GO list: {len(self.open_items)} open, the first: {self.open_items[0]}"
         silent_us = max(at_us - known.attended_us, self._passed_us(known.attended_host_us))
-        if silent_us > burn.crew_silent_s * 1e6:
+        if silent_us > burn.approver_timeout_s * 1e6:
             long = f"for {silent_us / 1e6:.0f} s" if math.isfinite(silent_us) else "since a restart"
             return f"no input of an approver at {approved.station} {long}"
         return None
@@ -368,9 +368,9 @@ class Interlock:
             return f"{name}: no position of the last {POSITION_GOOD_US / 1e6:g} s"
         if not vehicle.fix_good:
             return f"{name}: no good position fix"
-        if battery_pct is None or not battery_pct >= self._burn.least_battery_pct:
+        if battery_pct is None or not battery_pct >= self._burn.min_battery_pct:
             level = "unknown" if battery_pct is None else f"{battery_pct:g} %"
-            return f"{name}: battery {level}, at least {self._burn.least_battery_pct:g} % wanted"
+            return f"{name}: battery {level}, at least {self._burn.min_battery_pct:g} % wanted"
         if not vehicle.armed:
             return f"{name}: not armed"
         if vehicle.mode != "mission":
@@ -388,7 +388,7 @@ class Interlock:
         if not off_m <= reach_m:
             return f"{drop.vehicle} is {off_m:.0f} m off drop {drop.number} (at most {reach_m:.0f})"
         beside_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
-        if not beside_m <= self._burn.miss_m:
+        if not beside_m <= self._burn.max_miss_m:
             return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
         height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
         band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
@@ -408,19 +408,19 @@ class Interlock:
         fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
         on_way_s = self._burn.dropper.delay_s + fall_s + LATE_S
         fastest_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
-        return fastest_m_s * on_way_s + self._burn.miss_m + BESIDE_M
+        return fastest_m_s * on_way_s + self._burn.max_miss_m + BESIDE_M
 
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
         if self._vehicles[name].used >= burn.spheres:
             return f"{name}: all {burn.spheres} spheres of the load were ordered"
         of_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
-        if of_minute >= burn.most_drops_per_min:
-            return f"{of_minute} drops in a minute; at most {burn.most_drops_per_min:g}"
+        if of_minute >= burn.max_drops_per_min:
+            return f"{of_minute} drops in a minute; at most {burn.max_drops_per_min:g}"
         return None
 
 
-def _shows_presence(event: Crew, approved: Approved) -> bool:
+def _shows_presence(event: OperatorEvent, approved: Approved) -> bool:
     """Whether an event counts as presence of an approver."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False

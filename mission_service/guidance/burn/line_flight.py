@@ -271,7 +271,7 @@ def _flown(
     drops: list[tuple[float, float, float]] = []
     skipped: list[tuple[float, float]] = []
     why: Literal["", "spheres", "battery"] = ""
-    min_gap_s = 60.0 / air.settings.most_drops_per_min - ROUNDED_S
+    min_gap_s = 60.0 / air.settings.max_drops_per_min - ROUNDED_S
     for (x_m, y_m), base_s in zip(places_m.tolist(), burns_s.tolist(), strict=True):
         if len(drops) >= spheres:
             why = "spheres"

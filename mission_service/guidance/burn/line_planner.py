@@ -74,7 +74,7 @@ class LinePlan:
     """The plan of a line, all times after ``begin_s``.
 
     ``area_left`` is the area that remains after all drops. ``climbs_first``: the vehicle is in
-    danger at its start, and the first climb is not safe (it counts in ``least_time_margin_s``,
+    danger at its start, and the first climb is not safe (it counts in ``min_time_margin_s``,
     which is negative where it burns, infinite if no fire comes near).
     """
 
@@ -83,7 +83,7 @@ class LinePlan:
     drops: Floats  # (m, 3) x, y, after_s
     skipped: Floats  # (k, 2): not safe to drop at
     duration_s: float
-    least_time_margin_s: float
+    min_time_margin_s: float
     area_left: BaseGeometry
     line: IgnitionLine
     ended: Literal["", "spheres", "battery"]  # what ended it before the line was done
@@ -214,7 +214,7 @@ def _plan(
         drops=drops,
         skipped=trip.skipped,
         duration_s=trip.duration_s,
-        least_time_margin_s=trip.min_margin_s,
+        min_time_margin_s=trip.min_margin_s,
         area_left=left,
         line=line,
         ended=trip.why_ended,
@@ -230,10 +230,10 @@ def _safe_start(air: FlightConstraints, start: FlightPoint) -> bool:
 
 
 def _refuse_too_fast(settings: BurnSection) -> None:
-    min_spacing_m = settings.speed_m_s * 60.0 / settings.most_drops_per_min
+    min_spacing_m = settings.speed_m_s * 60.0 / settings.max_drops_per_min
     if settings.drop_spacing_m < min_spacing_m * (1.0 - 1e-9):
         raise MissionServiceError(
             f"burn: drop_spacing_m = {settings.drop_spacing_m:g} must be at least "
             f"{min_spacing_m:g} m at {settings.speed_m_s:g} m/s and "
-            f"{settings.most_drops_per_min:g} drops a minute"
+            f"{settings.max_drops_per_min:g} drops a minute"
         )

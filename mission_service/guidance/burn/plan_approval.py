@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from mission_service.config.sections import BurnSection
-from mission_service.events import Approved, Crew, HostTime, Resumed
+from mission_service.events import Approved, HostTime, OperatorEvent, Resumed
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 
@@ -30,7 +30,7 @@ class ApprovalTracker:
         self.approval: PlanApproval | None = None
         self._stations = {station.name for station in burn.stations}
         self._approval_us = round(burn.approval_s * 1e6)
-        self._silent_us = round(burn.crew_silent_s * 1e6)
+        self._silent_us = round(burn.approver_timeout_s * 1e6)
         self._host_us = 0  # now, by the host's clock
         self._proposed_host_us = 0
         self._approver_us = self._approver_host_us = 0  # last input that counts, by both clocks
@@ -39,7 +39,7 @@ class ApprovalTracker:
         """Update the time of the host's clock."""
         self._host_us = event.monotonic_us
 
-    def on_operator_input(self, event: Crew) -> None:
+    def on_operator_input(self, event: OperatorEvent) -> None:
         """Count an operator's input as presence if it is an approver's at the same station."""
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:

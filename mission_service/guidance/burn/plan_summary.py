@@ -33,7 +33,7 @@ def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
         "wind_speed_m_s": plan.wind_speed_m_s,
         "wind_from_deg": plan.wind_from_deg,
         "time_margin_s": plan.time_margin_s,
-        "least_time_margin_s": plan.least_time_margin_s,
+        "min_time_margin_s": plan.min_time_margin_s,
         "distance_margin_m": plan.distance_margin_m,
         "spheres_left": plan.spheres_left,
     }
@@ -56,7 +56,7 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
         f"safe height {plan.safe_height_m:.0f} m ({figures['safe_height_ft']} ft) above the ground",
         f"wind      {plan.wind_speed_m_s:.1f} m/s ({plan.wind_speed_m_s * 2.23694:.0f} mph) from "
         f"{plan.wind_from_deg:.0f}°",
-        f"margins   fire at least {plan.least_time_margin_s:.0f} s away "
+        f"margins   fire at least {plan.min_time_margin_s:.0f} s away "
         f"(wanted {plan.time_margin_s:.0f} s and {margin_m:.0f} m, {in_feet(margin_m)} ft)",
         f"spheres   {plan.spheres_left} left after it",
     ]
@@ -64,7 +64,7 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 def describe_status(status: dict[str, Any]) -> list[str]:
     """The state of a burn as the control socket returns it, one fact on each line."""
-    phase, at_us = status["leader"]["phase"], round(status["at_s"] * 1e6)
+    phase, at_us = status["guidance"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]
     lines.append(

@@ -112,23 +112,23 @@ def release_decision(
     there: ImpactPoint,
     target_m: tuple[float, float],
     step_s: float,
-    miss_m: float,
+    max_miss_m: float,
 ) -> ReleaseDecision:
     """Whether to order the release now; ``there`` is the impact point.
 
     ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to
-    half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``miss_m``. It
-    also waits far off (more than ``miss_m`` and ``NEAR_S`` of flight), where it may have passed on
-    another leg, and without a course while it is farther than ``miss_m``.
+    half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``max_miss_m``.
+    It also waits far off (more than ``max_miss_m`` and ``NEAR_S`` of flight), where it may have
+    passed on another leg, and without a course while it is farther than ``max_miss_m``.
     """
     east, north = target_m[0] - there.x_m, target_m[1] - there.y_m
     off_m = math.hypot(east, north)
     speed_m_s = math.hypot(vehicle.east_m_s, vehicle.north_m_s)
-    if off_m > miss_m + NEAR_S * speed_m_s:
+    if off_m > max_miss_m + NEAR_S * speed_m_s:
         return "wait"
     if speed_m_s < SLOW_M_S:
-        return "release" if off_m <= miss_m else "wait"
+        return "release" if off_m <= max_miss_m else "wait"
     ahead_m = (east * vehicle.east_m_s + north * vehicle.north_m_s) / speed_m_s
     if ahead_m > 0.5 * step_s * speed_m_s:
         return "wait"
-    return "release" if off_m <= miss_m else "missed"
+    return "release" if off_m <= max_miss_m else "missed"

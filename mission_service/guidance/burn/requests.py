@@ -35,7 +35,7 @@ class BurnRequest(Request, frozen=True):
 class Plan(BurnRequest, frozen=True):
     """Plan the next ignition line."""
 
-    makes = events.PlanWanted
+    makes = events.PlanRequested
     role = "fly"
     example: ClassVar = {"line_spacing_m": 20.0, "drop_spacing_m": 15.0}
 
@@ -72,9 +72,9 @@ class Go(BurnRequest, frozen=True):
 
     item: Item
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Answered``."""
-        return events.Answered(*self.user(at_us), self.item, True)
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """``ChecklistAnswered``."""
+        return events.ChecklistAnswered(*self.user(at_us), self.item, True)
 
 
 class NoGo(BurnRequest, frozen=True, tag="no-go"):
@@ -84,9 +84,9 @@ class NoGo(BurnRequest, frozen=True, tag="no-go"):
 
     item: Item
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``Answered``."""
-        return events.Answered(*self.user(at_us), self.item, False)
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """``ChecklistAnswered``."""
+        return events.ChecklistAnswered(*self.user(at_us), self.item, False)
 
 
 class Person(BurnRequest, frozen=True):
@@ -100,21 +100,21 @@ class Person(BurnRequest, frozen=True):
     lon_deg: Longitude
     radius_m: Annotated[Radius, Meta(description="To be kept clear; 0: has left.")]
 
-    def event(self, at_us: int) -> events.CrewEvent:
-        """``PersonTold``."""
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """``PersonReported``."""
         place = (self.lat_deg, self.lon_deg)
-        return events.PersonTold(*self.user(at_us), self.name.strip(), *place, self.radius_m)
+        return events.PersonReported(*self.user(at_us), self.name.strip(), *place, self.radius_m)
 
 
 class Unit(BurnRequest, frozen=True):
     """Change the burn unit to the polygon of these corners."""
 
-    makes = events.UnitTold
+    makes = events.BurnUnitSet
     example: ClassVar = {"points": [*LINE, [36.3661, -84.1409]]}
 
     points: Places
 
-    def event(self, at_us: int) -> events.CrewEvent:
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
         """As its keys are, if the corners make a polygon."""
         refuse_no_polygon("unit", self.points)
         return super().event(at_us)

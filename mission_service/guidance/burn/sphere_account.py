@@ -20,7 +20,7 @@ class Sphere:
     outcome: str = "ordered"
 
     @property
-    def miss_m(self) -> float:
+    def max_miss_m(self) -> float:
         """Distance between target and predicted impact."""
         return math.dist(self.target_m, self.falls_m)
 

@@ -6,7 +6,7 @@ from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper, drop
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.burn.requests import REQUESTS
-from mission_service.guidance.way import WayOfFlying, later
+from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:

@@ -31,7 +31,7 @@ class Assumptions:
 
     ignition_delay_s: float
     spheres_a_load: int
-    most_drops_per_min: float
+    max_drops_per_min: float
     speed_m_s: float
     climb_m_s: float
     sink_m_s: float
@@ -172,7 +172,7 @@ def _assumed(situation: Situation, settings: BurnSection, pause_s: float) -> Ass
     return Assumptions(
         ignition_delay_s=settings.ignition_delay_s,
         spheres_a_load=settings.spheres,
-        most_drops_per_min=settings.most_drops_per_min,
+        max_drops_per_min=settings.max_drops_per_min,
         speed_m_s=settings.speed_m_s,
         climb_m_s=settings.climb_m_s,
         sink_m_s=settings.sink_m_s,

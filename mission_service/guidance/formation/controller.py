@@ -21,14 +21,14 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
+    AnyOperatorEvent,
     CommandFinished,
-    Contact,
-    CrewEvent,
-    Heard,
     LinkLost,
     LinkRestored,
-    MissionHeld,
+    MissionReadBack,
     ModeChanged,
+    PeerLinkChanged,
+    PeerMessage,
     Resumed,
     Telemetry,
     UploadFinished,
@@ -52,10 +52,10 @@ from mission_service.missions.orbits import (
     waiting_place,
 )
 from mission_service.peer_messages import AnyMessage
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, Spacing
+from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, TrafficManager
+from mission_service.vehicles.vehicle_state import Vehicle, say
 
 Floats = NDArray[np.float64]
 
@@ -127,7 +127,11 @@ class FormationFlight(Guidance):
     """Leads each vehicle as its agent means it to fly."""
 
     def __init__(
-        self, scenario: Scenario, landscape: Landscape, spacing: Spacing, missions: MissionsSent
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        spacing: TrafficManager,
+        missions: MissionsSent,
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
@@ -136,11 +140,11 @@ class FormationFlight(Guidance):
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
-        self._in_contact = not scenario.formation.talks  # else it circles on where it is
+        self._in_contact = not scenario.formation.peer_messaging  # else it circles on where it is
 
     # What comes in ----------------------------------------------------------------------------
 
-    def told(self, event: CrewEvent) -> list[AnyCommand]:
+    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """After the service was down no order is under way, and what is flown is told anew."""
         if isinstance(event, Resumed):
             for led in self._led.values():
@@ -158,13 +162,13 @@ class FormationFlight(Guidance):
                 self._finished(led, event, at_s)
             case UploadFinished() if vehicle.pending is None:
                 led.loiter = led.sending if event.outcome == "accepted" else None
-            case MissionHeld() if vehicle.read_back == "new":
+            case MissionReadBack() if vehicle.read_back == "new":
                 led.loiter = led.sending
-            case MissionHeld() if vehicle.read_back == "unknown":
+            case MissionReadBack() if vehicle.read_back == "unknown":
                 led.loiter = None
             case Telemetry() if self._is_manual(vehicle, led):
-                assert vehicle.presence.here is not None
-                self.formation.track_manual(vehicle.name, vehicle.presence.here)
+                assert vehicle.availability.here is not None
+                self.formation.track_manual(vehicle.name, vehicle.availability.here)
             case LinkLost() if (
                 led.taken_over or self.formation.members[vehicle.name].manual_control
             ):
@@ -176,9 +180,9 @@ class FormationFlight(Guidance):
                 self._led[vehicle.name] = Led()
             case ModeChanged():
                 self._mode_changed(vehicle, led, event, at_s)
-            case Contact():
+            case PeerLinkChanged():
                 self._in_contact = event.there
-            case Heard():
+            case PeerMessage():
                 commands += self._receive(vehicle, event.message)
             case _:
                 pass
@@ -186,10 +190,10 @@ class FormationFlight(Guidance):
 
     def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
         """Whether it is in the air, and neither its agent nor its mission leads it."""
-        presence = vehicle.presence
-        if not presence.airborne or presence.here is None:
+        availability = vehicle.availability
+        if not availability.airborne or availability.here is None:
             return False
-        return bool(vehicle.ordered) or presence.recalled or not led.leads
+        return bool(vehicle.ordered) or availability.recalled or not led.leads
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """What is not of this map is left out, and told once of each who says it."""
@@ -243,27 +247,27 @@ class FormationFlight(Guidance):
 
     # Missions ---------------------------------------------------------------------------------
 
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
+    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
         """To the edge of the fire; in the air to the nearest place clear of it."""
         section, centre_m = vehicle.section, self.formation.centre_m
-        if vehicle.presence.airborne:
+        if vehicle.availability.airborne:
             reach_m = clear_of_fire_m(self.formation, section)
             place_m = pushed_out((here.x_m, here.y_m), centre_m, reach_m)
         else:
             place_m = waits_at(self.scenario, self.formation, section, vehicle.home_m)
         return np.array([(here.x_m, here.y_m), place_m])
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
         """The mission to a waiting place."""
         section, led = vehicle.section, self._led[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         led.sending = circle
-        if not vehicle.presence.airborne:
+        if not vehicle.availability.airborne:
             return first_mission(self.landscape, circle, section, vehicle.landing.at(here.at_s))
         altitude_m = self._altitude(vehicle, circle, here)
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
 
-    def _begin_again(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _begin_again(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """The first mission for one that was in the air when this service began, and refused it."""
         if here.at_s < vehicle.not_before_s:
             return []
@@ -271,7 +275,7 @@ class FormationFlight(Guidance):
         items = self.items(vehicle, path_m, here)
         return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
 
-    def _renew(self, vehicle: Vehicle, led: Led, here: Here) -> list[AnyCommand]:
+    def _renew(self, vehicle: Vehicle, led: Led, here: PositionFix) -> list[AnyCommand]:
         """The circle that is flown becomes the mission's loiter, if that is due."""
         circle = led.circle
         if circle is None or vehicle.awaits_mission or led.mode == "mission":
@@ -293,13 +297,13 @@ class FormationFlight(Guidance):
         path_m = np.array([circle.centre_m])
         return [self._missions.upload(vehicle, path_m, items, here, why)]
 
-    def _altitude(self, vehicle: Vehicle, circle: Circle, here: Here) -> float:
+    def _altitude(self, vehicle: Vehicle, circle: Circle, here: PositionFix) -> float:
         place_m = (here.x_m, here.y_m)
         return altitude_amsl_m(self.landscape, circle, vehicle.section.altitude_agl_m, place_m)
 
     # Orders -----------------------------------------------------------------------------------
 
-    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Follow the agent; nothing before the vehicle is well on its way by its mission."""
         led = self._led[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
@@ -334,7 +338,7 @@ class FormationFlight(Guidance):
             commands += self._speed(vehicle, led, intention, here, near)
         return [*commands, *self._renew(vehicle, led, here)]
 
-    def way_home(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
         """Led by its agent, which minds the others, until it is near home."""
         led = self._led[vehicle.name]
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
@@ -349,7 +353,7 @@ class FormationFlight(Guidance):
             return [say(vehicle, words), *self.lead(vehicle, here)]
         return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None
 
-    def _takes_over(self, vehicle: Vehicle, led: Led, here: Here) -> bool:
+    def _takes_over(self, vehicle: Vehicle, led: Led, here: PositionFix) -> bool:
         """Whether it is clear of its home and of the ground."""
         place_m: Place = (here.x_m, here.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
@@ -361,7 +365,7 @@ class FormationFlight(Guidance):
         return led.taken_over
 
     def _orbit_due(
-        self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here, near: bool
+        self, vehicle: Vehicle, led: Led, wanted: Circle, here: PositionFix, near: bool
     ) -> bool:
         flown = led.circle
         if flown is None:
@@ -379,26 +383,26 @@ class FormationFlight(Guidance):
         led.look_down_at_s = here.at_s + LOOK_DOWN_EVERY_S
         return abs(self._altitude(vehicle, flown, here) - led.altitude_m) >= ALTITUDE_CHANGES_M
 
-    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, here: Here) -> Orbit:
+    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, here: PositionFix) -> Orbit:
         led.circle, led.altitude_m = wanted, self._altitude(vehicle, wanted, here)
         led.order, led.ordered_at_s = "orbit", here.at_s
         led.orbit_at_s, led.look_down_at_s = here.at_s, here.at_s + LOOK_DOWN_EVERY_S
         return orbit_of(vehicle.name, self.landscape, wanted, led.altitude_m)
 
-    def _has_settled(self, led: Led, here: Here) -> bool:
+    def _has_settled(self, led: Led, here: PositionFix) -> bool:
         since_s = led.settled_since_s
         return since_s is not None and here.at_s - since_s >= SETTLED_FOR_S
 
-    def _start_due(self, led: Led, here: Here) -> bool:
+    def _start_due(self, led: Led, here: PositionFix) -> bool:
         """Whether the mission on board now ends in the circle that is flown by an order."""
         ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, here: Here, near: bool
+        self, vehicle: Vehicle, led: Led, intention: Intention, here: PositionFix, near: bool
     ) -> list[AnyCommand]:
         section = vehicle.section
-        least, most = section.least_airspeed_m_s, section.most_airspeed_m_s
+        least, most = section.min_airspeed_m_s, section.max_airspeed_m_s
         if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
             least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)

@@ -76,8 +76,8 @@ class AvoidanceRules:
         """The argument ``frame`` of ``decide_orbit``."""
         frame = self.airframe
         return (
-            float(frame.least_airspeed_m_s),
-            float(frame.most_airspeed_m_s),
+            float(frame.min_airspeed_m_s),
+            float(frame.max_airspeed_m_s),
             float(frame.bank_rad),
         )
 
@@ -85,7 +85,7 @@ class AvoidanceRules:
 def avoidance_rules(settings: Settings) -> AvoidanceRules:
     """The rules that follow from the formation's settings."""
     return AvoidanceRules(
-        settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.apart_by_height_m
+        settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.vertical_separation_m
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import Say
+from mission_service.commands import BroadcastMessage
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
@@ -27,8 +27,8 @@ from mission_service.guidance.formation.manual_control import (
 from mission_service.guidance.formation.map_grid import map_grid_of
 from mission_service.guidance.formation.settings import NEVER_M, Airframe, Settings
 from mission_service.guidance.protocol import Decision
-from mission_service.peer_messages import AnyMessage, Leaving, State
-from mission_service.position_fix import Here
+from mission_service.peer_messages import AgentState, AnyMessage, Leaving
+from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
@@ -43,10 +43,10 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     if camera.along_rad is None:
         along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(camera.across_rad / 2.0))
         camera = replace(camera, along_rad=along_rad)
-    airframe = Airframe(section.least_airspeed_m_s, section.most_airspeed_m_s)
-    height_m = shared.apart_by_height_m
+    airframe = Airframe(section.min_airspeed_m_s, section.max_airspeed_m_s)
+    height_m = shared.vertical_separation_m
     return Settings(
-        apart_by_height_m=NEVER_M if height_m is None else height_m,
+        vertical_separation_m=NEVER_M if height_m is None else height_m,
         monitoring_m=shared.monitoring_m,
         altitude_agl_m=section.altitude_agl_m,
         loiter_radius_m=section.loiter_radius_m,
@@ -79,9 +79,9 @@ class FormationMember:
         self.agent = agent
         self.wind_m_s = (0.0, 0.0)  # towards (x, y)
         self.hot_until_s = -math.inf
-        self.here: Here | None = None
+        self.here: PositionFix | None = None
         self.flies = False
-        self.state: State | None = None  # the last one sent
+        self.state: AgentState | None = None  # the last one sent
         self.manual_control = False  # in the air, and not led by its agent
         self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
         self._formation = formation
@@ -141,8 +141,8 @@ class Formation:
         self._cos, self._sin = math.cos(turn), math.sin(turn)
         shared = scenario.formation
         self._range_m, self._near_m = shared.range_m, shared.neighbourhood_m
-        self._talks = shared.talks
-        self._outgoing: list[Say] = []
+        self._talks = shared.peer_messaging
+        self._outgoing: list[BroadcastMessage] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
         self.members: dict[str, FormationMember] = {
@@ -175,7 +175,7 @@ class Formation:
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
-    def step(self, name: str, here: Here) -> Intention:
+    def step(self, name: str, here: PositionFix) -> Intention:
         """Advance a vehicle's agent to its position, send its messages; returns its intention."""
         member = self.members[name]
         member.here, member.flies, member.manual_control = here, True, False
@@ -195,7 +195,7 @@ class Formation:
         self._publish(member, own.at_us)
         return intention
 
-    def track_manual(self, name: str, here: Here) -> None:
+    def track_manual(self, name: str, here: PositionFix) -> None:
         """Send the state of a vehicle under manual control to the others, twice a second."""
         member = self.members[name]
         velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
@@ -214,7 +214,7 @@ class Formation:
         orbit = expected_orbit(member.recent[0], member.recent[-1], radius_m)
         speed_m_s = math.dist(velocity_m_s, member.wind_m_s)
         place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
-        member.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
+        member.state = AgentState(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
         self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
@@ -255,13 +255,13 @@ class Formation:
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
         member = self.members[name]
-        if isinstance(message, State) and member.here is not None:
+        if isinstance(message, AgentState) and member.here is not None:
             here_m = (member.here.x_m, member.here.y_m)
             if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
                 return
         member.agent.on_message(message)
 
-    def outgoing(self) -> list[Say]:
+    def outgoing(self) -> list[BroadcastMessage]:
         """Messages for other processes since the last call."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
@@ -269,13 +269,13 @@ class Formation:
     def _publish(self, member: FormationMember, at_us: int) -> None:
         """Send the messages of a member's agent to all others."""
         for message in member.agent.messages(at_us):
-            if isinstance(message, State):
+            if isinstance(message, AgentState):
                 member.state = message
             self._send(member, message)
 
     def _send(self, member: FormationMember, message: AnyMessage) -> None:
         if self._talks:
-            self._outgoing.append(Say(member.agent.name, message))
+            self._outgoing.append(BroadcastMessage(member.agent.name, message))
         for name, other in self.members.items():
             if other is not member:
                 self.deliver(name, message)

@@ -21,15 +21,15 @@ class Airframe:
     The paper's thrust goes from 0.4 of the most to the most (eq. 16); here so does the airspeed.
     """
 
-    least_airspeed_m_s: float = 10.0
-    most_airspeed_m_s: float = 25.0
+    min_airspeed_m_s: float = 10.0
+    max_airspeed_m_s: float = 25.0
     bank_rad: float = 0.7
     climb_m_s: float = 3.0
 
     @property
     def cruise_m_s(self) -> float:
         """The airspeed of a vehicle that is in phase: 0.7 of the most (eq. 16)."""
-        return max(0.7 * self.most_airspeed_m_s, self.least_airspeed_m_s)
+        return max(0.7 * self.max_airspeed_m_s, self.min_airspeed_m_s)
 
     def turn_rate_rad_s(self, airspeed_m_s: float) -> float:
         """Largest turn rate in level flight."""
@@ -66,7 +66,7 @@ class Settings:
     # ---
     range_m: float = 2000.0  # r_com: how far states are heard; fire updates reach all
     restart_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
-    apart_by_height_m: float = NEVER_M  # altitudes that differ so much need no avoidance
+    vertical_separation_m: float = NEVER_M  # altitudes that differ so much need no avoidance
     placement: Literal["coverage", "forces"] = "coverage"  # ``coverage.py``; the paper's forces
     camera: Camera = PAPER_CAMERA
     airframe: Airframe = Airframe()

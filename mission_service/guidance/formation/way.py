@@ -1,7 +1,7 @@
 """The way of flying in a formation: fixed wings that loiter around the fire."""
 
 from mission_service.config.scenario import Scenario
-from mission_service.guidance.way import WayOfFlying, later
+from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:

@@ -12,11 +12,11 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import (
     TUNED,
     AnyEvent,
-    Crew,
-    CrewEvent,
+    AnyOperatorEvent,
     Observed,
+    OperatorEvent,
     Resumed,
-    SettingsTold,
+    SettingsChanged,
     VehicleEvent,
 )
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
@@ -28,10 +28,10 @@ from mission_service.guidance.team.team import TeamMember
 from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
 from mission_service.missions.approach import approach_path
 from mission_service.missions.from_path import mission_along
-from mission_service.position_fix import Here
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.state import Vehicle, say
-from mission_service.vehicles.traffic import Spacing
+from mission_service.vehicles.traffic import TrafficManager
+from mission_service.vehicles.vehicle_state import Vehicle, say
 
 Floats = NDArray[np.float64]
 
@@ -46,19 +46,19 @@ class FrontFlight(Guidance):
         planners: Planners,
         scenario: Scenario,
         landscape: Landscape,
-        spacing: Spacing,
+        traffic: TrafficManager,
         missions: MissionsSent,
     ) -> None:
         self.scenario = scenario
         self.landscape = landscape
         self.planners = planners(scenario, landscape)
-        self.spacing = spacing
+        self.traffic = traffic
         self._missions = missions
         self._phase = dict.fromkeys(self.planners, "")
         self._watch = FrontMonitor(self.planners, landscape.cell_size_m)
-        self._renewal = Renewal(scenario.mission, spacing)
+        self._renewal = Renewal(scenario.mission, traffic)
         self._adviser = TeamSizeAdviser(
-            CoverageTargets(scenario.planner.worst_age_s, scenario.planner.unseen_advance_m)
+            CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
@@ -67,9 +67,9 @@ class FrontFlight(Guidance):
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         return []
 
-    def told(self, event: CrewEvent) -> list[AnyCommand]:
+    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Other settings, for planners that have them."""
-        if not isinstance(event, SettingsTold):
+        if not isinstance(event, SettingsChanged):
             return []
         commands: list[AnyCommand] = []
         for planner in self.planners.values():
@@ -85,7 +85,7 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words, "warning"))
         return commands
 
-    def first_path(self, vehicle: Vehicle, here: Here) -> Floats:
+    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
         """To where the fire is said to be; it finds the front on its way."""
         return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
 
@@ -93,7 +93,7 @@ class FrontFlight(Guidance):
         """A new phase, a decision, and advice to a team's user."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
-        if vehicle.presence.airborne and planner.phase != self._phase[vehicle.name]:
+        if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
             self._phase[vehicle.name] = planner.phase
             commands.append(say(vehicle, f"phase: {planner.phase}"))
         if decision is not None:
@@ -120,16 +120,16 @@ class FrontFlight(Guidance):
         """Note missions that leave; report what is no longer watched of the front, or again."""
         for command in leaving:
             if isinstance(command, UploadMission):
-                self.spacing.sends(command.vehicle, command.items)
-        names = vehicles if isinstance(event, Crew) else (event.vehicle,)
-        presence = {name: vehicle.presence for name, vehicle in vehicles.items()}
+                self.traffic.sends(command.vehicle, command.items)
+        names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
+        availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         for name in names:
-            watches = presence[name].flies and not vehicles[name].ordered
-            commands += self._watch.update(name, watches, presence)
+            watches = availability[name].flies and not vehicles[name].ordered
+            commands += self._watch.update(name, watches, availability)
         return commands
 
-    def lead(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Give way, or renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
@@ -138,20 +138,20 @@ class FrontFlight(Guidance):
             return aside
         return self._follow(vehicle, here) if self._renewal.to_be_checked(vehicle, here) else []
 
-    def _out_of_the_way(self, vehicle: Vehicle, here: Here) -> list[AnyCommand] | None:
+    def _out_of_the_way(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
         """Step aside, and stay there; None when the way is free."""
-        waiting = self.spacing.gave_way_to(vehicle.name)
-        other = self.spacing.give_way_to(vehicle.name)
+        waiting = self.traffic.gave_way_to(vehicle.name)
+        other = self.traffic.give_way_to(vehicle.name)
         if other is None:
             if waiting is not None:
                 vehicle.due = "the way is free"
             return None
-        if other == waiting and not self.spacing.comes_too_low(vehicle.name):
+        if other == waiting and not self.traffic.comes_too_low(vehicle.name):
             return []
-        place = self.spacing.waits_at(vehicle.name)
+        place = self.traffic.waits_at(vehicle.name)
         return [self._upload(vehicle, place, here, f"give way to {other}", keeps_apart=True)]
 
-    def _follow(self, vehicle: Vehicle, here: Here) -> list[AnyCommand]:
+    def _follow(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
         """Renew the rolling mission when it is no longer what the vehicle should fly."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
@@ -161,13 +161,13 @@ class FrontFlight(Guidance):
         why = None if ahead is None else self._renewal.why(vehicle, ahead, here)
         return [] if ahead is None or why is None else [self._upload(vehicle, ahead, here, why)]
 
-    def _path(self, planner: Planner, here: Here) -> Floats | None:
+    def _path(self, planner: Planner, here: PositionFix) -> Floats | None:
         cells = planner.path(here.row, here.col)
         if len(cells) < 2:
             return None
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
-    def preview(self, vehicle: Vehicle, here: Here) -> tuple[MissionItem, ...] | None:
+    def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
         """The mission it would be sent now; nothing is changed by asking."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
@@ -175,7 +175,7 @@ class FrontFlight(Guidance):
         path = self._path(planner, here)
         return None if path is None else self.items(vehicle, path, here)
 
-    def compared(self, name: str, here: Here) -> Compared | None:
+    def compared(self, name: str, here: PositionFix) -> Compared | None:
         """The importances of the front's cells; None before a first lap, and of other planners."""
         planner = self.planners[name]
         if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
@@ -190,23 +190,23 @@ class FrontFlight(Guidance):
         return {}
 
     def _upload(
-        self, vehicle: Vehicle, path: Floats, here: Here, why: str, keeps_apart: bool = False
+        self, vehicle: Vehicle, path: Floats, here: PositionFix, why: str, keeps_apart: bool = False
     ) -> UploadMission:
         items = self.items(vehicle, path, here)
         keeps_apart = keeps_apart or why == CLOSE_BELOW
         return self._missions.upload(vehicle, path, items, here, why, keeps_apart)
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: Here) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
         """The mission along a path, above those of vehicles in lower layers."""
         return mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
             vehicle.section,
             self.landscape,
-            from_ground=not vehicle.presence.airborne,
+            from_ground=not vehicle.availability.airborne,
             landing=vehicle.landing.at(here.at_s),
-            least_at=self.spacing.least_altitudes(vehicle.name),
-            start_m=(here.x_m, here.y_m) if vehicle.presence.airborne else None,
+            min_at=self.traffic.min_altitudes(vehicle.name),
+            start_m=(here.x_m, here.y_m) if vehicle.availability.airborne else None,
         )
 
 
@@ -219,5 +219,5 @@ def _takes_off(vehicle: Vehicle) -> bool:
     return vehicle.takes_off and vehicle.mode == "mission"
 
 
-def _in_words(told: SettingsTold) -> str:
+def _in_words(told: SettingsChanged) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())

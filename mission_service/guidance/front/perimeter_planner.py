@@ -3,14 +3,14 @@
 Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
 shape, compare the importance of the two halves of the perimeter, and turn or go on.
 
-There are three rules. ``literal`` is the paper's. It chatters once the spread is very uneven: every
-turn makes the other window the more important one, and spread rates come from two views seconds
-apart. ``damped``, the default, adds only this:
+There are three rules. ``islam_hu`` is the paper's. It chatters once the spread is very uneven:
+every turn makes the other window the more important one, and spread rates come from two views
+seconds apart. ``islam_hu_damped``, the default, adds only this:
 
 - spread rates come from views at least ``baseline_s`` apart and are averaged over neighbouring
   bearings, so that one cell more or less does not become a high rate;
 - the back window must exceed the front one by the share ``reversal_margin``, and by at least
-  ``least_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
+  ``min_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
 - after a turn the vehicle flies on for ``dwell_s`` before it may turn again: the time in which it
   turns around and has other cells in view.
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.events import Observed, SettingsTold
+from mission_service.events import Observed, SettingsChanged
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
 from mission_service.guidance.front.first_lap import (
@@ -46,7 +46,7 @@ from mission_service.guidance.front.planners import path_settings
 from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
-Rule = Literal["damped", "literal", "circling"]
+Rule = Literal["islam_hu_damped", "islam_hu", "circling"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class PerimeterSettings:
     baseline_s: float
     smoothing_deg: int
     reversal_margin: float
-    least_gain_cells: float
+    min_gain_cells: float
     dwell_s: float
     speed_cells_s: float
     path: PathSettings
@@ -80,7 +80,7 @@ class PerimeterPlanner:
         self.phase: Phase = "approach"
         self.clockwise = settings.clockwise_first
         self.reversals = 0
-        baseline_s = 0.0 if settings.rule == "literal" else settings.baseline_s
+        baseline_s = 0.0 if settings.rule == "islam_hu" else settings.baseline_s
         self.map = FireMap(shape, *centre, ignited_at_s, baseline_s)
         self._observations: list[CameraView] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
@@ -104,7 +104,7 @@ class PerimeterPlanner:
             observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
         )
 
-    def tune(self, event: SettingsTold) -> None:
+    def tune(self, event: SettingsChanged) -> None:
         """Other settings from now on."""
         self.settings = replace(self.settings, **event.given)
 
@@ -147,7 +147,7 @@ class PerimeterPlanner:
         north, east, bearing = ring_of_cells(
             self.shape(row, col), round(bearing_deg(self.map, row, col)) % BEARINGS, self.clockwise
         )
-        smoothing = 0 if settings.rule == "literal" else settings.smoothing_deg
+        smoothing = 0 if settings.rule == "islam_hu" else settings.smoothing_deg
         return ring_importance(
             self.map.spread_rate_cells_s(smoothing)[bearing],
             at_s - visited_at_s[bearing],
@@ -180,14 +180,14 @@ class PerimeterPlanner:
         settings = self.settings
         if settings.rule == "circling":
             return False
-        if settings.rule == "literal":
+        if settings.rule == "islam_hu":
             return back > front
         rested = at_s - self._turned_at_s >= settings.dwell_s
         gain = back - front
         return (
             rested
             and gain > front * settings.reversal_margin
-            and gain > window_cells * settings.least_gain_cells
+            and gain > window_cells * settings.min_gain_cells
         )
 
     def path(self, row: float, col: float) -> Floats:
@@ -214,7 +214,7 @@ def perimeter_planner(
         baseline_s=told.baseline_s,
         smoothing_deg=told.smoothing_deg,
         reversal_margin=told.reversal_margin,
-        least_gain_cells=told.least_gain_cells,
+        min_gain_cells=told.min_gain_cells,
         dwell_s=told.dwell_s,
         speed_cells_s=section.airspeed_m_s / cell_m,
         path=path_settings(scenario, cell_m),

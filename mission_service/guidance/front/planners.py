@@ -27,4 +27,4 @@ def turn_back_s(section: VehicleSection) -> float:
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
     """How far paths reach, and where they begin."""
     mission = scenario.mission
-    return PathSettings(mission.horizon_m / cell_m, mission.lead_m / cell_m)
+    return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)

@@ -9,9 +9,9 @@ import shapely
 from numpy.typing import NDArray
 
 from mission_service.config.sections import MissionSection
-from mission_service.position_fix import Here
-from mission_service.vehicles.state import Vehicle
-from mission_service.vehicles.traffic import Spacing
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.traffic import TrafficManager
+from mission_service.vehicles.vehicle_state import Vehicle
 
 # A new path is compared with the one being flown over this share of the horizon ...
 COMPARED_SHARE = 0.25
@@ -25,7 +25,7 @@ TURN_BACK = "turn back"
 class Renewal:
     """The rule, for all vehicles of a run."""
 
-    def __init__(self, settings: MissionSection, spacing: Spacing) -> None:
+    def __init__(self, settings: MissionSection, spacing: TrafficManager) -> None:
         self._settings = settings
         self._spacing = spacing
         self._corrected: set[str] = set()  # those whose whole path is to be compared
@@ -35,7 +35,7 @@ class Renewal:
         self._corrected.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
-    def to_be_checked(self, vehicle: Vehicle, here: Here) -> bool:
+    def to_be_checked(self, vehicle: Vehicle, here: PositionFix) -> bool:
         """Whether the mission is to be checked now; no upload is under way, and no takeoff."""
         if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
@@ -54,12 +54,12 @@ class Renewal:
             return None
         return vehicle.due or "fly to the fire"
 
-    def is_open(self, vehicle: Vehicle, here: Here) -> bool:
+    def is_open(self, vehicle: Vehicle, here: PositionFix) -> bool:
         """Whether the mission may be renewed so soon after the one before."""
         since_s = here.at_s - vehicle.uploaded_at_s
-        return bool(vehicle.due) or since_s >= self._settings.least_upload_interval_s
+        return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
-    def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], here: Here) -> str | None:
+    def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], here: PositionFix) -> str | None:
         """Why the mission is to be renewed by one along a path; None: it is not.
 
         ``path_m`` is (n, 2) x, y in metres, where the vehicle would fly now.

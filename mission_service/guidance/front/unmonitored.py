@@ -9,7 +9,7 @@ from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlar
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.protocol import Steered
-from mission_service.vehicles.availability import Presence
+from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class FrontMonitor:
         return [] if self._alarm is None else [self._alarm]
 
     def update(
-        self, name: str, watches: bool, presence: Mapping[str, Presence]
+        self, name: str, watches: bool, availability: Mapping[str, VehicleAvailability]
     ) -> list[AnyCommand]:
         """Commands after an event of a vehicle: a part of the front left, or monitored again.
 
@@ -86,7 +86,7 @@ class FrontMonitor:
             raised, self._alarm = self._alarm, None
             return [] if raised is None else [ClearAlarm(raised.vehicle, ALARM)]
         self._watching.discard(name)
-        part = describe_sector(fire, self._left(name, fire, presence), self._cell_m)
+        part = describe_sector(fire, self._left(name, fire, availability), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
             return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
@@ -94,13 +94,13 @@ class FrontMonitor:
         return [self._alarm]
 
     def _left(
-        self, name: str, fire: FireMap, presence: Mapping[str, Presence]
+        self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
         """The bearings to which it was the nearest of the vehicles that share its map."""
         places = {
             each: here
             for each in (name, *sorted(self._watching))
-            if (here := presence[each].here) is not None
+            if (here := availability[each].here) is not None
             and front_map_of(self._planners[each]) is fire
         }
         if name not in places:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
-from mission_service.guidance.way import WayOfFlying, later
+from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
@@ -25,8 +25,8 @@ Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 FOLDER = __package__
 # By rule: where a function is that makes the planner of one vehicle.
 PLANNERS = {
-    "damped": "perimeter_planner:perimeter_planner",
-    "literal": "perimeter_planner:perimeter_planner",
+    "islam_hu_damped": "perimeter_planner:perimeter_planner",
+    "islam_hu": "perimeter_planner:perimeter_planner",
     "circling": "perimeter_planner:perimeter_planner",
     "predictive": "predictive_planner:predictive_planner",
 }

@@ -13,6 +13,7 @@ import numpy as np
 
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.front.planners import turn_back_s
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.lookahead import (
     LEGS,
     NEVER,
@@ -26,7 +27,6 @@ from mission_service.guidance.team.lookahead import (
     workspace_for,
 )
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing
 
 NODES = 256  # at most, of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before going on again

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Integers
 
 
 class Circling:

@@ -90,7 +90,7 @@ def chunk(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def most_centred(  # type: ignore[no-untyped-def]
+def max_centred(  # type: ignore[no-untyped-def]
     rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
     """Cells to give at either end so that the centre of importance is most central.

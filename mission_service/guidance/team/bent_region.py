@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mission_service.guidance.team.ring import FrontRing
+from mission_service.guidance.team.front_ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,13 @@ from mission_service.guidance.team.bent_steering import (
     predictive_kept,
 )
 from mission_service.guidance.team.bent_team import RegionTeam
+from mission_service.guidance.team.front_ring import TeamRule
 from mission_service.guidance.team.negotiation import (
     Negotiation,
     on_arrival,
     on_centre,
     on_importance,
 )
-from mission_service.guidance.team.ring import TeamRule
 
 PLANNERS: Mapping[str, CourseRule] = {
     "back-and-forth": back_and_forth,

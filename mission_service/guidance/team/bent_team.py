@@ -7,6 +7,7 @@ from mission_service.guidance.team.bent_region import (
     course_back,
     lifted,
 )
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Integers
 from mission_service.guidance.team.negotiation import Negotiation, Party, reserved_cells
 from mission_service.guidance.team.regions import (
     Regions,
@@ -18,7 +19,6 @@ from mission_service.guidance.team.regions import (
     with_member,
     without_member,
 )
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, Integers
 
 NEGOTIATE_EVERY_S = 20.0
 

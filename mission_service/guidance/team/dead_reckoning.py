@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mission_service.guidance.team.bent_kernels import chunk, most_centred, total
+from mission_service.guidance.team.bent_kernels import chunk, max_centred, total
 from mission_service.guidance.team.bent_region import lifted
-from mission_service.guidance.team.ring import FrontRing
+from mission_service.guidance.team.front_ring import FrontRing
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def on_centre(
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
         return 0, 0
-    found = most_centred(
+    found = max_centred(
         ring.spread_rate_m_s, ring.visited_at_s, own.begin, own.end, first, last, at_s, exponential
     )
     return int(found[0]), int(found[1])

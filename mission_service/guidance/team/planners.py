@@ -6,7 +6,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.front.planners import ground_of, path_settings, turn_back_s
 from mission_service.guidance.protocol import Planner
-from mission_service.guidance.team.ring import TeamRule
+from mission_service.guidance.team.front_ring import TeamRule
 from mission_service.guidance.team.team import MemberPerformance, Team, TeamSettings
 from mission_service.guidance.team.way import FOLDER, RULES
 

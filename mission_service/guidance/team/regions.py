@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Integers
+from mission_service.guidance.team.front_ring import Integers
 
 
 class Side(NamedTuple):

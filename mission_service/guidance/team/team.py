@@ -31,7 +31,7 @@ from mission_service.guidance.front.front_path import (
 )
 from mission_service.guidance.protocol import Decision, Phase
 from mission_service.guidance.team.dead_reckoning import ReportedPosition, dead_reckoned_fleet
-from mission_service.guidance.team.ring import ActiveFleet, FrontRing, TeamRule
+from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, TeamRule
 
 Floats = NDArray[np.float64]
 

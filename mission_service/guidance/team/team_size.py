@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.team.ring import Floats, FrontRing
+from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
 PARTS = 64  # of the ring: where arcs may begin and end
@@ -26,9 +26,9 @@ class Split(NamedTuple):
     worst_advance_m: float  # that the front makes unseen anywhere
 
 
-def vehicles_for_age(length_m: float, speed_m_s: float, worst_age_s: float) -> int:
+def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:
     """Vehicles that must lap so that nothing stays unseen for longer: n >= L / (v T)."""
-    return _at_least(length_m / (speed_m_s * worst_age_s))
+    return _at_least(length_m / (speed_m_s * max_revisit_s))
 
 
 def vehicles_for_advance(
@@ -94,8 +94,8 @@ def vehicles_needed(
 class CoverageTargets:
     """Limits of the age of any part of the front, and of its unseen advance."""
 
-    worst_age_s: float | None = None
-    unseen_advance_m: float | None = None
+    max_revisit_s: float | None = None
+    max_unseen_advance_m: float | None = None
 
 
 def team_size_advice(
@@ -115,17 +115,17 @@ def team_size_advice(
         f"the front then gets {split.worst_advance_m:.0f} m further unseen at most{lapping}"
     )
     max_needed = 0
-    if targets.worst_age_s is not None:
-        needed = vehicles_for_age(length_m, mean_m_s, targets.worst_age_s)
+    if targets.max_revisit_s is not None:
+        needed = vehicles_for_age(length_m, mean_m_s, targets.max_revisit_s)
         max_needed = max(max_needed, needed)
-        text += f"; every {targets.worst_age_s:g} s takes {_vehicles(needed)}"
-    if targets.unseen_advance_m is not None:
+        text += f"; every {targets.max_revisit_s:g} s takes {_vehicles(needed)}"
+    if targets.max_unseen_advance_m is not None:
         enough = vehicles_needed(
-            ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.unseen_advance_m
+            ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.max_unseen_advance_m
         )
         needed = enough.lapping + enough.sweeping
         max_needed = max(max_needed, needed)
-        text += f"; no more than {targets.unseen_advance_m:g} m takes {_vehicles(needed)}"
+        text += f"; no more than {targets.max_unseen_advance_m:g} m takes {_vehicles(needed)}"
     return max_needed > vehicles, text
 
 

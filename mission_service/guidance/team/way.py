@@ -4,7 +4,7 @@ A rule is a file of this folder and a line in ``RULES``.
 """
 
 from mission_service.guidance.front.way import along_front
-from mission_service.guidance.way import later
+from mission_service.guidance.way_of_flying import later
 
 FOLDER = __package__
 # By rule: where a function is that makes it.

@@ -19,43 +19,43 @@ from firemodel.errors import FireModelError
 from mission_service import __version__
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import (
-    burn,
-    fire,
-    health,
-    journal,
-    missions,
-    planner,
-    replay,
-    requests,
-    state,
-    states,
-    vehicles,
+    burn_routes,
+    fire_routes,
+    health_routes,
+    journal_routes,
+    mission_routes,
+    models,
+    planner_routes,
+    replay_routes,
+    request_routes,
+    state_routes,
+    vehicle_routes,
 )
 from mission_service.interfaces.api.access.auth import Tokens
-from mission_service.interfaces.api.access.guard import Guard
-from mission_service.interfaces.api.answers import ApiError, encode, error_answer
-from mission_service.interfaces.api.context import Api
-from mission_service.interfaces.api.described import COMMON, REF, V1, Needs, json, route
+from mission_service.interfaces.api.access.guard import AccessGuard
+from mission_service.interfaces.api.context import ApiContext
+from mission_service.interfaces.api.openapi import COMMON, REF, V1, RequiredRole, json, route
+from mission_service.interfaces.api.responses import ApiError, encode, error_answer
 from mission_service.runtime.clocks import wall_us
-from mission_service.runtime.hub import Hub
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
+    Announcement,
     MissionState,
-    NewsLine,
     TelemetryState,
     VehicleState,
 )
+from mission_service.runtime.run_context import RunContext
 
 PAGE = Path(__file__).parents[1] / "web" / "dist"
 ANSWERS = (
-    states.Error,
-    states.Told,
-    states.State,
-    states.Preview,
-    states.Importance,
-    states.Health,
+    models.Error,
+    models.RequestResult,
+    models.FullState,
+    models.Preview,
+    models.Importance,
+    models.Health,
     MissionState,
-    NewsLine,
+    Announcement,
     ReplayState,
     TelemetryState,
     VehicleState,
@@ -68,17 +68,17 @@ ABOUT = """State, orders and corrections of one run. Mission time is in integer 
 class Application:
     """The application of one run; ``asgi`` is the guard in front of ``routes``."""
 
-    asgi: Guard
+    asgi: AccessGuard
     routes: FastAPI
-    api: Api
+    api: ApiContext
 
 
-def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
+def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Application:
     """Make the application of one run; the caller closes its ``api`` when the run ends.
 
     ``page`` is the folder of the built map. If it is missing, ``/`` is answered by 404 and a hint.
     """
-    api = Api(hub, tokens, wall_us)
+    api = ApiContext(context, tokens, wall_us)
     app = FastAPI(
         title="mission-service",
         version=__version__,
@@ -89,7 +89,18 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
         redirect_slashes=False,
         telemetry={"tracing": False, "metrics": False, "logs": False},
     )
-    for part in (state, vehicles, missions, fire, planner, burn, requests, journal, replay, health):
+    for part in (
+        state_routes,
+        vehicle_routes,
+        mission_routes,
+        fire_routes,
+        planner_routes,
+        burn_routes,
+        request_routes,
+        journal_routes,
+        replay_routes,
+        health_routes,
+    ):
         part.add(app.router, api)
     described = json({"openapi": "3.1.0"}, what="This description.")
 
@@ -104,9 +115,9 @@ def app_of(hub: Hub, tokens: Tokens, page: Path = PAGE) -> Application:
     _describe(app)
     _say_errors(app)
     _serve_page(app, page)
-    http = hub.settings.http
+    http = context.settings.http
     hosts = () if http is None else (http.host, *http.hosts)
-    return Application(Guard(app, tokens, hosts, api.streams.now_s, api.abort), app, api)
+    return Application(AccessGuard(app, tokens, hosts, api.streams.now_s, api.abort), app, api)
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:
@@ -120,7 +131,7 @@ def role_of(api_route: APIRoute) -> str:
     Raises MissionServiceError for a route without a role.
     """
     needed = [each.dependency for each in api_route.dependencies]
-    roles = [each.role for each in needed if isinstance(each, Needs)]
+    roles = [each.role for each in needed if isinstance(each, RequiredRole)]
     if len(roles) != 1:
         raise MissionServiceError(f"{api_route.path}: the route has no role; add one with route()")
     return roles[0] or "nobody"

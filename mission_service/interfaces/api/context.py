@@ -7,33 +7,33 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from mission_service.core.requests import ABORT
-from mission_service.interfaces.api.access.auth import Tokens, Who
-from mission_service.interfaces.api.answers import ApiError, answer, asked
+from mission_service.core.request_events import ABORT
+from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
-from mission_service.interfaces.api.live import Streams
+from mission_service.interfaces.api.live_stream import Streams
+from mission_service.interfaces.api.responses import ApiError, answer, asked
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
-from mission_service.runtime.hub import Hub
 from mission_service.runtime.published_states import VehicleState
+from mission_service.runtime.run_context import RunContext
 
-MOST_THREADS = 2  # at the same time: requests must not slow down the flight
+MAX_THREADS = 2  # at the same time: requests must not slow down the flight
 
 Result = TypeVar("Result")
 
 
-class Api:
+class ApiContext:
     """The run and the shared objects. ``wall_us`` returns the time since 1970 (µs)."""
 
-    def __init__(self, hub: Hub, tokens: Tokens, wall_us: Callable[[], int]) -> None:
-        self.hub = hub
+    def __init__(self, context: RunContext, tokens: Tokens, wall_us: Callable[[], int]) -> None:
+        self.context = context
         self.tokens = tokens
         self.wall_us = wall_us
-        self.frames = Frames(hub, wall_us)
+        self.frames = Frames(context, wall_us)
         self.streams = Streams(self.frames, lambda: asyncio.get_running_loop().time())
-        self.forecasts = forecasts_of(hub)
-        self.tiles = TerrainTiles(hub.landscape)
-        self._threads = asyncio.Semaphore(MOST_THREADS)
+        self.forecasts = forecasts_of(context)
+        self.tiles = TerrainTiles(context.landscape)
+        self._threads = asyncio.Semaphore(MAX_THREADS)
         self.uploads = asyncio.Semaphore(1)  # reads one file at a time
 
     def close(self) -> None:
@@ -41,15 +41,15 @@ class Api:
         self.forecasts.close()
 
     async def aside(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` in a thread; at most ``MOST_THREADS`` run at the same time."""
+        """Run ``work`` in a thread; at most ``MAX_THREADS`` run at the same time."""
         async with self._threads:
             return await asyncio.to_thread(work)
 
     def vehicle(self, name: str) -> VehicleState:
         """The state of a vehicle. Raises ApiError 404 for an unknown name."""
-        vehicle = self.hub.picture.vehicles.get(name)
+        vehicle = self.context.state_view.vehicles.get(name)
         if vehicle is None:
-            there = ", ".join(self.hub.picture.vehicles)
+            there = ", ".join(self.context.state_view.vehicles)
             raise ApiError(404, f"no vehicle {name[:40]!r}; there are {there}")
         return vehicle
 
@@ -62,9 +62,9 @@ class Api:
         for key in ("do", *named):
             if key in wanted:
                 raise ApiError(422, f"{do}: unknown key {key}: the address says it")
-        return answer(self.desk(request.state.who, {**wanted, **named, "do": do}))
+        return answer(self.request_handler(request.state.who, {**wanted, **named, "do": do}))
 
-    def abort(self, who: Who, query_string: bytes) -> dict[str, Any]:
+    def abort(self, who: User, query_string: bytes) -> dict[str, Any]:
         """Carry out an abort; returns the reply. The body, which may be incomplete, is not read.
 
         ``query_string`` may contain ``by`` and ``station``, used where the token does not fix them.
@@ -73,28 +73,28 @@ class Api:
         wanted = dict(parse_qsl(query_string.decode("latin-1")))
         by = who.name if self.tokens.named else wanted.get("by", who.name)
         station = who.station or wanted.get("station", "") or self._only_station()
-        found = self.hub.desk.ask({"do": ABORT, "by": by, "station": station})
-        self.hub.ring()
+        found = self.context.request_handler.ask({"do": ABORT, "by": by, "station": station})
+        self.context.ring()
         if not found["ok"]:
-            if self.hub.replay is not None:
+            if self.context.replay is not None:
                 raise ApiError(409, str(found["error"]))
             raise ApiError(507, str(found["error"]))  # the only reason to refuse an abort
         return found
 
-    def desk(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
+    def request_handler(self, who: User, wanted: dict[str, Any]) -> dict[str, Any]:
         """Handle a request of ``who``; returns the reply. Raises ApiError if it is refused."""
         given = {**wanted, **self._who_asks(who, wanted)}
         may_approve = who.may("approve") if self.tokens.named else None
-        found = self.hub.desk.ask(given, may_approve)
-        self.hub.ring()
+        found = self.context.request_handler.ask(given, may_approve)
+        self.context.ring()
         if not found["ok"]:
-            if self.hub.service.recording.trouble:
+            if self.context.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
-            is_accepted = wanted["do"] in self.hub.desk.scope.accepted
+            is_accepted = wanted["do"] in self.context.request_handler.scope.accepted
             raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 
-    def _who_asks(self, who: Who, wanted: dict[str, Any]) -> dict[str, Any]:
+    def _who_asks(self, who: User, wanted: dict[str, Any]) -> dict[str, Any]:
         """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
         by = wanted.get("by", who.name)
         if self.tokens.named and by != who.name:
@@ -106,6 +106,6 @@ class Api:
 
     def _only_station(self) -> str:
         """The burn's only station; empty if it has several, ``http`` in a run without stations."""
-        burn = self.hub.scenario.burn
+        burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

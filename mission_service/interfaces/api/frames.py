@@ -3,23 +3,23 @@
 from collections.abc import Callable
 from typing import Any
 
-from mission_service.interfaces.api.answers import encode
-from mission_service.interfaces.api.states import status_of
-from mission_service.runtime.hub import Hub
+from mission_service.interfaces.api.models import status_of
+from mission_service.interfaces.api.responses import encode
+from mission_service.runtime.run_context import RunContext
 
 
 class Frames:
     """The newest event of each key for the live stream; memory: one event for each key."""
 
-    def __init__(self, hub: Hub, wall_us: Callable[[], int]) -> None:
-        self._hub = hub
+    def __init__(self, context: RunContext, wall_us: Callable[[], int]) -> None:
+        self._hub = context
         self._wall_us = wall_us
         self._kept: dict[str, tuple[int, bytes]] = {}
 
     @property
     def version(self) -> int:
         """The version of the picture."""
-        return self._hub.picture.version
+        return self._hub.state_view.version
 
     async def changed(self, since: int) -> None:
         """Wait until the picture is newer than ``since``."""
@@ -30,13 +30,13 @@ class Frames:
 
         A client that was disconnected continues after its last ``id`` and misses nothing.
         """
-        changed = self._hub.picture.changed
+        changed = self._hub.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
         if key == "news":  # only lines after ``since``: not the same for all
-            lines = [line for line in self._hub.picture.news if line.id > since]
+            lines = [line for line in self._hub.state_view.news if line.id > since]
             return _event("news", version, lines)
         kept = self._kept.get(key)
         if kept is None or kept[0] != version:
@@ -46,24 +46,24 @@ class Frames:
         return kept[1]
 
     def _state(self, kind: str, name: str) -> Any:
-        hub = self._hub
+        context = self._hub
         match kind:
             case "vehicle":
-                return hub.picture.vehicles[name]
+                return context.state_view.vehicles[name]
             case "telemetry":
-                return hub.picture.telemetry[name]
+                return context.state_view.telemetry[name]
             case "mission":
-                return hub.picture.missions[name]
+                return context.state_view.missions[name]
             case "fire":
-                return hub.fire()
+                return context.fire()
             case "burn":
-                return hub.burn()
+                return context.burn()
             case "replay":
-                return None if hub.replay is None else hub.replay()
+                return None if context.replay is None else context.replay()
             case "alarms":
-                return list(hub.picture.alarms.values())
+                return list(context.state_view.alarms.values())
             case _:
-                return status_of(hub, self._wall_us())
+                return status_of(context, self._wall_us())
 
 
 def _event(kind: str, version: int, state: Any) -> bytes:

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 EVERY_LINES = 1000
 PART_BYTES = 1 << 20
-MOST_FILES = 4  # with an index; the least recently used index is dropped first
+MAX_FILES = 4  # with an index; the least recently used index is dropped first
 
 
 class JournalLines:
@@ -17,10 +17,10 @@ class JournalLines:
         self._lock = threading.Lock()
         self._files: OrderedDict[tuple[int, int], _Begins] = OrderedDict()
 
-    def after(self, file: BinaryIO, line: int, limit: int, most_bytes: int) -> tuple[bytes, int]:
+    def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
         """Whole lines after ``line`` (the header is line 1), and the number of the last of them.
 
-        At most ``limit`` lines; no further line once they have more than ``most_bytes``.
+        At most ``limit`` lines; no further line once they have more than ``max_bytes``.
         """
         with self._lock:
             begins = self._known(file)
@@ -31,7 +31,7 @@ class JournalLines:
             for number, text in enumerate(file, start=part * EVERY_LINES + 1):
                 if number <= line:
                     continue
-                if not text.endswith(b"\n") or len(found) >= limit or size > most_bytes:
+                if not text.endswith(b"\n") or len(found) >= limit or size > max_bytes:
                     break
                 found.append(text)
                 size += len(text)
@@ -45,7 +45,7 @@ class JournalLines:
             begins = _Begins()
         begins.count(file)
         self._files[named] = begins
-        if len(self._files) > MOST_FILES:
+        if len(self._files) > MAX_FILES:
             self._files.popitem(last=False)
         return begins
 

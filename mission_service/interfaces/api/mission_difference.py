@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 
 from mission_service.ground_distance import distance_m
-from mission_service.interfaces.api.states import Difference
+from mission_service.interfaces.api.models import MissionDifference
 from mission_service.runtime.published_states import ItemState
 
 
-def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Difference:
+def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> MissionDifference:
     """The difference between a mission and the one before, item by item from the first."""
     alike = 0
     while alike < min(len(before), len(after)) and before[alike] == after[alike]:
         alike += 1
     moved_m = [_apart_m(old, new) for old, new in zip(before, after, strict=False)]
-    return Difference(
+    return MissionDifference(
         alike, len(after) - alike, len(before) - alike, round(max(moved_m, default=0.0), 1)
     )
 

@@ -22,16 +22,20 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mission_service.config.service import HttpSection
 from mission_service.errors import MissionServiceError
-from mission_service.interfaces.api.access.callers import Caller, Callers, client_at
+from mission_service.interfaces.api.access.client_connections import (
+    ClientConnection,
+    ClientConnections,
+    client_at,
+)
 from mission_service.interfaces.api.access.guard import HEADERS
-from mission_service.interfaces.api.answers import error_body
+from mission_service.interfaces.api.responses import error_body
 
 REQUEST_WITHIN_S = 10.0  # for its headers, from its first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
 NO_ROOM_S = 0.05  # until the next attempt to accept a connection
 STOP_WITHIN_S = 1  # then open connections are closed
-MOST_HEADER_BYTES = 16 * 1024
+MAX_HEADER_BYTES = 16 * 1024
 SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would hold older states
 
 
@@ -105,7 +109,7 @@ async def serving(
         server_header=False,
         timeout_keep_alive=KEEP_ALIVE_S,
         timeout_graceful_shutdown=STOP_WITHIN_S,
-        h11_max_incomplete_event_size=MOST_HEADER_BYTES,
+        h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
     # It warns of each request that is not HTTP: such requests could fill the disk.
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
@@ -136,7 +140,7 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._listening = listening
         self._tls = tls
-        self._callers = Callers()
+        self._callers = ClientConnections()
         self._beginning: set[asyncio.Task[None]] = set()
         self.ready = asyncio.Event()
         self.stop = asyncio.Event()
@@ -167,13 +171,13 @@ class _Server(uvicorn.Server):
                 self._callers.cut_one()
                 await asyncio.sleep(NO_ROOM_S)
                 continue
-            caller = Caller(client_at(address), partial(_shut, there))
+            caller = ClientConnection(client_at(address), partial(_shut, there))
             self._callers.come(caller)
             task = asyncio.create_task(self._begin(there, caller))
             self._beginning.add(task)
             task.add_done_callback(self._beginning.discard)
 
-    async def _begin(self, there: socket.socket, caller: Caller) -> None:
+    async def _begin(self, there: socket.socket, caller: ClientConnection) -> None:
         """Attach the protocol to a connection, after its TLS handshake if there is one."""
         loop = asyncio.get_running_loop()
         begun = False
@@ -210,7 +214,7 @@ class Connection(H11Protocol):
     with a valid token.
     """
 
-    def __init__(self, callers: Callers, caller: Caller, *args: Any) -> None:
+    def __init__(self, callers: ClientConnections, caller: ClientConnection, *args: Any) -> None:
         super().__init__(*args)
         self._callers = callers
         self._caller = caller

@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from mission_service.config.mqtt_names import site_of
 from mission_service.config.service import CotSection
-from mission_service.interfaces.cot.messages import fire_events, vehicle_event
+from mission_service.interfaces.cot.cot_events import fire_events, vehicle_event
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
-from mission_service.interfaces.mqtt.connection import tls_of
+from mission_service.interfaces.mqtt.broker_connection import tls_of
 from mission_service.runtime.clocks import wall_us
 
 if TYPE_CHECKING:
-    from mission_service.runtime.hub import Hub
+    from mission_service.runtime.run_context import RunContext
 
 FIRE_EVERY = 10  # rounds between two fronts
 ROUNDS_UNTIL_STALE = 3
 ANSWER_S = 5.0  # limit for connecting and for sending an event
-LEAST_WAIT_S, MOST_WAIT_S = 1.0, 30.0
+MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
 ALARM = "cot"
 
 
-class Way(Protocol):
+class CotTransport(Protocol):
     """A transport of events."""
 
     async def send(self, event: bytes) -> None:
@@ -84,31 +84,31 @@ class Stream:
 
 def cot_door(
     settings: CotSection, scenario_name: str
-) -> Callable[["Hub"], Coroutine[Any, Any, None]]:
+) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
     """The coroutine that sends events until cancelled. Raises MissionServiceError."""
     tls = None
     if settings.scheme == "tls":
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
 
-    async def door(hub: "Hub") -> None:
-        await Sender(hub, settings, site_of(scenario_name), tls).run()
+    async def door(context: "RunContext") -> None:
+        await CotSender(context, settings, site_of(scenario_name), tls).run()
 
     return door
 
 
-class Sender:
+class CotSender:
     """Sends the events of one run."""
 
     def __init__(
-        self, hub: "Hub", settings: CotSection, site: str, tls: ssl.SSLContext | None
+        self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None
     ) -> None:
-        self._hub, self._settings, self._site, self._tls = hub, settings, site, tls
-        self._forecasts = forecasts_of(hub)
+        self._hub, self._settings, self._site, self._tls = context, settings, site, tls
+        self._forecasts = forecasts_of(context)
         self._sent: dict[str, int] = {}  # version of the picture, by vehicle
 
     async def run(self) -> None:
         """Send until cancelled; connect again after a failure."""
-        wait_s = LEAST_WAIT_S
+        wait_s = MIN_WAIT_S
         try:
             while True:
                 try:
@@ -118,17 +118,17 @@ class Sender:
                         await self._rounds(way)
                     finally:
                         way.close()
-                        wait_s = LEAST_WAIT_S
+                        wait_s = MIN_WAIT_S
                 except (OSError, TimeoutError) as error:
                     words = str(error) or "no answer"
-                    self._hub.picture.alarm(ALARM, f"no CoT to {self._settings.url}: {words}")
+                    self._hub.state_view.alarm(ALARM, f"no CoT to {self._settings.url}: {words}")
                     self._hub.ring()
                 await asyncio.sleep(wait_s)
-                wait_s = min(2.0 * wait_s, MOST_WAIT_S)
+                wait_s = min(2.0 * wait_s, MAX_WAIT_S)
         finally:
             self._forecasts.close()
 
-    async def _way(self) -> Way:
+    async def _way(self) -> CotTransport:
         host, port = self._settings.host, self._settings.port
         if self._settings.scheme != "udp":
             reader, writer = await asyncio.open_connection(host, port, ssl=self._tls)
@@ -138,7 +138,7 @@ class Sender:
         family, _, _, _, address = found[0]
         return Datagrams(address, family)
 
-    async def _rounds(self, way: Way) -> None:
+    async def _rounds(self, way: CotTransport) -> None:
         """Send rounds of events. Raises OSError or TimeoutError when the transport fails."""
         stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
         number = 0
@@ -146,21 +146,21 @@ class Sender:
             if number % FIRE_EVERY == 0:
                 await self._tell_fire(way, FIRE_EVERY * stale_us)
             await self._tell_vehicles(way, stale_us)
-            self._hub.picture.clear(ALARM)
+            self._hub.state_view.clear(ALARM)
             number += 1
             await asyncio.sleep(self._settings.every_s)
 
-    async def _tell_vehicles(self, way: Way, stale_us: int) -> None:
+    async def _tell_vehicles(self, way: CotTransport, stale_us: int) -> None:
         """Send positions that are new since the last round; on the maps the others become stale."""
-        picture = self._hub.picture
-        for name, here in list(picture.telemetry.items()):
-            version = picture.changed[f"telemetry/{name}"]
+        state_view = self._hub.state_view
+        for name, here in list(state_view.telemetry.items()):
+            version = state_view.changed[f"telemetry/{name}"]
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
-                kind = picture.vehicles[name].kind
+                kind = state_view.vehicles[name].kind
                 await way.send(vehicle_event(here, kind, self._site, wall_us(), stale_us))
 
-    async def _tell_fire(self, way: Way, stale_us: int) -> None:
+    async def _tell_fire(self, way: CotTransport, stale_us: int) -> None:
         front = await front_now(self._hub, self._forecasts)
         for event in fire_events(front, self._site, wall_us(), stale_us):
             await way.send(event)

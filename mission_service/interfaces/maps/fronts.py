@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.fire import StartArea, with_start
+from firemodel.spread.fire_scheme import StartArea, with_start
 from firemodel.spread.front import front_polygons
 from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 

@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-MOST_PAIRS = 3_000_000  # of a whole file; perimeters as they are have some four a vertex
-MOST_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # of one shape that is not valid
+MAX_PAIRS = 3_000_000  # of a whole file; perimeters as they are have some four a vertex
+MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # of one shape that is not valid
 AT_ONCE = 16  # segments, so that pairs found together stay few
 
 
@@ -35,6 +35,6 @@ def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
     return count
 
 
-def most_repaired(shape: BaseGeometry) -> int:
+def max_repaired(shape: BaseGeometry) -> int:
     """How many pairs a shape may have to be repaired."""
-    return MOST_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))
+    return MAX_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))

@@ -18,7 +18,7 @@ from mission_service.interfaces.maps.mercator import (
 )
 
 PIXELS_A_CELL = 2.0  # so that cells keep their edges when warped
-MOST_PIXELS = 2048  # along a side
+MAX_PIXELS = 2048  # along a side
 OPAQUE = 185  # of 255
 COLOURS = 250
 # matplotlib's inferno without its black end, which looks like shadow: nine places of it.
@@ -85,7 +85,7 @@ def overlay_frame(landscape: Landscape) -> dict[str, Any]:
 def _frame(landscape: Landscape) -> _Frame:
     west, south, east, north = mercator_box(landscape)
     pixel_m = max(
-        cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MOST_PIXELS
+        cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MAX_PIXELS
     )
     # Whole pixels: what is left over goes to the south and the east.
     width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)

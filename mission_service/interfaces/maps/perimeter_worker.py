@@ -18,10 +18,10 @@ from firemodel.errors import FireModelError
 from mission_service.interfaces.maps.perimeters_in import Perimeter, read_perimeter_in
 from mission_service.interfaces.maps.thinning import thinned
 
-MOST_RINGS = 50
-MOST_POINTS = 900  # of a correction; less than requests may have
-MOST_MEMORY_BYTES = 2 * 1024**3
-MOST_CPU_S = 25
+MAX_RINGS = 50
+MAX_POINTS = 900  # of a correction; less than requests may have
+MAX_MEMORY_BYTES = 2 * 1024**3
+MAX_CPU_S = 25
 NICENESS = 5  # below the process that flies
 
 
@@ -49,10 +49,10 @@ class Failed(msgspec.Struct, tag="failed"):
 def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
     """A request for each outline, burning now. Raises FireModelError for too many outlines."""
     rings = perimeter.rings()
-    if len(rings) > MOST_RINGS:
-        raise FireModelError(f"it has {len(rings)} outlines; at most {MOST_RINGS} are accepted")
+    if len(rings) > MAX_RINGS:
+        raise FireModelError(f"it has {len(rings)} outlines; at most {MAX_RINGS} are accepted")
     asked = {"do": "correct", "state": "burning", "shape": "polygon"}
-    return [{**asked, "points": thinned(ring, MOST_POINTS)} for ring in rings]
+    return [{**asked, "points": thinned(ring, MAX_POINTS)} for ring in rings]
 
 
 def answer_to(job: Job) -> Done | Failed:
@@ -67,8 +67,8 @@ def answer_to(job: Job) -> Done | Failed:
 
 def main() -> None:
     """One job, within limits of memory and time."""
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.nice(NICENESS)
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job)

@@ -18,7 +18,7 @@ from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.shapes import shape_problems
 from firemodel.spread.front import multipolygon
 from firemodel.spread.writers import M2_PER_ACRE
-from mission_service.interfaces.maps.geometry_limits import MOST_PAIRS, most_repaired, pairs_near
+from mission_service.interfaces.maps.geometry_limits import MAX_PAIRS, max_repaired, pairs_near
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84, Drawn, features_in
 
@@ -93,7 +93,7 @@ def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perime
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
     features = features_in(data, name)
-    if pairs_near([drawn.shape for drawn in features], MOST_PAIRS) > MOST_PAIRS:
+    if pairs_near([drawn.shape for drawn in features], MAX_PAIRS) > MAX_PAIRS:
         raise FireModelError(f"{name}: its lines cross or overlap too often; simplify it")
     for number, drawn in enumerate(features, start=1):
         area, odd = _polygons_of(drawn, number, name)
@@ -152,7 +152,7 @@ def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | N
         repaired = []
     else:
         reason = shapely.is_valid_reason(shape)
-        if pairs_near([shape], most_repaired(shape)) > most_repaired(shape):
+        if pairs_near([shape], max_repaired(shape)) > max_repaired(shape):
             raise FireModelError(f"{name}: {where} is not valid ({reason}); draw it anew")
         shape = shapely.make_valid(shape, method="structure", keep_collapsed=False)
         repaired = [f"{where} was not valid and has been repaired ({reason})"]

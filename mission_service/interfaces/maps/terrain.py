@@ -20,7 +20,7 @@ from mission_service.interfaces.maps.mercator import (
 )
 
 TILE = 256  # pixels
-MOST_BYTES = 24_000_000  # of tiles kept, though each were as large as it can be
+MAX_BYTES = 24_000_000  # of tiles kept, though each were as large as it can be
 LARGEST_TILE_BYTES = 3 * TILE * TILE + 4096
 SMALLEST_SHARE = 1 / 4  # of a tile that the landscape fills at least, at the lowest zoom
 HIGHEST_ZOOM = 22
@@ -45,7 +45,7 @@ class TerrainTiles:
         cells = WORLD_M / cell_mercator_m(landscape)
         self._maxzoom = min(max(math.ceil(math.log2(cells / TILE)), 0), HIGHEST_ZOOM)
         self._minzoom = min(max(math.floor(math.log2(across * SMALLEST_SHARE)), 0), self._maxzoom)
-        self._made = lru_cache(maxsize=MOST_BYTES // LARGEST_TILE_BYTES)(self._make)
+        self._made = lru_cache(maxsize=MAX_BYTES // LARGEST_TILE_BYTES)(self._make)
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
         """A PNG of 256 x 256; None where there is none: off the landscape, or at other zooms.

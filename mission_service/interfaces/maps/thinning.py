@@ -15,11 +15,11 @@ def thinned(ring: Ring, most: int) -> Ring:
     """
     if len(ring) <= most:
         return ring
-    found = least_areas_removed(ring, most)
+    found = min_areas_removed(ring, most)
     if shapely.Polygon(found).is_valid:
         return found
     # Sides cross. Simplified with its topology kept, which takes long and is done on few corners.
-    few = shapely.Polygon(least_areas_removed(ring, TRIED * most))
+    few = shapely.Polygon(min_areas_removed(ring, TRIED * most))
     parts = shapely.get_parts(shapely.make_valid(few, method="structure", keep_collapsed=False))
     largest = shapely.Polygon(max(parts, key=lambda part: part.area).exterior)
     tolerance, kept = 1e-6, shapely.get_coordinates(largest)
@@ -29,7 +29,7 @@ def thinned(ring: Ring, most: int) -> Ring:
     return [(float(x), float(y)) for x, y in kept[:-1]]
 
 
-def least_areas_removed(ring: Ring, most: int) -> Ring:
+def min_areas_removed(ring: Ring, most: int) -> Ring:
     """A ring without the corners that span the smallest triangles (Visvalingam & Whyatt 1993)."""
     count = len(ring)
     before = [(k - 1) % count for k in range(count)]

@@ -22,10 +22,10 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.shapes import into_crs, records_of
 
 LARGEST_BYTES = 8_000_000  # of an upload
-MOST_UNPACKED_BYTES = 32_000_000
-MOST_MEMBERS = 1000  # of an archive
-MOST_FEATURES = 5000
-MOST_VERTICES = 200_000
+MAX_UNPACKED_BYTES = 32_000_000
+MAX_MEMBERS = 1000  # of an archive
+MAX_FEATURES = 5000
+MAX_VERTICES = 200_000
 DEEPEST = 64  # elements of KML inside each other
 WGS84 = "EPSG:4326"
 # Names of longitude and latitude in the crs member of older GeoJSON; NAD83 is within 2 m of it.
@@ -66,9 +66,9 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
         )
     if not found:
         raise FireModelError(f"{name}: has no features; send a file with at least one polygon")
-    _check_count(len(found), MOST_FEATURES, "features", name)
+    _check_count(len(found), MAX_FEATURES, "features", name)
     count = sum(int(shapely.get_num_coordinates(drawn.shape)) for drawn in found)
-    _check_count(count, MOST_VERTICES, "vertices", name)
+    _check_count(count, MAX_VERTICES, "vertices", name)
     return found
 
 
@@ -82,10 +82,10 @@ def _check_count(count: int, most: int, what: str, name: str) -> None:
 def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
     """What an archive holds of use, by file name in lower case (without folders)."""
     found: dict[str, bytes] = {}
-    left = MOST_UNPACKED_BYTES
+    left = MAX_UNPACKED_BYTES
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_count(len(archive.infolist()), MOST_MEMBERS, "files in the archive", name)
+            _check_count(len(archive.infolist()), MAX_MEMBERS, "files in the archive", name)
             for member in archive.infolist():
                 inside = member.filename.replace("\\", "/").rsplit("/", 1)[-1].lower()
                 wanted = (*SHAPEFILE_PARTS, ".kml", ".geojson", ".json")
@@ -101,7 +101,7 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
                 left -= len(found[inside])
                 if left < 0:
                     raise FireModelError(
-                        f"{name}: unpacks to more than {MOST_UNPACKED_BYTES} bytes; send this fire "
+                        f"{name}: unpacks to more than {MAX_UNPACKED_BYTES} bytes; send this fire "
                         "alone"
                     )
     except (

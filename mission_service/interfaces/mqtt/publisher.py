@@ -17,24 +17,24 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from mission_service.config.service import MqttSection
-from mission_service.core.requests import ABORT
+from mission_service.core.request_events import ABORT
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
-from mission_service.interfaces.mqtt.commands import MOST_BYTES, Doorkeeper
-from mission_service.interfaces.mqtt.connection import (
+from mission_service.interfaces.mqtt.broker_connection import (
     TAKE_S,
     client_to,
     keep_connected,
     together,
 )
-from mission_service.interfaces.mqtt.inbox import Inbox
-from mission_service.interfaces.mqtt.messages import Reply, ServiceStatus
-from mission_service.interfaces.mqtt.outgoing import Outgoing, Publication
+from mission_service.interfaces.mqtt.command_gate import MAX_BYTES, CommandGate
+from mission_service.interfaces.mqtt.command_inbox import Inbox
+from mission_service.interfaces.mqtt.payloads import Reply, ServiceStatus
+from mission_service.interfaces.mqtt.publish_schedule import Publication, PublishSchedule
 from mission_service.interfaces.mqtt.site import Site, site_in
 from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, POLLED, REPLY, STATUS, Topic
 from mission_service.runtime.clocks import clock_us, wall_us
 
 if TYPE_CHECKING:
-    from mission_service.runtime.hub import Hub
+    from mission_service.runtime.run_context import RunContext
 
 LOOK_S = 0.05  # shortest interval between two looks at the picture
 LONGEST_LOOK_S = 0.5
@@ -43,45 +43,45 @@ STATUS_EVERY_S = 1.0  # interval of checks for a change
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 TELL_AGAIN_US = 60_000_000
-MOST_UNREAD = 100  # commands that wait
-MOST_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
-PACKET_BYTES = 2 * MOST_BYTES  # the broker drops larger ones; above MOST_BYTES they are refused
+MAX_UNREAD = 100  # commands that wait
+MAX_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
+PACKET_BYTES = 2 * MAX_BYTES  # the broker drops larger ones; above MAX_BYTES they are refused
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
 
 def mqtt_door(
     settings: MqttSection, scenario_name: str
-) -> Callable[["Hub"], Coroutine[Any, Any, None]]:
+) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
     """The coroutine that publishes and subscribes until cancelled. Raises MissionServiceError."""
     site = site_in(settings, scenario_name)
 
-    async def door(hub: "Hub") -> None:
-        await Publisher(hub, settings, site).run()
+    async def door(context: "RunContext") -> None:
+        await Publisher(context, settings, site).run()
 
     return door
 
 
 def _inbox() -> Inbox:
-    return Inbox(MOST_UNREAD, urgent=f"/{ABORT}")
+    return Inbox(MAX_UNREAD, urgent=f"/{ABORT}")
 
 
 class Publisher:
     """The connection of one run to a broker."""
 
-    def __init__(self, hub: "Hub", settings: MqttSection, site: Site) -> None:
+    def __init__(self, context: "RunContext", settings: MqttSection, site: Site) -> None:
         self.site = site
         self.connected = False
         self._told_lost, self._tell_from_us = False, 0
         self.sent: Counter[str] = Counter()  # by schema
-        self._hub = hub
-        hub.gauges["mqtt_connected"] = lambda: self.connected
-        hub.gauges["mqtt_sent_total"] = self.sent.total
+        self._hub = context
+        context.gauges["mqtt_connected"] = lambda: self.connected
+        context.gauges["mqtt_sent_total"] = self.sent.total
         self._takes_commands = settings.commands
-        self._outgoing = Outgoing(settings.telemetry_hz)
-        self._forecasts = forecasts_of(hub)
-        self._doorkeeper = Doorkeeper(partial(hub.desk.ask, may_approve=False))
+        self._outgoing = PublishSchedule(settings.telemetry_hz)
+        self._forecasts = forecasts_of(context)
+        self._doorkeeper = CommandGate(partial(context.request_handler.ask, may_approve=False))
         self._inbox = _inbox()
-        self._replies: deque[Reply] = deque(maxlen=MOST_REPLIES)
+        self._replies: deque[Reply] = deque(maxlen=MAX_REPLIES)
         self._reply_waits = asyncio.Event()
 
     async def run(self) -> None:
@@ -103,7 +103,7 @@ class Publisher:
             logger=logger,
             inbox=self._inbox,
             will=will,
-            most_bytes=PACKET_BYTES,
+            max_bytes=PACKET_BYTES,
         )
 
     async def _use(self, client: aiomqtt.Client) -> None:
@@ -134,7 +134,7 @@ class Publisher:
 
     def _found(self) -> None:
         self.connected = True
-        self._hub.picture.clear(BROKER_ALARM)
+        self._hub.state_view.clear(BROKER_ALARM)
         if self._told_lost:
             self._hub.service.announce("mqtt", f"the broker at {self.site.broker} is back", "info")
         self._told_lost = False
@@ -148,7 +148,7 @@ class Publisher:
         if not self._told_lost and now_us >= self._tell_from_us:
             self._told_lost, self._tell_from_us = True, now_us + TELL_AGAIN_US
             self._hub.service.announce("mqtt", text)
-        self._hub.picture.alarm(BROKER_ALARM, text)
+        self._hub.state_view.alarm(BROKER_ALARM, text)
         self._hub.ring()
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
@@ -160,9 +160,9 @@ class Publisher:
         if refused:
             user = self.site.access.user or "nobody"
             text = f"no commands over MQTT: the broker lets {user} not listen to {topic}"
-            self._hub.picture.alarm(COMMANDS_ALARM, text)
+            self._hub.state_view.alarm(COMMANDS_ALARM, text)
         else:
-            self._hub.picture.clear(COMMANDS_ALARM)
+            self._hub.state_view.clear(COMMANDS_ALARM)
 
     def _topic(self, rest: str) -> str:
         return f"{self.site.topic}/{rest}"
@@ -177,18 +177,18 @@ class Publisher:
     # Publications -----------------------------------------------------------------------------
 
     def _status(self, online: bool, why: str = "") -> ServiceStatus:
-        hub = self._hub
+        context = self._hub
         return ServiceStatus(
-            hub.picture.at_us,
+            context.state_view.at_us,
             wall_us(),
             online,
-            hub.scenario.name,
-            hub.scenario.planner.rule,
-            tuple(hub.picture.vehicles),
-            tuple(hub.ready()),
+            context.scenario.name,
+            context.scenario.planner.rule,
+            tuple(context.state_view.vehicles),
+            tuple(context.ready()),
             self._takes_commands,
             why,
-            hub.replay is not None,
+            context.replay is not None,
         )
 
     async def _tell_status(self, client: aiomqtt.Client) -> None:
@@ -212,15 +212,15 @@ class Publisher:
 
     async def _tell_states(self, client: aiomqtt.Client) -> None:
         while True:
-            version = self._hub.picture.version
+            version = self._hub.state_view.version
             for told in self._outgoing.states(self._hub, clock_us()):
                 await self._publish(client, told)
             await self._wait_for_news(version)
 
     async def _tell_news(self, client: aiomqtt.Client) -> None:
         while True:
-            version = self._hub.picture.version
-            for told in self._outgoing.news(self._hub.picture):
+            version = self._hub.state_view.version
+            for told in self._outgoing.news(self._hub.state_view):
                 await self._publish(client, told)
             await self._wait_for_news(version)
 
@@ -233,14 +233,14 @@ class Publisher:
 
     async def _tell_front(self, client: aiomqtt.Client) -> None:
         """Publish the front at intervals, and soon after a correction of the fire."""
-        hub, loop = self._hub, asyncio.get_running_loop()
+        context, loop = self._hub, asyncio.get_running_loop()
         while True:
-            began_s, version = loop.time(), hub.picture.fire_version
-            front = {"schema": FRONT.schema, **await front_now(hub, self._forecasts)}
+            began_s, version = loop.time(), context.state_view.fire_version
+            front = {"schema": FRONT.schema, **await front_now(context, self._forecasts)}
             await self._publish(client, Publication(FRONT, msgspec.json.encode(front)))
             await asyncio.sleep(CORRECTED_EVERY_S)
             while loop.time() - began_s < FRONT_EVERY_S:
-                if hub.picture.fire_version != version:
+                if context.state_view.fire_version != version:
                     break
                 await asyncio.sleep(LONGEST_LOOK_S)
 

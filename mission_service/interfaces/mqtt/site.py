@@ -15,7 +15,7 @@ from mission_service.config.mqtt_names import (
 )
 from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
-from mission_service.interfaces.mqtt.connection import OPEN, Access, tls_of
+from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
 from mission_service.runtime.redaction import hide
 
 TABLE = "[service.mqtt]"
@@ -26,7 +26,7 @@ class Site:
     """A broker, the credentials for it, and the first part of all topics."""
 
     broker: Broker
-    access: Access
+    access: BrokerAccess
     topic: str
 
 
@@ -37,7 +37,7 @@ def site_in(settings: MqttSection, scenario_name: str) -> Site:
     return Site(_broker_in(settings), _access_in(settings), topic)
 
 
-def access_for(broker: Broker, settings: MqttSection | None) -> Access:
+def access_for(broker: Broker, settings: MqttSection | None) -> BrokerAccess:
     """Credentials of the settings if they name this broker, else none.
 
     Vehicles in separate processes may use the broker to which the run is published. Raises
@@ -57,7 +57,7 @@ def _uses_tls(settings: MqttSection) -> bool:
     return settings.tls or settings.tls_ca is not None or settings.tls_certificate is not None
 
 
-def _access_in(settings: MqttSection) -> Access:
+def _access_in(settings: MqttSection) -> BrokerAccess:
     password = None
     if settings.password is not None:
         if settings.user is None:
@@ -70,4 +70,4 @@ def _access_in(settings: MqttSection) -> Access:
     tls = None
     if _uses_tls(settings):
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
-    return Access(settings.user, password, tls)
+    return BrokerAccess(settings.user, password, tls)

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from mission_service.interfaces.mqtt.messages import Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
+    Announcement,
     MissionState,
-    NewsLine,
     TelemetryState,
     VehicleState,
 )
 
 if TYPE_CHECKING:
-    from mission_service.runtime.hub import Hub
+    from mission_service.runtime.run_context import RunContext
 
 
 class Topic(NamedTuple):
@@ -32,7 +32,9 @@ class Topic(NamedTuple):
     retained: bool
     when: str  # for docs/mqtt.md
     part: str = ""  # of the state view
-    build: Callable[["Hub", str], Any] | None = None  # its message now, for a name; None: none
+    build: Callable[["RunContext", str], Any] | None = (
+        None  # its message now, for a name; None: none
+    )
 
     @property
     def schema(self) -> str:
@@ -57,7 +59,7 @@ TELEMETRY = Topic(
     False,
     "on change, at most `telemetry_hz` a second",
     "telemetry",
-    lambda hub, name: hub.picture.telemetry[name],
+    lambda context, name: context.state_view.telemetry[name],
 )
 VEHICLE = Topic(
     "vehicle/{}/state",
@@ -66,7 +68,7 @@ VEHICLE = Topic(
     True,
     "on change, at most twice a second",
     "vehicle",
-    lambda hub, name: hub.picture.vehicles[name],
+    lambda context, name: context.state_view.vehicles[name],
 )
 MISSION = Topic(
     "vehicle/{}/mission",
@@ -75,7 +77,7 @@ MISSION = Topic(
     True,
     "on change, at most twice a second",
     "mission",
-    lambda hub, name: hub.picture.missions[name],
+    lambda context, name: context.state_view.missions[name],
 )
 FRONT = Topic(
     "fire/front", "front/1", 0, True, "each 10 s, and within 2 s when people change the fire"
@@ -87,7 +89,9 @@ ALARM = Topic(
     True,
     "all that is wrong now, on change, at most twice a second",
     "alarms",
-    lambda hub, name: Alarms(hub.picture.at_us, tuple(hub.picture.alarms.values())),
+    lambda context, name: Alarms(
+        context.state_view.at_us, tuple(context.state_view.alarms.values())
+    ),
 )
 REPLAY = Topic(
     "replay",
@@ -95,9 +99,9 @@ REPLAY = Topic(
     0,
     True,
     "of replays alone: where it is and how fast, on change, at most twice a second",
-    build=lambda hub, name: hub.replay and hub.replay(),
+    build=lambda context, name: context.replay and context.replay(),
 )
-EVENT = Topic("event", NewsLine, 1, False, "each line for people")
+EVENT = Topic("event", Announcement, 1, False, "each line for people")
 COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by you, answered on")
 REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command that came, once")
 TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)

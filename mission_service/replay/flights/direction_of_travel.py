@@ -22,12 +22,12 @@ class Turn(NamedTuple):
     clockwise: bool
 
 
-def turns(east_m: Floats, north_m: Floats, least_deg: float, near_m: float) -> list[Turn]:
+def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
     """Ways round a middle, the first one first, of places (n,) in metres from that middle.
 
     A turn back is dated to the point farthest along the old way, which is known when the vehicle
-    has come back by ``least_deg``. Points nearer to the middle than ``near_m`` are passed over, for
-    their bearing says nothing. Nothing is found in less than ``least_deg``.
+    has come back by ``min_deg``. Points nearer to the middle than ``near_m`` are passed over, for
+    their bearing says nothing. Nothing is found in less than ``min_deg``.
     """
     counts = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
     angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[counts], north_m[counts])))
@@ -38,10 +38,10 @@ def turns(east_m: Floats, north_m: Floats, least_deg: float, near_m: float) -> l
             least = most = place
         least = place if angle < angle_deg[least] else least
         most = place if angle > angle_deg[most] else most
-        if (not found or not found[-1].clockwise) and angle - angle_deg[least] >= least_deg:
+        if (not found or not found[-1].clockwise) and angle - angle_deg[least] >= min_deg:
             found.append(Turn(int(counts[least]), True))
             most = place
-        elif (not found or found[-1].clockwise) and angle_deg[most] - angle >= least_deg:
+        elif (not found or found[-1].clockwise) and angle_deg[most] - angle >= min_deg:
             found.append(Turn(int(counts[most]), False))
             least = place
     return found

@@ -12,10 +12,10 @@ from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.missions.planfile import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.errors import RequestError
+from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import Flown, file_of, flown_in
 from mission_service.replay.flights.mcap_file import write_mcap
 from mission_service.replay.flights.table_files import WRITERS, TableFiles
-from mission_service.replay.flights.tables import Rows
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import track_geojson
 

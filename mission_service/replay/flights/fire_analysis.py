@@ -27,7 +27,7 @@ from mission_service.guidance.registry import way_of
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class FireAnalysis:
 
     scenario: Scenario
     landscape: Landscape
-    record: Record
+    record: RunStatistics
     open_loop: bool  # of a logged flight: no mission was sent, none flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the fire that was reported
     area_ha: float = 0.0  # burned at the end
@@ -101,7 +101,7 @@ class _Telling:
         self._core = recorded.core()
         self._fire = recorded.fire()
         start_us = round(scenario.start_s * 1e6)
-        record = Record(tuple(each.name for each in scenario.vehicles), start_us)
+        record = RunStatistics(tuple(each.name for each in scenario.vehicles), start_us)
         self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
         self._due_us = start_us
         self._sent: dict[tuple[str, int], Upload] = {}
@@ -170,9 +170,9 @@ class _Telling:
 
     def _way(self, name: str, at_us: int) -> None:
         """Which way round its planner has it fly, told when it changes."""
-        planner: Any = self._core.steering.planners[name]
+        planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
-        flies = self._core.steering.presence[name].flies
+        flies = self._core.decision_engine.availability[name].flies
         way = planner.clockwise if flies and phase != "approach" else None
         ways = self._analysis.ways.setdefault(name, [])
         if (ways[-1][1] if ways else None) is not way:
@@ -188,10 +188,10 @@ class _Telling:
             self._analysis.samples.append(Sample(at_us, self._fire.world.fire.burned_ha, *known))
         if not self._analysis.follows_front:
             return
-        for name, presence in self._core.steering.presence.items():
-            planner: Any = self._core.steering.planners[name]
-            here = presence.here
-            if here is None or not presence.flies or planner.phase == "approach":
+        for name, availability in self._core.decision_engine.availability.items():
+            planner: Any = self._core.decision_engine.planners[name]
+            here = availability.here
+            if here is None or not availability.flies or planner.phase == "approach":
                 continue
             shape = planner.shape(here.row, here.col)
             if np.isfinite(shape).all():

@@ -50,7 +50,7 @@ class Flown:
         self._here: Position | None = None
         self._here_us: int | None = None
         self.longest_gap_s = 0.0
-        self.flown_m = self._most_m_s = 0.0
+        self.flown_m = self._max_m_s = 0.0
         self.highest_m: float | None = None  # above where it was first
         self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
         self.turned_back_us: list[int] = []  # to an earlier item of the same mission
@@ -116,8 +116,8 @@ class Flown:
         self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
         down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
         speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
-        self._most_m_s = max(self._most_m_s, speed_m_s)
-        if self.home is None or self._most_m_s < MOVES_M_S:
+        self._max_m_s = max(self._max_m_s, speed_m_s)
+        if self.home is None or self._max_m_s < MOVES_M_S:
             # Where it stood last: an autopilot's first positions may lack the height.
             self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
             self.highest_m = None
@@ -149,7 +149,7 @@ class Flown:
             "positions": self.positions,
             "flown_m": round(self.flown_m),
             "highest_above_start_m": None if self.highest_m is None else round(self.highest_m, 1),
-            "most_speed_m_s": round(self._most_m_s, 1),
+            "max_speed_m_s": round(self._max_m_s, 1),
             "missions": [
                 {"at_s": self._since_s(at_us), "items": len(items)}
                 for at_us, items in self.missions

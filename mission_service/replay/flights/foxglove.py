@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import Items, command_name, place_of
 from autopilot_bridge.logs.entries import LogEvent, MissionLoaded
 from autopilot_bridge.vehicle.client_events import Attitude, Position
-from mission_service.replay.flights.tables import HEAD, OWN, Columns, Row
+from mission_service.replay.flights.flight_tables import HEAD, OWN, Columns, Row
 
 
 class Message(NamedTuple):

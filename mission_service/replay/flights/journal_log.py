@@ -15,14 +15,14 @@ from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.errors import JournalError
 from mission_service.events import (
     AnyEvent,
-    BatteryTold,
-    Crew,
-    CrewEvent,
-    FixTold,
+    AnyOperatorEvent,
+    BatteryUpdated,
+    GpsFixChanged,
     LinkLost,
     LinkRestored,
     MissionProgress,
     ModeChanged,
+    OperatorEvent,
     Telemetry,
     UploadFinished,
     VehicleConnected,
@@ -77,7 +77,7 @@ class JournalLog:
             if not isinstance(thing, AnyEvent):
                 continue
             at_us = thing.at_us
-            if isinstance(thing, Crew):
+            if isinstance(thing, OperatorEvent):
                 continue
             told = _told(thing)
             if isinstance(thing, UploadFinished):
@@ -108,9 +108,9 @@ class JournalLog:
             if reader.cut_at_line is not None:
                 self._rest_is_damaged(reader.path, at_byte, "the last line is cut off")
 
-    def crew(self) -> Iterator[CrewEvent]:
+    def crew(self) -> Iterator[AnyOperatorEvent]:
         """What people did and said."""
-        return (thing for thing in self.things() if isinstance(thing, Crew))
+        return (thing for thing in self.things() if isinstance(thing, OperatorEvent))
 
     def _rest_is_damaged(self, path: Path, at_byte: int, why: str) -> None:
         self.damage.append(Damage(at_byte, path.stat().st_size - at_byte, why))
@@ -145,9 +145,9 @@ def _told(event: AnyEvent) -> LogEvent | None:
             return bridge.ModeChanged(event.at_us, event.custom_mode, event.armed, event.mode)
         case WindMeasured():
             return bridge.Wind(event.at_us, event.from_deg, event.speed_m_s)
-        case BatteryTold():
+        case BatteryUpdated():
             return bridge.Battery(event.at_us, 0, round(event.percent), None, None)
-        case FixTold():
+        case GpsFixChanged():
             return bridge.GpsFix(event.at_us, event.fix, None)
         case _:
             return None

@@ -7,9 +7,9 @@ from typing import Any
 
 from autopilot_bridge.logs.entries import LATEST_US, Log
 from autopilot_bridge.logs.reading import merged
+from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
-from mission_service.replay.flights.tables import Rows
 
 LIBRARY = "mission-service"  # the package's own would change the bytes with its version
 

@@ -11,21 +11,21 @@ from typing import Any
 
 from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
-from mission_service.events import CrewEvent, Lit
+from mission_service.events import AnyOperatorEvent, IgnitionReported
+from mission_service.fire.observed import OF_FIRE, ObservedFire
 from mission_service.fire.simulated import world_of
-from mission_service.fire.watched import OF_FIRE, WatchedFire
 from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
 from mission_service.replay.flights.scenario_pairing import Replaying
-from mission_service.runtime.engine import Service
+from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
-from mission_service.runtime.picture import Picture
-from mission_service.runtime.record import Record
+from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 
-Told = VehicleLog | CrewEvent
+Told = VehicleLog | AnyOperatorEvent
 EVERY_US = 50_000  # positions of a vehicle, at least
 NEVER_LATE_US = 1 << 62  # nobody waits for a log
 
@@ -36,9 +36,9 @@ def told_in(what: Replaying) -> Iterator[Told]:
     Logs may have hundreds of positions a second: they are thinned, and none is moved.
     """
     log, mission = what.flight.logs[0], what.mission
-    people: list[CrewEvent] = []
+    people: list[AnyOperatorEvent] = []
     if isinstance(log, JournalLog):
-        people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, Lit))]
+        people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, IgnitionReported))]
     on_clock = ((mission.log_us(each.at_us), each) for each in people)
     vehicles = ((each.at_us, each) for each in what.flight.played())
     passed_us: dict[str, int] = {}
@@ -60,23 +60,23 @@ class OpenLoopReplay:
         self,
         what: Replaying,
         journal: Journal,
-        picture: Picture | None = None,
+        state_view: StateView | None = None,
         kept: dict[str, Any] | None = None,
     ) -> None:
         """With what another has ``kept`` it goes on from there; these objects are its own then."""
-        begun = kept or _begun(what, picture)
+        begun = kept or _begun(what, state_view)
         self.clock: MissionClock = begun["clock"]
         self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
         self.gateways: dict[str, Gateway] = begun["gateways"]
         self._health_monitor: HealthMonitor | None = begun["health_monitor"]
-        self.service = Service(
+        self.service = Engine(
             what.scenario,
             begun["core"],
             begun["fire"].world,
             journal,
             begun["record"],
             self.gateways,
-            picture=begun["picture"],
+            state_view=begun["picture"],
         )
         if kept is not None:
             self.service.restore(kept)
@@ -102,7 +102,7 @@ class OpenLoopReplay:
             self._health_monitor.look(told.at_us)
 
 
-def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
+def _begun(what: Replaying, state_view: StateView | None) -> dict[str, Any]:
     scenario, landscape, mission = what.scenario, what.landscape, what.mission
     clock = MissionClock(mission.start_us, wall=True)
     clock.go_on(mission.start_us, mission.begin_us)
@@ -112,15 +112,15 @@ def _begun(what: Replaying, picture: Picture | None) -> dict[str, Any]:
     world = world_of(scenario, landscape)
     world.advance(mission.start_us)
     health_monitor = None
-    if picture is not None:
-        health_monitor = HealthMonitor(picture, scenario.mission.separation_m, NEVER_LATE_US)
+    if state_view is not None:
+        health_monitor = HealthMonitor(state_view, scenario.mission.separation_m, NEVER_LATE_US)
     return {
         "clock": clock,
         "vehicles": vehicles,
         "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
         "health_monitor": health_monitor,
         "core": Core(scenario, landscape),
-        "fire": WatchedFire(scenario, world),
-        "record": Record(tuple(vehicles), mission.start_us),
-        "picture": picture,
+        "fire": ObservedFire(scenario, world),
+        "record": RunStatistics(tuple(vehicles), mission.start_us),
+        "picture": state_view,
     }

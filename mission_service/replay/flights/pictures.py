@@ -20,9 +20,9 @@ from mission_service.runtime.outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
 
-MOST_MISSIONS = 6  # more hide the map and are not drawn
+MAX_MISSIONS = 6  # more hide the map and are not drawn
 SILENT_US = 10_000_000
-MOST_LABELS = 8  # of places where a vehicle turned back; more are only marked
+MAX_LABELS = 8  # of places where a vehicle turned back; more are only marked
 DIFFERS, PLANNED = "#d500f9", "#004d40"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
 MODE_COLOURS = (
@@ -116,7 +116,7 @@ def _draw_vehicle(
             Line2D([], [], color=DIFFERS, linewidth=6, alpha=0.3, label="planner: the other way")
         )
     missions = vehicle.flown.missions
-    for _, items in missions if len(missions) <= MOST_MISSIONS else ():
+    for _, items in missions if len(missions) <= MAX_MISSIONS else ():
         led = np.array(places_of(items)).reshape(-1, 2)
         axes.plot(*places(led[:, 0], led[:, 1]), color=colour, linestyle=":", marker=".", alpha=0.6)
         handles.append(
@@ -127,7 +127,7 @@ def _draw_vehicle(
     handles.append(Line2D([], [], color=colour, label=f"{name}: track"))
     axes.plot(x[0], y[0], marker="s", color=colour, markeredgecolor="white", markersize=8)
     axes.annotate("start", (x[0], y[0]), xytext=(7, -11), textcoords="offset points", fontsize=8)
-    labelled = len(vehicle.turned_back) <= MOST_LABELS
+    labelled = len(vehicle.turned_back) <= MAX_LABELS
     for number, turn in enumerate(vehicle.turned_back):
         place = places(turn.lat_deg, turn.lon_deg)
         axes.plot(*place, marker="v", color="#e31a1c", markeredgecolor="white", markersize=10)

@@ -15,12 +15,12 @@ from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.open_loop_replay import OpenLoopReplay, Told, told_in
 from mission_service.replay.flights.scenario_pairing import Replaying
 from mission_service.replay.flights.write_once_journal import WriteOnceJournal
-from mission_service.runtime.picture import Picture
 from mission_service.runtime.play_head import PlayHead, ReplayState
+from mission_service.runtime.state_view import StateView
 
-MOST_KEPT = 20
+MAX_KEPT = 20
 KEPT_EVERY_US = 30_000_000
-MOST_KEPT_BYTES = 200_000_000
+MAX_KEPT_BYTES = 200_000_000
 
 
 class _Kept(NamedTuple):
@@ -58,12 +58,12 @@ class Playback:
         self._known = Known(what.scenario, what.landscape)
         self._spool: EntryCache[Told] = EntryCache(told_in(what))
         self._spool.get(0)  # before anybody looks: a journal is read once for what people said
-        picture = Picture(what.scenario, what.landscape, what.mission.start_us)
-        replay = OpenLoopReplay(what, journal, picture)
+        state_view = StateView(what.scenario, what.landscape, what.mission.start_us)
+        replay = OpenLoopReplay(what, journal, state_view)
         self._shown = _Telling(replay, 0, head.begin_us, journal.rest)
-        self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MOST_KEPT)
+        self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MAX_KEPT)
         self._kept = [self._state_of(self._shown)]
-        if 4 * self._kept[0].size > MOST_KEPT_BYTES:  # of a large landscape: from the beginning
+        if 4 * self._kept[0].size > MAX_KEPT_BYTES:  # of a large landscape: from the beginning
             self._every_us = 1 << 62
         self._work = self._shown  # what a seek works on
         self._seeks_us: int | None = None
@@ -74,11 +74,11 @@ class Playback:
         return self._shown.replay
 
     @property
-    def picture(self) -> Picture:
+    def state_view(self) -> StateView:
         """What is shown."""
-        picture = self.replay.service.picture
-        assert picture is not None
-        return picture
+        state_view = self.replay.service.state_view
+        assert state_view is not None
+        return state_view
 
     def state(self) -> ReplayState:
         """Where it is."""
@@ -127,11 +127,11 @@ class Playback:
 
     def _arrived(self) -> None:
         if self._work is not self._shown:
-            before, self._shown = self.picture, self._work
-            self.picture.take_the_place_of(before)
+            before, self._shown = self.state_view, self._work
+            self.state_view.take_the_place_of(before)
             self.replay.service.record.news.clear()  # told before, or of what was passed over
         else:
-            self.picture.tell_replay()
+            self.state_view.tell_replay()
         self.jumps += 1
         self._seeks_us = None
 
@@ -176,7 +176,7 @@ class Playback:
         if telling.at_us < self._kept[-1].at_us + self._every_us:
             return
         self._kept.append(self._state_of(telling))
-        if sum(each.size for each in self._kept) > MOST_KEPT_BYTES:
+        if sum(each.size for each in self._kept) > MAX_KEPT_BYTES:
             self._kept = self._kept[::2]  # the first one stays
             self._every_us *= 2
 

@@ -11,12 +11,12 @@ from typing import Any
 import msgspec
 
 from mission_service.config.service import ServiceSection
-from mission_service.core.requests import REPLAY, STATUS, RequestScope
+from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
-from mission_service.fire.simulated import FireWorld
+from mission_service.fire.simulated import SimulatedFire
 from mission_service.guidance.registry import way_of
-from mission_service.interfaces.control.client import NAME
-from mission_service.interfaces.control.server import claimed, serve_control
+from mission_service.interfaces.control.control_client import NAME
+from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
 from mission_service.live.daemon import doors_of, stop_on_signals, untold
 from mission_service.replay.flights.journal_log import JOURNAL
@@ -27,10 +27,10 @@ from mission_service.requests import Replay
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
-from mission_service.runtime.hub import Hub
 from mission_service.runtime.play_head import PlayHead, Speed
-from mission_service.runtime.record import Record
-from mission_service.runtime.request_handler import Answer, Desk, wrong
+from mission_service.runtime.request_handler import Answer, RequestHandler, wrong
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.run_statistics import RunStatistics
 
 TURN_US = 20_000  # of telling, before others have theirs
 TICK_S = 0.02  # while there is nothing to tell
@@ -51,7 +51,7 @@ class Show:
     logs: bool = False
 
 
-class ReplayDesk(Desk):
+class ReplayDesk(RequestHandler):
     """Takes what moves the play head, and nothing else."""
 
     def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
@@ -107,7 +107,7 @@ def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
         said.append("paused" if asked.paused else "goes on")
     if not said:
         raise RequestError("replay: give paused, speed or seek_s")
-    player.picture.tell_replay()
+    player.state_view.tell_replay()
     return said
 
 
@@ -115,7 +115,7 @@ async def serve_flight(
     show: Show,
     progress: Progress = unshown,
     address: Callable[[str], None] = untold,
-) -> tuple[Record, FireWorld]:
+) -> tuple[RunStatistics, SimulatedFire]:
     """Play until SIGINT or SIGTERM, or with ``until_end`` until all is told.
 
     ``progress`` is called five times a second; ``address`` is told where the map is.
@@ -134,16 +134,16 @@ async def serve_flight(
         head = PlayHead(what.begin_us, what.end_us, show.speed)
         player = Playback(what, journal, head)
         stack.callback(player.close)
-        hub = _hub_of(show, settings, player)
+        context = _hub_of(show, settings, player)
         stop = asyncio.Event()
         stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
-            others = [group.create_task(serve_control(listening, hub.desk))]
-            others += [group.create_task(door(hub)) for door in doors]
+            others = [group.create_task(serve_control(listening, context.request_handler))]
+            others += [group.create_task(door(context)) for door in doors]
             try:
-                await _play(show, player, hub, stop, progress)
+                await _play(show, player, context, stop, progress)
             finally:
-                hub.stopping = True
+                context.stopping = True
                 for task in others:
                     task.cancel()
     service = player.replay.service
@@ -152,14 +152,14 @@ async def serve_flight(
 
 
 async def _play(
-    show: Show, player: Playback, hub: Hub, stop: asyncio.Event, progress: Progress
+    show: Show, player: Playback, context: RunContext, stop: asyncio.Event, progress: Progress
 ) -> None:
     """Turn by turn, until it is over."""
     shown_us, before = 0, player.state()
     while not stop.is_set():
         begun_us = clock_us()
         more = player.turn(begun_us, partial(_is_over, begun_us + TURN_US))
-        _shown_to(hub, player)
+        _shown_to(context, player)
         state = player.state()
         changed = (state.seeking, state.ended, state.jumps) != (
             before.seeking,
@@ -170,9 +170,9 @@ async def _play(
             service = player.replay.service
             progress(service.record, service.world)
             if state != before and state.jumps == before.jumps:  # else it is told already
-                player.picture.tell_replay()
+                player.state_view.tell_replay()
             shown_us, before = begun_us, state
-        hub.ring()
+        context.ring()
         if show.until_end and state.ended and not state.seeking:
             return
         if more:
@@ -186,19 +186,21 @@ def _is_over(until_us: int) -> bool:
     return clock_us() >= until_us
 
 
-def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> Hub:
+def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> RunContext:
     scenario = show.what.scenario
     service = player.replay.service
     clock = MissionClock(player.state().at_us, wall=False)
-    desk = ReplayDesk(player, clock_us)
+    request_handler = ReplayDesk(player, clock_us)
     path = show.out / JOURNAL
-    hub = Hub(scenario, settings, service, player.picture, desk, clock, {}, show.out, path)
-    hub.replay = player.state
-    player.picture.tell_replay()
-    return hub
+    context = RunContext(
+        scenario, settings, service, player.state_view, request_handler, clock, {}, show.out, path
+    )
+    context.replay = player.state
+    player.state_view.tell_replay()
+    return context
 
 
-def _shown_to(hub: Hub, player: Playback) -> None:
+def _shown_to(context: RunContext, player: Playback) -> None:
     """Interfaces see the replay that is shown, and its time, which may go back."""
-    hub.service, hub.picture = player.replay.service, player.picture
-    hub.clock.now_us = player.what.mission.of(player.head.at_us)
+    context.service, context.state_view = player.replay.service, player.state_view
+    context.clock.now_us = player.what.mission.of(player.head.at_us)

@@ -15,7 +15,7 @@ from mission_service.replay.flights.utc_time import utc
 
 LONG_US = 30_000_000  # the other way for less: it was turning
 FEW_MISSIONS = 8  # each is news then
-MOST_HAPPENED = 400  # lines; of a long flight the page says how many more there are
+MAX_HAPPENED = 400  # lines; of a long flight the page says how many more there are
 
 
 class Happened(NamedTuple):
@@ -84,9 +84,9 @@ def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
         "rule": None if fire is None else fire.scenario.planner.rule,
         "scenario": None if fire is None else fire.scenario.name,
         "open_loop": fire is not None and fire.open_loop,
-        "headlines": [each for each in happened if each.matters][:MOST_HAPPENED],
-        "happened": happened[:MOST_HAPPENED],
-        "more": max(len(happened) - MOST_HAPPENED, 0),
+        "headlines": [each for each in happened if each.matters][:MAX_HAPPENED],
+        "happened": happened[:MAX_HAPPENED],
+        "more": max(len(happened) - MAX_HAPPENED, 0),
         "suffix": f"-{run.name}" if several else "",
     }
 

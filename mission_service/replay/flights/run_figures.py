@@ -23,7 +23,7 @@ FIRE_ROWS: tuple[Row, ...] = (
 VEHICLE_ROWS: tuple[Row, ...] = (
     ("autopilot", "", lambda of: of["autopilot"]),
     ("distance flown", "km", lambda of: round(of["flown_m"] / 1e3, 2)),
-    ("maximum speed", "m/s", lambda of: of["most_speed_m_s"]),
+    ("maximum speed", "m/s", lambda of: of["max_speed_m_s"]),
     ("maximum height above the start", "m", lambda of: of["highest_above_start_m"]),
     ("minimum height above terrain, in the air", "m", lambda of: of["lowest_above_terrain_m"]),
     ("reversals flown", "", lambda of: len(of["turned_back"])),
@@ -124,8 +124,8 @@ def _lowest(heights_m: Any) -> float | None:
     if heights_m is None or not np.isfinite(heights_m).any():
         return None
     # Where it stands, the terrain may be higher than it is by the landscape's own error.
-    most_m = float(np.nanmax(heights_m))
-    up = np.flatnonzero(heights_m >= min(most_m, most_m / 2.0))
+    max_m = float(np.nanmax(heights_m))
+    up = np.flatnonzero(heights_m >= min(max_m, max_m / 2.0))
     return round(float(np.nanmin(heights_m[up[0] : up[-1] + 1])), 1)
 
 

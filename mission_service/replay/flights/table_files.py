@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
-from mission_service.replay.flights.tables import TABLES, Columns, Row
+from mission_service.replay.flights.flight_tables import TABLES, Columns, Row
 from mission_service.replay.flights.utc_time import utc
 
 GROUP_ROWS = 10_000

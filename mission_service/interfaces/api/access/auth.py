@@ -28,7 +28,7 @@ _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")
 log = logging.getLogger(__name__)
 
 
-class Who(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A person or program, by its token."""
 
     name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
@@ -42,7 +42,7 @@ class Who(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
-    tokens: tuple[Who, ...] = ()
+    tokens: tuple[User, ...] = ()
 
 
 def sum_of(token: str) -> str:
@@ -55,7 +55,7 @@ def new_token() -> str:
     return secrets.token_urlsafe(32)
 
 
-def read_tokens(path: Path) -> tuple[Who, ...]:
+def read_tokens(path: Path) -> tuple[User, ...]:
     """The tokens of a file; raises MissionServiceError in one line: file, place, what is wrong."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -113,7 +113,7 @@ class Tokens:
     who watches a fire is not to be shut out by a slip of somebody's pen.
     """
 
-    def __init__(self, known: tuple[Who, ...], path: Path | None = None) -> None:
+    def __init__(self, known: tuple[User, ...], path: Path | None = None) -> None:
         self._known = known
         self._path = path
         self._stamp = _stamp(path)
@@ -127,10 +127,10 @@ class Tokens:
     @classmethod
     def of_run(cls, out: Path) -> "Tokens":
         """The one in the run's folder, with all roles."""
-        who = Who("user", frozenset(ROLES), sum_of(own_token(out)))
+        who = User("user", frozenset(ROLES), sum_of(own_token(out)))
         return cls((who,))
 
-    def whose(self, token: str) -> Who | None:
+    def whose(self, token: str) -> User | None:
         """Whose token this is. Takes as long for any: all are compared, by their sums."""
         self._look_again()
         mine = sum_of(token)
@@ -140,7 +140,7 @@ class Tokens:
                 found = who
         return found
 
-    def still(self, who: Who) -> bool:
+    def still(self, who: User) -> bool:
         """Whether somebody's token is still valid, with the same roles."""
         self._look_again()
         return who in self._known

@@ -15,24 +15,24 @@ from typing import Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from mission_service.interfaces.api.access.auth import LONGEST_TOKEN, Tokens, Who
-from mission_service.interfaces.api.access.callers import client_at
-from mission_service.interfaces.api.access.limits import Buckets, Places
-from mission_service.interfaces.api.answers import (
-    MOST_BODY_BYTES,
-    MOST_PERIMETER_BYTES,
+from mission_service.interfaces.api.access.auth import LONGEST_TOKEN, Tokens, User
+from mission_service.interfaces.api.access.client_connections import client_at
+from mission_service.interfaces.api.access.limits import ConcurrencyLimiter, RateLimiter
+from mission_service.interfaces.api.live_stream import MAX_STREAMS, TooSlowError
+from mission_service.interfaces.api.responses import (
+    MAX_BODY_BYTES,
+    MAX_PERIMETER_BYTES,
     ApiError,
     error_body,
 )
-from mission_service.interfaces.api.live import MOST_STREAMS, TooSlowError
 
 ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
 # Requests under way: of those with a token what reads (live streams among them) and what changes.
-MOST_READING, MOST_CHANGING = 64 + MOST_STREAMS, 64
-MOST_STRANGERS, MOST_OF_A_STRANGER = 32, 16  # without a token: the page
+MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
+MAX_STRANGERS, MAX_OF_A_STRANGER = 32, 16  # without a token: the page
 SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # a client that reads nothing for so long is cut off
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
@@ -49,7 +49,7 @@ HEADERS = {
 }
 
 
-class Guard:
+class AccessGuard:
     """The ASGI application in front of the routes."""
 
     def __init__(
@@ -58,7 +58,7 @@ class Guard:
         tokens: Tokens,
         hosts: Collection[str],
         now_s: Callable[[], float],
-        abort: Callable[[Who, bytes], Any],
+        abort: Callable[[User, bytes], Any],
     ) -> None:
         """``abort`` is called at once with the user and the query string; it may raise ApiError.
 
@@ -72,12 +72,12 @@ class Guard:
         self._by_proxy = {f"https://{host.lower()}" for host in hosts}
         self._now_s = now_s
         self._abort = abort
-        self._readers = Places(MOST_READING, MOST_READING)
-        self._changers = Places(MOST_CHANGING, MOST_CHANGING)
-        self._strangers = Places(MOST_STRANGERS, MOST_OF_A_STRANGER)
-        self._reading = Buckets(rate_s=100.0, burst=400.0)
-        self._changing = Buckets(rate_s=10.0, burst=40.0)
-        self._failing = Buckets(rate_s=1.0, burst=20.0)
+        self._readers = ConcurrencyLimiter(MAX_READING, MAX_READING)
+        self._changers = ConcurrencyLimiter(MAX_CHANGING, MAX_CHANGING)
+        self._strangers = ConcurrencyLimiter(MAX_STRANGERS, MAX_OF_A_STRANGER)
+        self._reading = RateLimiter(rate_s=100.0, burst=400.0)
+        self._changing = RateLimiter(rate_s=10.0, burst=40.0)
+        self._failing = RateLimiter(rate_s=1.0, burst=20.0)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":  # nothing else is served
@@ -109,7 +109,7 @@ class Guard:
             if places is not None:
                 places.leave(client)
 
-    def _places(self, scope: Scope) -> Places | None:
+    def _places(self, scope: Scope) -> ConcurrencyLimiter | None:
         """The limit that a request counts against; None for routes that are always served."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
@@ -141,7 +141,7 @@ class Guard:
             raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
         return host
 
-    def _whose(self, given: list[bytes], client: str) -> Who:
+    def _whose(self, given: list[bytes], client: str) -> User:
         word = {"www-authenticate": "Bearer"}
         if not given:
             raise ApiError(401, "a token is needed: Authorization: Bearer TOKEN", word)
@@ -154,7 +154,7 @@ class Guard:
         self._refuse_often(self._failing, client)
         raise ApiError(401, "this token is not valid", word)
 
-    def _refuse_often(self, buckets: Buckets, client: str) -> None:
+    def _refuse_often(self, buckets: RateLimiter, client: str) -> None:
         wait_s = buckets.take(client, self._now_s())
         if wait_s > 0.0:
             again = {"retry-after": str(math.ceil(wait_s))}
@@ -170,7 +170,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
 
     Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
     """
-    most_bytes = MOST_PERIMETER_BYTES if scope["path"] == PERIMETER else MOST_BODY_BYTES
+    max_bytes = MAX_PERIMETER_BYTES if scope["path"] == PERIMETER else MAX_BODY_BYTES
     body, more = bytearray(), True
     try:
         async with asyncio.timeout(BODY_WITHIN_S):
@@ -180,8 +180,8 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
                     raise _GoneError
                 body += message.get("body", b"")
                 more = message.get("more_body", False)
-                if len(body) > most_bytes:
-                    raise ApiError(413, f"the body has more than {most_bytes} bytes")
+                if len(body) > max_bytes:
+                    raise ApiError(413, f"the body has more than {max_bytes} bytes")
     except TimeoutError:
         raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
     left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
@@ -260,8 +260,8 @@ def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str])
 
 def _refuse_long(given: list[bytes]) -> None:
     for length in given:
-        if length.isdigit() and int(length) > MOST_PERIMETER_BYTES:
-            raise ApiError(413, f"the body has more than {MOST_PERIMETER_BYTES} bytes")
+        if length.isdigit() and int(length) > MAX_PERIMETER_BYTES:
+            raise ApiError(413, f"the body has more than {MAX_PERIMETER_BYTES} bytes")
 
 
 async def _refuse(send: Send, error: ApiError) -> None:

@@ -2,10 +2,10 @@
 
 from collections import Counter, OrderedDict
 
-MOST_CLIENTS = 1024  # remembered; whoever asked longest ago is forgotten first
+MAX_CLIENTS = 1024  # remembered; whoever asked longest ago is forgotten first
 
 
-class Buckets:
+class RateLimiter:
     """A bucket a client: ``burst`` requests at once, ``rate_s`` a second in the long run."""
 
     def __init__(self, rate_s: float, burst: float) -> None:
@@ -28,22 +28,22 @@ class Buckets:
                 min(self._burst, left + (now_s - at_s) * self._rate_s) - 1.0,
                 now_s,
             )
-            if len(self._left) > MOST_CLIENTS:
+            if len(self._left) > MAX_CLIENTS:
                 self._left.popitem(last=False)
         return wait_s
 
 
-class Places:
-    """Requests under way: ``most`` in all, ``most_each`` of one client."""
+class ConcurrencyLimiter:
+    """Requests under way: ``most`` in all, ``max_each`` of one client."""
 
-    def __init__(self, most: int, most_each: int) -> None:
+    def __init__(self, most: int, max_each: int) -> None:
         self.most = most
-        self._most_each = most_each
+        self._max_each = max_each
         self._inside: Counter[str] = Counter()
 
     def enter(self, client: str) -> bool:
         """Take a place until ``leave``; False if there is none."""
-        if self._inside.total() >= self.most or self._inside[client] >= self._most_each:
+        if self._inside.total() >= self.most or self._inside[client] >= self._max_each:
             return False
         self._inside[client] += 1
         return True

@@ -12,7 +12,7 @@ const AGAIN_MS = 5000;
 const MUTED_MS = 120_000;
 const LOST_S = 3; // a short break is not an alarm
 const STILL_S = 20; // heard, but mission time stands
-const MOST_SHOWN = 3;
+const MAX_SHOWN = 3;
 
 export class Alarms {
   readonly button = h("button", { id: "sound", type: "button" });
@@ -79,8 +79,8 @@ export class Alarms {
     const keys = JSON.stringify([open.map(keyOf), current.length]);
     if (keys !== this.shown) {
       this.shown = keys;
-      fill(element, ...open.slice(0, MOST_SHOWN).map((alarm) => this.row(alarm)));
-      const more = open.length - MOST_SHOWN;
+      fill(element, ...open.slice(0, MAX_SHOWN).map((alarm) => this.row(alarm)));
+      const more = open.length - MAX_SHOWN;
       if (more > 0) element.append(h("p", {}, `and ${more} more in the log`));
       if (open.length > 1) {
         const all = h("button", { type: "button", onclick: () => this.acknowledge(open) }, "All (K)");
@@ -94,7 +94,7 @@ export class Alarms {
       }
     }
     // The age of the picture runs on without the banner being made anew.
-    for (const [i, alarm] of open.slice(0, MOST_SHOWN).entries()) {
+    for (const [i, alarm] of open.slice(0, MAX_SHOWN).entries()) {
       const words = element.children[i]?.querySelector("span");
       if (words) setText(words, wordsOfAlarm(alarm));
     }

@@ -4,7 +4,7 @@ import { forgetToken, token } from "./token.ts";
 
 export const BASE = new URL("api/v1/", document.baseURI).href;
 
-const MOST_KEPT_ALIVE = 32_000;
+const MAX_KEPT_ALIVE = 32_000;
 
 /** What the service said when it did not do what was asked. */
 export class Refused extends Error {
@@ -71,7 +71,7 @@ export async function post<T = { said?: string[] }>(
     headers: { "Content-Type": "application/json" },
     body: text,
     // Sent though the page is closed or left meanwhile; browsers do that for 64 kB at most.
-    keepalive: text.length < MOST_KEPT_ALIVE,
+    keepalive: text.length < MAX_KEPT_ALIVE,
   });
   return (await response.json()) as T;
 }

@@ -103,11 +103,11 @@ async function makeMapOnce(): Promise<void> {
 
 /** Where fire, vehicles and burn unit are. */
 async function firstView(): Promise<[number, number, number, number] | null> {
-  const LEAST_M = 500;
+  const MIN_M = 500;
   const front = await get<GeoJSON.GeoJSON>("fire/front").catch(() => null);
   const unit = (store.state?.burn?.leader.unit ?? []).flat().map(([lat, lon]): LonLat => [lon, lat]);
   const vehicles = [...store.telemetry.values()].map((here): LonLat => [here.lon_deg, here.lat_deg]);
-  return around([...(front ? placesOf(front) : []), ...unit, ...vehicles], LEAST_M);
+  return around([...(front ? placesOf(front) : []), ...unit, ...vehicles], MIN_M);
 }
 
 let making = false;

@@ -22,7 +22,7 @@ export const COLOURS: Record<State, string> = {
   unburned: "#00529b",
 };
 const TOLERANCE_PX = 1.5;
-const MOST_POINTS = 900;
+const MAX_POINTS = 900;
 const ERASER_COLOUR = "#444444";
 
 type Dot = [number, number]; // pixels of the sheet
@@ -161,7 +161,7 @@ export class Pens {
       return;
     }
     let kept = simplified(dots, TOLERANCE_PX);
-    for (let px = 2 * TOLERANCE_PX; kept.length > MOST_POINTS; px *= 2) kept = simplified(dots, px);
+    for (let px = 2 * TOLERANCE_PX; kept.length > MAX_POINTS; px *= 2) kept = simplified(dots, px);
     if (tool.shape === "polygon") kept = uncrossed(kept);
     this.finish(kept.map((dot) => this.place(dot)));
   }

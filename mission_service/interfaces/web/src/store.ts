@@ -8,7 +8,7 @@ import type {
   Burn,
   Fire,
   MissionState,
-  NewsLine,
+  Announcement,
   Replay,
   State,
   Status,
@@ -33,7 +33,7 @@ export type Topic =
   | "chosen" // the vehicle that is looked at
   | "moment"; // the time that is looked at
 
-const MOST_NEWS = 200;
+const MAX_NEWS = 200;
 const MISSED_S = 5; // between two places of a vehicle: this page was too slow for more
 export const TRACK_S = 900; // longer ones hide the fire
 const SILENT_MS = 15_000; // the service says something each 10 s
@@ -43,7 +43,7 @@ const HIDDEN_MS = 250;
 class Jumped extends Error {}
 
 /** Old and new lines, each once. */
-function joined(before: NewsLine[], told: NewsLine[]): NewsLine[] {
+function joined(before: Announcement[], told: Announcement[]): Announcement[] {
   const last = before.at(-1)?.id ?? 0;
   return [...before, ...told.filter((line) => line.id > last)];
 }
@@ -209,7 +209,7 @@ export class Store {
         this.state.alarms = told as Alarm[];
         break;
       case "news":
-        this.state.news = joined(this.state.news, told as NewsLine[]).slice(-MOST_NEWS);
+        this.state.news = joined(this.state.news, told as Announcement[]).slice(-MAX_NEWS);
         break;
       case "replay": {
         const jumped = (told as Replay).jumps !== this.state.replay?.jumps;

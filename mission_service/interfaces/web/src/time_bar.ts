@@ -6,14 +6,14 @@ import type { Store } from "./store.ts";
 import { clock, moment } from "./units.ts";
 
 const STEP_MIN = 5;
-const MOST_MIN = 360; // as far as the service forecasts
-const MOST_PAST_MIN = 180;
+const MAX_MIN = 360; // as far as the service forecasts
+const MAX_PAST_MIN = 180;
 
 export function timeBar(store: Store): void {
   const slider = h("input", {
     type: "range",
     min: -60,
-    max: MOST_MIN,
+    max: MAX_MIN,
     step: STEP_MIN,
     value: 0,
     "aria-label": "Minutes from now",
@@ -25,7 +25,7 @@ export function timeBar(store: Store): void {
     h("button", { type: "button", title, "aria-label": title, onclick: act }, name);
   const step = (by: number): void => {
     const least = Number(slider.min);
-    store.look(Math.max(least, Math.min(MOST_MIN, store.inMin + by)));
+    store.look(Math.max(least, Math.min(MAX_MIN, store.inMin + by)));
   };
   byId("time").append(
     words,
@@ -43,7 +43,7 @@ export function timeBar(store: Store): void {
 
   const renew = (): void => {
     // The past reaches back to the fire's beginning, and not too far for the slider.
-    const past = Math.min(MOST_PAST_MIN, Math.floor(store.nowS / 60 / STEP_MIN) * STEP_MIN);
+    const past = Math.min(MAX_PAST_MIN, Math.floor(store.nowS / 60 / STEP_MIN) * STEP_MIN);
     slider.min = String(-Math.max(STEP_MIN, past));
     slider.value = String(store.inMin);
     const text = moment(store.inMin);

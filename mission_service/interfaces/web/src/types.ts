@@ -91,7 +91,7 @@ export interface Alarm {
   cleared_at_us: number | null;
 }
 
-export interface NewsLine {
+export interface Announcement {
   id: number;
   at_us: number;
   vehicle: string;
@@ -152,7 +152,7 @@ export interface IgnitionPlan {
   wind_from_deg: number;
   time_margin_s: number;
   distance_margin_m: number;
-  least_time_margin_s: number;
+  min_time_margin_s: number;
   spheres_left: number;
 }
 
@@ -215,7 +215,7 @@ export interface Preview {
   figures: {
     items: number;
     length_m: number;
-    least_height_agl_m: number | null;
+    min_height_agl_m: number | null;
     highest_amsl_m: number | null;
     farthest_from_home_m: number;
     outside_landscape: boolean;
@@ -271,7 +271,7 @@ export interface State {
   fire: Fire;
   burn: Burn | null;
   alarms: Alarm[];
-  news: NewsLine[];
+  news: Announcement[];
   landscape: Landscape;
   rule: string;
   planner: Planner;

@@ -5,7 +5,7 @@ import { h } from "./dom.ts";
 const SIZE = 180;
 const MIDDLE = SIZE / 2;
 const RIM = 78; // pixels at the greatest speed
-export const MOST_M_S = 20;
+export const MAX_M_S = 20;
 
 export interface Wind {
   from_deg: number;
@@ -18,13 +18,13 @@ export function windOf(x: number, y: number): Wind {
   const share = Math.min(1, Math.hypot(x, y) / RIM);
   return {
     from_deg: (Math.round(deg / 5) * 5 + 360) % 360,
-    speed_m_s: Math.round(share * MOST_M_S * 2) / 2,
+    speed_m_s: Math.round(share * MAX_M_S * 2) / 2,
   };
 }
 
 /** Where the arrow's tail is for a wind, from the middle, y down. */
 export function tailOf(wind: Wind): [number, number] {
-  const length = (Math.min(wind.speed_m_s, MOST_M_S) / MOST_M_S) * RIM;
+  const length = (Math.min(wind.speed_m_s, MAX_M_S) / MAX_M_S) * RIM;
   const angle = (wind.from_deg * Math.PI) / 180;
   return [Math.sin(angle) * length, -Math.cos(angle) * length];
 }
@@ -72,12 +72,12 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, wanted: Wind | null)
   pen.lineWidth = 1;
   for (const speed of [5, 10, 15, 20]) {
     pen.beginPath();
-    pen.arc(0, 0, (speed / MOST_M_S) * RIM, 0, 2 * Math.PI);
+    pen.arc(0, 0, (speed / MAX_M_S) * RIM, 0, 2 * Math.PI);
     pen.stroke();
   }
   pen.font = "11px sans-serif";
   for (const speed of [10, 20]) {
-    const off = (speed / MOST_M_S) * RIM * Math.SQRT1_2 - 4;
+    const off = (speed / MAX_M_S) * RIM * Math.SQRT1_2 - 4;
     pen.fillText(String(speed), off, off);
   }
   pen.font = "bold 13px sans-serif";

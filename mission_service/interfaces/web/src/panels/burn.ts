@@ -175,7 +175,7 @@ function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
   const skipped = plan.skipped.length ? `; ${plan.skipped.length} skipped as unsafe` : "";
   return figures([
     ["Line", `${plan.line}, ${plan.vehicle}`],
-    ["Least time to fire", `${duration(plan.least_time_margin_s)} (minimum ${duration(plan.time_margin_s)})`],
+    ["Least time to fire", `${duration(plan.min_time_margin_s)} (minimum ${duration(plan.time_margin_s)})`],
     ["Distance from fire", `at least ${metres(plan.distance_margin_m)}`],
     ["Drops", `${plan.drops.length}${skipped}`],
     ["Duration", duration(plan.duration_s)],

@@ -5,7 +5,7 @@ import type { Store } from "../store.ts";
 import { clock } from "../units.ts";
 import { section } from "./parts.ts";
 
-const MOST_LINES = 100;
+const MAX_LINES = 100;
 
 export function logPanel(store: Store): HTMLElement {
   const alarms = h("ul", { class: "log" });
@@ -21,7 +21,7 @@ export function logPanel(store: Store): HTMLElement {
     fill(
       news,
       ...told.news
-        .slice(-MOST_LINES)
+        .slice(-MAX_LINES)
         .reverse()
         .map((line) =>
           h(

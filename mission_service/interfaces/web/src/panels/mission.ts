@@ -85,7 +85,7 @@ function previewed({ figures: told, difference, mission_hash }: Preview): HTMLEl
     "div",
     {},
     figures([
-      ["Lowest height", told.least_height_agl_m === null ? "–" : metres(told.least_height_agl_m)],
+      ["Lowest height", told.min_height_agl_m === null ? "–" : metres(told.min_height_agl_m)],
       ["Length", distance(told.length_m)],
       ["Farthest from home", distance(told.farthest_from_home_m)],
       ["Highest (MSL)", told.highest_amsl_m === null ? null : metres(told.highest_amsl_m)],

@@ -1,0 +1,112 @@
+"""``mission-service burn``: a live burn, and what may be asked of it."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service.cli.options import JSON, OVERRIDE, echo, folder
+from mission_service.cli.request_commands import (
+    OUT,
+    Requests,
+    only_station,
+    print_answer,
+    proposed_plan,
+    request,
+    user_options,
+)
+
+WATCH_EVERY_S = 1.0
+
+
+def _of_burns() -> dict[str, Any]:
+    from mission_service.guidance.burn.requests import REQUESTS
+    from mission_service.requests import OF_EVERY_RUN, Lit, name_of
+
+    return {"light" if kind is Lit else name_of(kind): kind for kind in OF_EVERY_RUN + REQUESTS}
+
+
+@click.group(cls=Requests, table=_of_burns)
+def burn() -> None:
+    """A prescribed burn under way: what a crew sees, approves, corrects and stops."""
+
+
+@burn.command()
+@OUT
+@JSON
+def status(out: Path, as_json: bool) -> None:
+    """Show plan, approvals, GO list and vehicle."""
+    from mission_service.guidance.burn.plan_summary import describe_status
+    from mission_service.interfaces.control.control_client import ControlClient
+
+    with ControlClient(out) as there:
+        told = there.ask(do="status")["status"]
+    click.echo(json.dumps(told) if as_json else "\n".join(describe_status(told)))
+
+
+@burn.command()
+@click.option("--every", "every_s", type=click.FloatRange(0.2, 10), default=WATCH_EVERY_S)
+@user_options
+def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float) -> None:
+    """Show the state each second, and report presence to the service, until Ctrl-C.
+
+    An approval holds only while a user is present at its station.
+    """
+    from mission_service.guidance.burn.plan_summary import describe_status
+    from mission_service.interfaces.control.control_client import ControlClient
+
+    with ControlClient(out) as there:
+        where = station or only_station(there)
+        try:
+            while True:
+                there.ask(do="present", by=by, station=where)
+                told = there.ask(do="status")["status"]
+                if as_json:
+                    click.echo(json.dumps(told))
+                else:
+                    click.clear()
+                    click.echo("\n".join([*describe_status(told), f"{by} at {where} is there"]))
+                time.sleep(every_s)
+        except KeyboardInterrupt:
+            click.echo(f"{by} at {where} watches no more", err=True)
+
+
+@burn.command()
+@click.argument("hash_", metavar="HASH")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@user_options
+def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
+    """Approve the plan HASH (at least its first 8 digits): it shows what that is, and asks."""
+    from mission_service.errors import RequestError
+    from mission_service.guidance.burn.plan_summary import describe_plan
+    from mission_service.interfaces.control.control_client import ControlClient
+
+    with ControlClient(out) as there:
+        where = station or only_station(there)
+        told = there.ask(do="status")["status"]
+        proposed, name = proposed_plan(told, hash_)
+        click.echo("\n".join(describe_plan(proposed, name)), err=as_json)
+        if told["open_items"]:
+            items = "; ".join(told["open_items"])
+            raise RequestError(f"the GO list comes first; open: {items}")
+        if not yes and not click.confirm(f"Approve it as {by} at {where}?", err=as_json):
+            raise RequestError("not approved")
+        print_answer(there.ask(do="approve", by=by, station=where, hash=name), as_json)
+
+
+request.add_command(approve)
+
+
+@burn.command()
+@click.argument("config")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OVERRIDE
+@JSON
+def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Plan the whole burn of CONFIG to its end: lines, loads, spheres, time, fire to come."""
+    from mission_service.config.scenario import load_scenario
+    from mission_service.guidance.burn.preview import preview as run
+
+    echo(run(load_scenario(config, overrides), folder(out)), as_json)

@@ -1,0 +1,81 @@
+"""``mission-service experiment``: experiments of published papers. Heavy imports are lazy."""
+
+import json
+from pathlib import Path
+
+import click
+
+from mission_service.cli.options import JSON, folder
+
+OUT = click.option(
+    "-o",
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write the figures to this folder, as PNG.",
+)
+
+
+def _progress(text: str) -> None:
+    click.echo(text, err=True)
+
+
+@click.group()
+def experiment() -> None:
+    """Repeat experiments of published papers and compare the results."""
+
+
+@experiment.command("islam-hu")
+@OUT
+@JSON
+def islam_hu(out: Path | None, as_json: bool) -> None:
+    """Islam & Hu, section VI: one vehicle on six fires; reversals over alpha, distance error."""
+    from mission_service.experiments.islam_hu.run import run
+    from mission_service.experiments.islam_hu.tables import in_text
+
+    found = run(folder(out) if out else None, progress=_progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command()
+@OUT
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=click.FloatRange(0.5, 100),
+    default=1.5,
+    show_default=True,
+    help="Speed of the vehicles in m/s; at 1.5 the costs are as high as in the thesis.",
+)
+@JSON
+def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
+    """Bent's thesis, chapter 5 (tables 5.1 to 5.4): teams of 2 to 6 vehicles on one fire."""
+    from mission_service.experiments.bent.run import run
+    from mission_service.experiments.bent.tables import in_text
+
+    found = run(folder(out) if out else None, speed_m_s, _progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command("virtual-agents")
+@OUT
+@JSON
+def virtual_agents(out: Path | None, as_json: bool) -> None:
+    """Virtual agents, table 2: six metrics of flights with four or eight fixed-wing UAVs."""
+    from mission_service.experiments.virtual_agents.run import run
+    from mission_service.experiments.virtual_agents.tables import in_text
+
+    found = run(folder(out) if out else None, progress=_progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))
+
+
+@experiment.command()
+@OUT
+@JSON
+def beachly(out: Path | None, as_json: bool) -> None:
+    """Beachly et al., sections VI and VII: ignition lines, and corrections of a fire model."""
+    from mission_service.experiments.beachly.run import run
+    from mission_service.experiments.beachly.tables import in_text
+
+    found = run(folder(out) if out else None, _progress)
+    click.echo(json.dumps(found) if as_json else in_text(found))

@@ -1,0 +1,99 @@
+"""``mission-service fire`` and ``bench``: the fire model alone. Heavy imports are lazy."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import click
+
+from mission_service.cli.options import JSON, OVERRIDE, echo, folder
+
+
+@click.group()
+def fire() -> None:
+    """The fire model alone, without vehicles."""
+
+
+@fire.command("run")
+@click.argument("scenario")
+@click.option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
+)
+@click.option(
+    "--front-every",
+    "front_every_s",
+    type=click.FloatRange(min=1.0),
+    default=3600.0,
+    show_default=True,
+    help="Seconds between two fronts in the output.",
+)
+@OVERRIDE
+@JSON
+def fire_run(
+    scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
+) -> None:
+    """Burn SCENARIO to its end; write GeoTIFFs, fronts (GeoJSON), a map and a summary to DIR."""
+    from mission_service.config.scenario import load_scenario
+    from mission_service.fire.setup import notes_on
+    from mission_service.simulation.fire_alone import run_fire
+
+    if math.isnan(front_every_s):
+        raise click.UsageError("--front-every nan: give seconds")
+    loaded = load_scenario(scenario, overrides)
+    for note in notes_on(loaded):
+        click.echo(f"Note: {note}", err=True)
+    summary = run_fire(loaded, folder(out), front_every_s)
+    echo(summary, as_json)
+    if not as_json:
+        click.echo(f"GeoTIFFs, fronts.geojson, map.png and summary.json in {out}/")
+
+
+@fire.command("info")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--crs", help="The CRS of rasters that have none, e.g. EPSG:32611.")
+@click.option("--nodata", type=float, help="The value of cells without data, if no file states it.")
+@click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    metavar="LAYER=UNIT",
+    help="The unit of a layer, e.g. slope=degrees (repeatable).",
+)
+@JSON
+def fire_info(
+    files: tuple[str, ...],
+    crs: str | None,
+    nodata: float | None,
+    units: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Describe a landscape or a file of shapes; exit code 1 if it has problems.
+
+    FILE is a raster or a file of shapes, or LAYER=FILE for each layer of a landscape: fuel,
+    elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
+    """
+    from firemodel.landscape.info import in_text
+    from mission_service.cli.landscape_summary import describe_files
+
+    found = describe_files(files, crs, nodata, units)
+    click.echo(json.dumps(found) if as_json else in_text(found))
+    if found["problems"]:
+        sys.exit(1)
+
+
+@click.group()
+def bench() -> None:
+    """Measure computing times on this machine."""
+
+
+@bench.command("fire")
+@click.option("--largest", type=click.IntRange(min=200), default=4000, show_default=True)
+@JSON
+def bench_fire(largest: int, as_json: bool) -> None:
+    """Time the fire model: whole burns of 200², 1000² and 4000² cells, and steps of 10 s."""
+    from mission_service.cli.bench_commands import bench_fire as run_bench
+
+    found = run_bench(largest, (lambda line: None) if as_json else click.echo)
+    if as_json:
+        click.echo(json.dumps(found))

@@ -1,0 +1,116 @@
+"""``mission-service log``: describe and export logged flights. Heavy imports are lazy."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service.cli.options import JSON, folder
+
+DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
+MAX_MISSIONS = 10  # with one line each; more are summarised in one line
+
+LOGS = click.argument(
+    "logs",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="LOG...",
+)
+
+
+@click.group()
+def log() -> None:
+    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg, and journals of this service."""
+
+
+@log.command("info")
+@LOGS
+@JSON
+def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
+    """Describe the vehicles, missions and modes in each LOG, and its damaged parts."""
+    from mission_service.replay.flights.flown_vehicle import info_of
+    from mission_service.replay.flights.journal_log import open_flight
+
+    found = [info_of(open_flight(path)) for path in logs]
+    if as_json:
+        click.echo(json.dumps(found, indent=2))
+        return
+    for told in found:
+        for line in _lines(told):
+            click.echo(line)
+
+
+def _lines(told: dict[str, Any]) -> list[str]:
+    lines = [f"{told['log']}: {told['messages']} messages"]
+    lines += [f"  DAMAGED: {each}" for each in told["damage"]]
+    for vehicle in told["vehicles"]:
+        begun = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
+        lines += [
+            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begun}"
+            f"{vehicle['duration_s']:.0f} s, {vehicle['positions']} positions",
+            f"    flown {vehicle['flown_m']} m, up to {vehicle['highest_above_start_m']} m above "
+            f"its start, at most {vehicle['max_speed_m_s']} m/s",
+        ]
+        lines += _missions(vehicle["missions"])
+        back = ", ".join(f"{at_s:.1f} s" for at_s in vehicle["turned_back_at_s"])
+        lines += [
+            f"    servo {each['servo']} to {each['pulse_us']} us at {each['at_s']:.1f} s"
+            for each in vehicle["servo_steps"]
+        ]
+        lines += [f"    back to an earlier item at {back}"] if back else []
+        lines.append(
+            f"    {vehicle['items_reached']} items reached, "
+            f"{vehicle['gripper_releases']} releases by gripper, link lost "
+            f"{vehicle['links_lost']} times (for at most {vehicle['longest_silence_s']} s)"
+        )
+        lines += [
+            f"    {each['at_s']:8.1f} s  {each['mode'] or 'unknown mode'}"
+            f"{', armed' if each['armed'] else ''}"
+            for each in vehicle["modes"]
+        ]
+    return lines
+
+
+def _missions(missions: list[dict[str, Any]]) -> list[str]:
+    if len(missions) <= MAX_MISSIONS:
+        return [
+            f"    mission of {each['items']} items at {each['at_s']:.1f} s" for each in missions
+        ]
+    items = [each["items"] for each in missions]
+    return [
+        f"    {len(missions)} missions of {min(items)} to {max(items)} items from "
+        f"{missions[0]['at_s']:.1f} to {missions[-1]['at_s']:.1f} s"
+    ]
+
+
+@log.command("export")
+@LOGS
+@click.option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
+)
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    type=click.Choice([*DEFAULT_FORMATS, "parquet", "mcap"]),
+    default=DEFAULT_FORMATS,
+    show_default=True,
+    help="Format to write (repeatable). parquet and mcap need mission-service[export].",
+)
+def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> None:
+    """Export tracks (GeoJSON, KML), tables (CSV, Parquet), missions (.plan), or all data (MCAP)."""
+    from mission_service.replay.flights.exports import check_libraries, export
+    from mission_service.replay.flights.journal_log import open_flight
+
+    check_libraries(formats)
+    opened = [open_flight(path) for path in logs]
+    files = export(opened, folder(out), formats)
+    for each in opened:
+        for damage in each.damage:
+            click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
+    plans = [name for name in files if name.endswith(".plan")]
+    shown = [name for name in files if name not in plans or len(plans) <= MAX_MISSIONS]
+    shown += [f"{len(plans)} missions (.plan)"] if len(plans) > MAX_MISSIONS else []
+    click.echo(f"{', '.join(shown) or 'nothing to write'} in {out}/")

@@ -1,0 +1,129 @@
+"""``mission-service mission`` and ``signing``: transfers to one autopilot on one link."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service.cli.options import JSON, SIGNING_KEY, TLOG, echo
+
+LINK = click.option(
+    "--link",
+    default="udpin:127.0.0.1:14550",
+    show_default=True,
+    help="udpin, udpout, tcp or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=0.1),
+    default=30.0,
+    show_default=True,
+    help="Give up after this many seconds.",
+)
+
+
+@click.group()
+def mission() -> None:
+    """Transfer missions to and from one autopilot."""
+
+
+@mission.command("upload")
+@click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
+    """Upload PLAN_FILE and print the autopilot's result. Does not start the flight.
+
+    If the plan has no fence or no rally points, the autopilot keeps its own.
+    """
+    from autopilot_bridge.missions.planfile import read_any
+    from mission_service.cli.transfers import upload
+
+    echo(upload(read_any(plan_file), _line(line)), as_json)
+
+
+@mission.command("download")
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_download(output: Path, as_json: bool, **line: Any) -> None:
+    """Download mission, fence and rally points to a .plan file, or the mission to .waypoints."""
+    from mission_service.cli.transfers import download
+
+    echo(download(output, _line(line)), as_json)
+
+
+@mission.command("clear")
+@click.option("--all", "everything", is_flag=True, help="Also remove fence and rally points.")
+@LINK
+@TIMEOUT
+@TLOG
+@SIGNING_KEY
+@JSON
+def mission_clear(everything: bool, as_json: bool, **line: Any) -> None:
+    """Remove the autopilot's mission."""
+    from mission_service.cli.transfers import clear
+
+    echo(clear(_line(line), everything), as_json)
+
+
+def _line(line: dict[str, Any]) -> Any:
+    from mission_service.cli.transfers import Line
+
+    return Line(**line, warn=lambda text: click.echo(text, err=True))
+
+
+@click.group()
+def signing() -> None:
+    """MAVLink 2 signing: set or remove the key of a vehicle."""
+
+
+KEY_NEEDED = click.option(
+    "--signing-key", required=True, metavar="file:PATH|env:NAME", help="Source of the key."
+)
+SYSTEM = click.option(
+    "--system-id", type=click.IntRange(1, 250), help="System id (default: the first vehicle found)."
+)
+
+
+@signing.command("set-up")
+@LINK
+@KEY_NEEDED
+@click.option(
+    "--old-key", metavar="file:PATH|env:NAME", help="Source of the key that the vehicle has now."
+)
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Set the vehicle's key and check that it signs its frames.
+
+    The key is sent in clear text: use a link that cannot be intercepted, such as a USB cable. The
+    vehicle must be disarmed. If it does not answer a signed request with signed frames, the exit
+    code is 1. The key is not recorded.
+    """
+    from mission_service.cli.signing_setup import set_up
+
+    echo(set_up(_line(line), old_key, system_id), as_json)
+
+
+@signing.command("off")
+@LINK
+@KEY_NEEDED
+@SYSTEM
+@TIMEOUT
+@TLOG
+@JSON
+def signing_off(system_id: int | None, as_json: bool, **line: Any) -> None:
+    """Remove the vehicle's key and check that it answers unsigned requests."""
+    from mission_service.cli.signing_setup import turn_off
+
+    echo(turn_off(_line(line), system_id), as_json)

@@ -1,0 +1,112 @@
+"""Options and functions that the command line's files share."""
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+
+def seconds(
+    context: click.Context, parameter: click.Parameter, value: float | None
+) -> float | None:
+    """Check an option's value: a finite time of 0 s or more; raises BadParameter."""
+    if value is not None and not 0.0 <= value < math.inf:
+        raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
+    return value
+
+
+Command = TypeVar("Command", bound=Callable[..., Any] | click.Command)
+
+OVERRIDE = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
+)
+JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+SIGNING_KEY = click.option(
+    "--signing-key",
+    metavar="file:PATH|env:NAME",
+    help="Source of the key that signs and verifies frames (MAVLink 2 signing).",
+)
+TLOG = click.option(
+    "--tlog",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Append the traffic of the links to this .tlog file.",
+)
+
+LOG = click.option(
+    "--log",
+    type=click.Choice(["text", "json"]),
+    help="Log to stderr, with announcements and alarms, instead of the progress display.",
+)
+
+
+def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
+    """An option ``--NAME`` in seconds, 0 or more; the command's parameter is ``NAME_s``."""
+    key = f"{name.removeprefix('--')}_s"
+    return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
+
+
+LOG_LEVEL = click.option(
+    "--log-level",
+    type=click.Choice(["debug", "info", "warning", "error"]),
+    default="info",
+    show_default=True,
+)
+
+
+def folder(out: Path) -> Path:
+    """Return ``out`` as a writable folder, created if missing; raises MissionServiceError."""
+    from tempfile import TemporaryFile
+
+    from mission_service.errors import MissionServiceError
+    from mission_service.journal.private_files import FOLDER_MODE
+
+    try:
+        out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
+    try:
+        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
+            pass
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
+    return out
+
+
+def echo(result: dict[str, Any], as_json: bool) -> None:
+    """Print a result as JSON, or as one line per key."""
+    if as_json:
+        click.echo(json.dumps(result))
+    else:
+        click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+def tell_address(out: Path, address: str) -> None:
+    """Print the address of the map; its token is printed only on a terminal, never into a log."""
+    if sys.stderr.isatty():
+        click.echo(f"map: {address}", err=True)
+    else:
+        place, own_token, _ = address.partition("#")
+        whose = (
+            f"its token is in {out / 'token'}" if own_token else "with a token of the tokens file"
+        )
+        click.echo(f"map: {place} ({whose})", err=True)
+
+
+def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any], None]:
+    """The function that shows progress: a log if ``form`` is given, else lines and a status."""
+    if form is None:
+        from mission_service.runtime.progress import LiveReport
+
+        return LiveReport(quiet=as_json)
+    from mission_service.runtime.service_log import set_up
+
+    set_up(form, level)  # type: ignore[arg-type]  # click has checked it
+    return lambda record, world: record.news.clear()  # the log reads the picture's

@@ -1,0 +1,185 @@
+"""``mission-service replay``: logged flights and journals. Heavy imports are lazy."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mission_service.cli.options import JSON, LOG, LOG_LEVEL, OVERRIDE, folder, seconds_option
+from mission_service.runtime.clocks import now_text
+
+if TYPE_CHECKING:
+    from mission_service.replay.flights.flight_logs import Flight
+    from mission_service.replay.flights.scenario_pairing import Asked
+
+STAGE_NAMES = ("file", "fire", "planner", "core")
+
+
+@click.command()
+@click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+)
+@click.option("--planner", "rule", metavar="RULE", help="Planner rule (default: the scenario's).")
+@seconds_option("--at", "Mission time at which the logs begin.")
+@seconds_option("--from", "Start of the replay, in seconds after the start of the flight.")
+@seconds_option("--to", "End of the replay, counted like --from.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for files.")
+@click.option("--verify", is_flag=True, help="Recompute a journal, stage by stage.")
+@click.option(
+    "--stage",
+    "stages",
+    type=click.Choice(STAGE_NAMES),
+    multiple=True,
+    help="With --verify: only this stage (repeatable; default: all).",
+)
+@click.option(
+    "--what-if",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Repeat a journal's run in the simulator with another value of a [planner] key "
+    "(repeatable; more may follow as arguments); planner=RULE sets the rule.",
+)
+@click.option("--speed", metavar="X", help="Play on the map and MQTT: 0.1 to 100 times, or max.")
+@click.option("--listen", metavar="HOST:PORT", help="With --speed: address of the map.")
+@click.option("--until-end", is_flag=True, help="With --speed: exit at the end; else pause.")
+@OVERRIDE
+@LOG
+@LOG_LEVEL
+@JSON
+def replay(
+    words: tuple[str, ...],
+    scenario: str | None,
+    rule: str | None,
+    at_s: float | None,
+    from_s: float | None,
+    to_s: float | None,
+    out: Path | None,
+    verify: bool,
+    stages: tuple[str, ...],
+    changes: tuple[str, ...],
+    speed: str | None,
+    listen: str | None,
+    until_end: bool,
+    overrides: tuple[str, ...],
+    log: str | None,
+    log_level: str,
+    as_json: bool,
+) -> None:
+    """Replay logged flights: the flown paths, and what a scenario's planner would have decided.
+
+    A LOG is a .tlog, .bin or .ulg file, or a journal (or the folder of its run), which contains its
+    scenario. Logs with the same NAME are of one vehicle. --out is the folder for the report, its
+    pictures and the journal of the replay.
+
+    --speed 10: show the flight on the map and over MQTT as a live run, until Ctrl-C, with the
+    observations and decisions that the service would have made. The replay can be paused and
+    positioned; orders are refused.
+
+    --verify: recompute a journal; exit code 1 if anything differs. file: checksum of each line.
+    fire: observations of the cameras, in the fire burned again. planner: decisions on the recorded
+    observations. core: all commands, bit for bit.
+
+    --what-if planner=predictive alpha=1.5 --out DIR: mock autopilots fly a journal's scenario
+    again; one page compares both runs.
+    """
+    if verify and changes:
+        raise click.UsageError("give either --verify or --what-if")
+    if stages and not verify:
+        raise click.UsageError("--stage is for --verify")
+    of_logs = scenario or rule or at_s is not None or from_s or to_s is not None or overrides
+    if (verify or changes) and (of_logs or speed):
+        raise click.UsageError("--verify and --what-if take a whole journal, without these options")
+    if verify and (len(words) > 1 or out is not None):
+        raise click.UsageError("--verify takes one journal and writes no files")
+    if speed is None and (listen or until_end or log):
+        raise click.UsageError("--listen, --until-end and --log are for --speed")
+    from mission_service.replay.flights.batch import called
+    from mission_service.replay.flights.flight_logs import flight_of, path_of
+    from mission_service.replay.flights.journal_log import journal_in
+    from mission_service.replay.flights.scenario_pairing import Asked
+
+    if verify:
+        _verify(journal_in(Path(words[0])), stages, as_json)
+        return
+    if changes:
+        if out is None:
+            raise click.UsageError("--what-if needs --out DIR")
+        _what_if(journal_in(Path(words[0])), (*changes, *words[1:]), out, as_json)
+        return
+    flight = flight_of(words)._replace(
+        from_s=from_s or 0.0, to_s=math.inf if to_s is None else to_s
+    )
+    asked = Asked(scenario, rule, at_s, overrides)
+    if speed is None:
+        _batch(flight, called([path_of(word) for word in words]), asked, out, as_json)
+        return
+    from mission_service.cli.replay_live import play
+
+    play(flight, asked, speed, listen, out, until_end, log, log_level, as_json)
+
+
+def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:
+    from mission_service.replay.flights.batch import story_beside, story_of
+    from mission_service.replay.flights.flight_logs import survey
+    from mission_service.replay.flights.report_page import write_report
+    from mission_service.replay.flights.run_figures import figures_of, in_text
+    from mission_service.replay.flights.scenario_pairing import Asked, replaying, scenario_asked
+
+    found = None if asked == Asked() else scenario_asked(flight, asked)
+    if found is None and asked.at_s is not None:
+        raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
+    if found is None:
+        story, made = story_of(name, flight), out and folder(out)
+    else:
+        what = replaying(flight, survey(flight), found[0], asked.at_s)
+        made = out and folder(out)
+        story = story_beside(name, what, made, now_text())
+    files = write_report(made, [story]) if made else []
+    figures = figures_of(story)
+    if as_json:
+        click.echo(json.dumps(figures))
+        return
+    click.echo(in_text([figures]))
+    if files:
+        click.echo(f"{', '.join(files)} in {out}/")
+
+
+def _verify(journal: Path, stages: tuple[str, ...], as_json: bool) -> None:
+    from mission_service.replay.verification import as_json as for_programs
+    from mission_service.replay.verification import in_text, verify
+
+    found = verify(journal, stages=stages)
+    click.echo(json.dumps(for_programs(found)) if as_json else in_text(found))
+    if found.differing:
+        where = f"{', '.join(found.differing)}: first difference in {found.difference}"
+        raise click.ClickException(f"{journal}: {where}")
+
+
+def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from mission_service.journal.reader import JournalReader
+    from mission_service.replay.what_if import in_text, what_if, with_settings
+    from mission_service.runtime.progress import SimProgress
+
+    scenario, _ = with_settings(JournalReader(journal), words)  # checked before files are written
+    with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
+        found = what_if(journal, words, folder(out), now_text(), progress)
+    _side_by_side(journal, out)
+    if as_json:
+        click.echo(json.dumps({**asdict(found), "out": str(out)}))
+    else:
+        click.echo(f"{in_text(found)}\nreport, journal, GeoJSON, map and summary in {out}/")
+
+
+def _side_by_side(journal: Path, out: Path) -> None:
+    from mission_service.replay.flights.batch import story_of
+    from mission_service.replay.flights.flight_logs import flight_of
+    from mission_service.replay.flights.report_page import write_report
+
+    runs = {"recorded": journal, "what-if": out}
+    write_report(out, [story_of(name, flight_of([str(path)])) for name, path in runs.items()])

@@ -1,0 +1,258 @@
+"""``mission-service request``: what operators ask of a live run.
+
+Commands, arguments and options are made from the table of requests (``core/requests.py``), which is
+imported when a command is needed.
+"""
+
+import getpass
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mission_service.cli.options import JSON
+
+UNITS = {"_m_s": "M/S", "_deg": "DEGREES", "_m": "M", "_s": "SECONDS"}
+# What a command may leave out, since _completed finds it.
+COMPLETED = {("correct", "shape"), ("person", "radius_m")}
+Status = Callable[[], dict[str, Any]]
+
+
+class Place(click.ParamType[tuple[float, float]]):
+    """LAT,LON in degrees; the service checks their bounds."""
+
+    name = "place"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Latitude and longitude."""
+        try:
+            lat_deg, lon_deg = (float(part) for part in str(value).split(","))
+        except ValueError:
+            words = f"{value!r}: write it as LAT,LON in degrees, as in 36.35,-84.16"
+            self.fail(words, param, ctx)
+        return lat_deg, lon_deg
+
+
+class NumberOrWord(click.ParamType[float | str]):
+    """A number where it is one; the service checks which words there are."""
+
+    name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float | str:
+        """A number or the word itself."""
+        try:
+            return float(value)
+        except ValueError:
+            return str(value)
+
+
+OUT = click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("out"),
+    show_default=True,
+    help="The folder of the run.",
+)
+
+
+def user_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of all that a user asks for."""
+    by = click.option("--by", default=_login, metavar="NAME", help="Default: the login name.")
+    station = click.option(
+        "--station", metavar="NAME", help="Where you are; default: the only one there is."
+    )
+    return OUT(by(station(JSON(command))))
+
+
+def _login() -> str:
+    return getpass.getuser()
+
+
+def only_station(there: Any) -> str:
+    """The only station of a run, or a word for the socket where stations do not matter."""
+    from mission_service.errors import RequestError
+
+    stations = there.ask(do="status")["status"].get("stations", ())
+    if len(stations) > 1:
+        raise RequestError(f"say where you are with --station: {', '.join(stations)}")
+    return str(stations[0]) if stations else "control"
+
+
+def print_answer(answer: dict[str, Any], as_json: bool) -> None:
+    """The lines of an answer, or all of it as JSON."""
+    if as_json:
+        click.echo(json.dumps(answer))
+    else:
+        click.echo("\n".join(answer["said"]) or f"{answer['event']}: told")
+
+
+class Requests(click.Group):
+    """Commands made from the table of requests, beside its own ones, which come first."""
+
+    def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
+        """``table``: the requests by the names of their commands."""
+        super().__init__(*args, **attrs)
+        self._table = table
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """All names."""
+        return sorted({*super().list_commands(ctx), *self._table()})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of this name."""
+        own = super().get_command(ctx, cmd_name)
+        kind = None if own is not None else self._table().get(cmd_name)
+        return own if kind is None else command_of(kind, cmd_name)
+
+
+def _all_requests() -> dict[str, Any]:
+    from mission_service.core.request_events import ALL_REQUESTS
+
+    return dict(ALL_REQUESTS)
+
+
+@click.group(cls=Requests, table=_all_requests)
+def request() -> None:
+    """Ask something of a live run, over its control socket."""
+
+
+def command_of(kind: Any, name: str) -> click.Command:
+    """The command that sends requests of this kind."""
+    from msgspec import inspect
+
+    from mission_service.requests import WHO, name_of
+
+    do = name_of(kind)
+
+    def send(out: Path, by: str, station: str | None, as_json: bool, **given: Any) -> None:
+        from mission_service.interfaces.control.control_client import ControlClient
+
+        with ControlClient(out) as there:
+            # An abort waits for nothing.
+            where = station or ("unknown" if do == "abort" else only_station(there))
+            for each in _completed(do, given, lambda: dict(there.ask(do="status")["status"])):
+                print_answer(there.ask(do=do, by=by, station=where, **each), as_json)
+
+    made = click.command(name, help=kind.__doc__)(user_options(send))
+    info: Any = inspect.type_info(kind)
+    fields = [each for each in info.fields if each.name not in WHO]
+    made.params = [each for field in fields for each in _parameters(do, field)] + made.params
+    if any(isinstance(each.type, Place) for each in made.params):
+        made.context_settings = {"ignore_unknown_options": True}  # a latitude may begin with -
+    return made
+
+
+def _parameters(do: str, field: Any) -> list[click.Parameter]:
+    """The argument or option for one key of a request."""
+    from msgspec import inspect
+
+    name, text = field.name, ""
+    kind: Any = field.type
+    if isinstance(kind, inspect.Metadata):
+        text = (kind.extra_json_schema or {}).get("description", "")
+        kind = kind.type
+    kinds = list(kind.types) if isinstance(kind, inspect.UnionType) else [kind]
+    kinds = [each for each in kinds if not isinstance(each, inspect.NoneType)]
+    match name:
+        case "points":
+            words = "LAT,LON..."
+            return [click.Argument([name], type=Place(), nargs=-1, required=True, metavar=words)]
+        case "lat_deg":
+            return [click.Argument(["place"], type=Place(), metavar="LAT,LON")]
+        case "lon_deg":
+            return []
+        case "item":
+            return [click.Argument([name], nargs=-1, required=True)]
+    required = field.required and (do, name) not in COMPLETED
+    if required and not name.endswith("_m"):  # a radius is an option, so not taken for a place
+        return [click.Argument([name], type=_type_of(kinds))]
+    unit = next((each for each in UNITS if name.endswith(each)), "")
+    word = name.removesuffix(unit).replace("_", "-")
+    if isinstance(kinds[0], inspect.BoolType):
+        both = f"--{word}/--no-{word}" if field.default is None else f"--{word}"
+        return [click.Option([both, name], is_flag=True, default=None, help=text)]
+    option = click.Option(
+        [f"--{word}", name],
+        type=_type_of(kinds),
+        required=required,
+        metavar=UNITS.get(unit),
+        help=text,
+    )
+    gone = click.Option(["--gone"], is_flag=True, help="Is no longer there.")
+    return [option, gone] if (do, name) == ("person", "radius_m") else [option]
+
+
+def _type_of(kinds: list[Any]) -> Any:
+    from msgspec import inspect
+
+    match kinds:
+        case [inspect.LiteralType() as words]:
+            return click.Choice([str(each) for each in words.values])
+        case [inspect.FloatType()]:
+            return float
+        case [inspect.FloatType(), _]:
+            return NumberOrWord()
+        case _:
+            return str
+
+
+def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str, Any]]:
+    """The requests that a command stands for, each with all its keys."""
+    asked = {name: value for name, value in given.items() if value is not None}
+    if "place" in asked:
+        asked["lat_deg"], asked["lon_deg"] = asked.pop("place")
+    match do:
+        case "correct" if "shape" not in asked:
+            asked["shape"] = "point" if len(asked["points"]) == 1 else "line"
+        case "person":
+            if asked.pop("gone") == ("radius_m" in asked):
+                raise click.UsageError("give either --radius or --gone")
+            asked.setdefault("radius_m", 0.0)
+        case "reject":
+            asked["hash"] = proposed_plan(status(), asked["hash"])[1]
+        case "go" | "no-go":
+            items = _items(status()["items"], " ".join(asked["item"]))
+            return [{**asked, "item": item} for item in items]
+    return [asked]
+
+
+def proposed_plan(told: dict[str, Any], digits: str) -> tuple[Any, str]:
+    """The plan whose hash begins so, and its whole hash, worked out anew from what is shown."""
+    import msgspec
+
+    from mission_service.errors import RequestError
+    from mission_service.ignition_plan import IgnitionPlan, plan_hash
+
+    if len(digits) < 8:
+        raise RequestError(f"{digits}: give at least the first 8 digits of the plan's hash")
+    found = [each for each in told["plans"] if each["plan_hash"].startswith(digits.lower())]
+    if len(found) != 1:
+        there = ", ".join(each["plan_hash"][:12] for each in told["plans"]) or "none"
+        many = "no plan" if not found else "more than one plan"
+        raise RequestError(f"{digits}: {many} proposed begins so; there are: {there}")
+    proposed = msgspec.convert(found[0]["plan"], IgnitionPlan)
+    name = plan_hash(proposed)
+    if name != found[0]["plan_hash"]:
+        raise RequestError(f"{digits}: the plan shown is not the one of this hash; not approved")
+    return proposed, name
+
+
+def _items(items: list[str], text: str) -> list[str]:
+    """What is meant by a number from 1, the beginning of an item, or ``all``."""
+    from mission_service.errors import RequestError
+
+    if text == "all":
+        return items
+    if text.isdigit() and 1 <= int(text) <= len(items):
+        return [items[int(text) - 1]]
+    found = [item for item in items if item.lower().startswith(text.lower())]
+    if len(found) != 1:
+        numbered = "; ".join(f"{number} {item}" for number, item in enumerate(items, start=1))
+        raise RequestError(f"{text}: which item of the list? {numbered}")
+    return found

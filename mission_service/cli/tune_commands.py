@@ -1,0 +1,66 @@
+"""``mission-service tune``: search for constants of planners. Heavy imports are lazy."""
+
+import json
+import os
+from pathlib import Path
+
+import click
+
+from mission_service.cli.options import JSON
+
+
+@click.group()
+def tune() -> None:
+    """Search for constants of planners."""
+
+
+@tune.command("virtual-agents")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Evaluate on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
+)
+@click.option("--population", type=click.IntRange(4), default=50, show_default=True)
+@click.option("--generations", type=click.IntRange(1), default=200, show_default=True)
+@click.option("--seed", type=int, default=3, show_default=True)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=os.cpu_count() or 1,
+    help="Number of processes on this machine [default: one per core].",
+)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write the constants and the record of the search to this file, as JSON.",
+)
+@JSON
+def virtual_agents(
+    scheduler: str | None,
+    population: int,
+    generations: int,
+    seed: int,
+    workers: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Search the constants of the virtual forces by a genetic algorithm (paper, section 5.2.6)."""
+    from mission_service.errors import MissionServiceError
+    from mission_service.experiments import tuning
+
+    where = tuning.on_cluster(scheduler, seed) if scheduler else tuning.on_cores(workers, seed)
+    with where as evaluate:
+        found = tuning.tune(
+            evaluate, seed, population, generations, lambda text: click.echo(text, err=True)
+        )
+    if out:
+        try:
+            out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise MissionServiceError(f"{out}: cannot be written: {error.strerror}") from None
+    if as_json:
+        click.echo(json.dumps(found))
+    else:
+        click.echo(f"fitness: {found['fitness']:.4f}")
+        click.echo("\n".join(f"{name}: {value}" for name, value in found["constants"].items()))

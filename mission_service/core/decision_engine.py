@@ -1,0 +1,220 @@
+"""From events to decisions: availability of the vehicles and decisions of their planners.
+
+The core turns decisions into missions. ``decide`` runs this part alone on a journal.
+"""
+
+import math
+from collections.abc import Mapping
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.commands import (
+    AnyCommand,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.events import (
+    SERVICE,
+    CommandFinished,
+    EstimatorStatusChanged,
+    FenceStatusChanged,
+    GpsFixChanged,
+    LinkLost,
+    LinkRestored,
+    ModeChanged,
+    Observed,
+    OrderGiven,
+    SystemStateChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleEvent,
+    VehicleRebooted,
+    WindMeasured,
+)
+from mission_service.guidance.protocol import Decision, Steered
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.availability import (
+    AIRBORNE_M,
+    ANSWERS,
+    GOING_HOME,
+    LEADS_TO,
+    MISSION,
+    UNANSWERED_S,
+    VehicleAvailability,
+)
+
+
+class DecisionEngine:
+    """Updates the availability of vehicles by events and asks their planners for decisions."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        planners: Mapping[str, Steered],
+        availability: dict[str, VehicleAvailability],
+    ) -> None:
+        self.planners = planners
+        self.availability = availability
+        self._landscape = landscape
+        self._deploy_at_s = scenario.deploy_at_s
+        burn = scenario.burn
+        self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
+
+    def take(self, event: VehicleEvent) -> Decision | None:
+        """Apply one event; returns the planner's decision, if any."""
+        name, at_s = event.vehicle, event.at_us / 1e6
+        availability = self.availability[name]
+        match event:
+            case Telemetry():
+                return self._moved(availability, event)
+            case Observed(corrects=True):
+                self.planners[name].correct(event)
+            case Observed():
+                self.planners[name].observe(event)
+            case WindMeasured() if (
+                availability.airborne
+            ):  # on the ground the estimate is unreliable
+                availability.wind_m_s = event.speed_m_s
+                self.planners[name].wind(event.speed_m_s, event.from_deg, at_s)
+            case VehicleConnected() | LinkRestored():
+                availability.online = True
+            case LinkLost():
+                availability.online = False
+                self.planners[name].left(at_s)
+            case VehicleRebooted():
+                self.availability[name].restart()
+                self.planners[name].left(at_s)
+            case ModeChanged():
+                self._mode_changed(availability, event)
+            case CommandFinished() if event.command in ANSWERS:
+                availability.answered(ANSWERS[event.command], at_s)
+            case UploadFinished():
+                availability.answered(UploadMission, at_s)
+            case SystemStateChanged():
+                availability.system_state = event.state
+                self._look_for_failsafe(name, at_s)
+            case FenceStatusChanged():
+                availability.fence_breached = event.breached
+                self._look_for_failsafe(name, at_s)
+            case GpsFixChanged():
+                self._measured(name, at_s, fix_good=event.good)
+            case EstimatorStatusChanged():
+                self._measured(name, at_s, estimator_healthy=event.healthy)
+            case _:
+                pass
+        return None
+
+    def recall(self, name: str, at_s: float) -> None:
+        """Record an order to return; given on the ground it stands until takeoff."""
+        availability = self.availability[name]
+        availability.recalled, availability.recalled_on_ground = True, not availability.airborne
+        self.planners[name].left(at_s)
+
+    def sent(self, command: AnyCommand, at_s: float) -> None:
+        """Record a command that is sent: the modes that it leads to are expected from now on."""
+        if type(command) in LEADS_TO:
+            availability = self.availability[command.vehicle]
+            availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
+
+    def ordered(self, name: str, event: OrderGiven) -> bool:
+        """Apply an order; returns whether it is carried out. Its mode then counts as ordered."""
+        availability = self.availability[name]
+        if event.by == SERVICE and not availability.flies:
+            return False
+        if availability.needs_confirmation(event.order) and not event.confirmed:
+            return False
+        availability.mode_is_ordered = True
+        if event.order == "return":
+            self.recall(name, event.at_us / 1e6)
+        else:
+            availability.recalled = False
+        return True
+
+    def aborted(self, name: str) -> bool:
+        """Apply an abort; returns whether the vehicle is ordered to hold now.
+
+        In a mode that autopilot or pilot selected, it is ordered to hold when that mode ends.
+        """
+        availability = self.availability[name]
+        holds_now = not availability.needs_confirmation("hold")
+        availability.recalled &= not holds_now
+        return holds_now
+
+    def _mode_changed(self, availability: VehicleAvailability, event: ModeChanged) -> None:
+        at_s, before = event.at_us / 1e6, (availability.mode, availability.armed)
+        availability.mode, availability.armed = event.mode, event.armed
+        if not event.armed:
+            availability.airborne = availability.recalled = availability.held_by_upload = False
+            availability.recalled_on_ground = False
+            availability.mode_is_ordered = True
+            availability.expected_until_s.clear()
+            self.planners[event.vehicle].left(at_s)
+        elif event.mode == MISSION:  # under control, whatever changed the mode
+            if (event.mode, event.armed) != before:  # not only reported again
+                availability.recalled &= availability.recalled_on_ground
+            availability.held_by_upload, availability.mode_is_ordered = False, True
+        else:
+            changed = (event.mode, event.armed) != before
+            if changed:
+                self._mode_chosen(availability, event, armed_now=not before[1])
+            if event.mode in GOING_HOME and availability.airborne:
+                self.recall(event.vehicle, at_s)
+            elif changed and availability.taken_over:
+                self.planners[event.vehicle].left(at_s)
+
+    def _mode_chosen(
+        self, availability: VehicleAvailability, event: ModeChanged, armed_now: bool
+    ) -> None:
+        """Classify a mode of an armed vehicle, other than its mission, as ordered or not."""
+        at_s = event.at_us / 1e6
+        leading = availability.leading_to(event.mode, at_s)
+        arms = armed_now and not availability.airborne and event.mode not in GOING_HOME
+        if arms and availability.is_expected(StartMission, at_s):
+            leading.add(StartMission)  # it arms first, before the mode changes
+        availability.held_by_upload = leading == {UploadMission}
+        availability.mode_is_ordered = bool(leading)
+        self._look_for_failsafe(event.vehicle, at_s)
+
+    def _look_for_failsafe(self, name: str, at_s: float) -> None:
+        """Attribute a hold during an upload to the failsafe that the vehicle reports."""
+        availability = self.availability[name]
+        if availability.held_by_upload and availability.in_failsafe:
+            availability.mode_is_ordered = availability.held_by_upload = False
+            self.planners[name].left(at_s)
+
+    def _measured(
+        self,
+        name: str,
+        at_s: float,
+        fix_good: bool | None = None,
+        estimator_healthy: bool | None = None,
+    ) -> None:
+        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        availability = self.availability[name]
+        was_good = availability.position_good
+        if fix_good is not None:
+            availability.fix_good = fix_good
+        if estimator_healthy is not None:
+            availability.estimator_healthy = estimator_healthy
+        if was_good and not availability.position_good:
+            self.planners[name].left(at_s)
+
+    def _moved(self, availability: VehicleAvailability, told: Telemetry) -> Decision | None:
+        x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)
+        if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
+            return None
+        row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
+        at_s = told.at_us / 1e6
+        velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
+        availability.here = PositionFix(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
+        # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
+        if not availability.airborne and told.altitude_relative_m >= self._airborne_m:
+            availability.airborne, availability.took_off_at_s = True, at_s
+            availability.recalled_on_ground = False
+            if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
+                self.recall(told.vehicle, at_s)
+        if not availability.flies or at_s < self._deploy_at_s:
+            return None
+        return self.planners[told.vehicle].at(row, col, at_s)

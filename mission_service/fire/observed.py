@@ -1,0 +1,115 @@
+"""The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
+
+The service burns it in step with the clock; a replay burns it again from a journal.
+"""
+
+import contextlib
+from collections.abc import Iterable
+
+from firemodel.errors import FireModelError
+from mission_service.commands import AnyCommand, Drop
+from mission_service.config.scenario import Scenario
+from mission_service.events import (
+    AnyEvent,
+    AnyOperatorEvent,
+    Corrected,
+    DropFinished,
+    Erased,
+    EstimatorStatusChanged,
+    GpsFixChanged,
+    IgnitionReported,
+    Observed,
+    Redone,
+    Telemetry,
+    Undone,
+    VehicleRebooted,
+    WindSet,
+)
+from mission_service.fire.camera import camera_of
+from mission_service.fire.simulated import SimulatedFire, Window
+
+OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)
+
+
+class ObservedFire:
+    """Applies events to a ``SimulatedFire`` and takes the images of the vehicles' cameras."""
+
+    def __init__(self, scenario: Scenario, world: SimulatedFire) -> None:
+        self.world = world
+        self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
+        self._every_us = {
+            section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
+        }
+        self._due_us = dict.fromkeys(self._cameras, 0)
+        self._lacking: dict[str, set[str]] = {name: set() for name in self._cameras}
+        self._falling: dict[tuple[str, int], tuple[float, float]] = {}
+        self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
+
+    def look(self, here: Telemetry) -> Observed | None:
+        """What a vehicle's camera sees from here, if it takes a picture now.
+
+        Nothing while the vehicle's position is not measured: the view would be placed wrongly.
+        """
+        return self.seen_from(here) if self._is_due(here) else None
+
+    def _is_due(self, here: Telemetry) -> bool:
+        """Whether a picture is taken from here; the next one is due a while later."""
+        if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
+            return False
+        self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
+        return True
+
+    def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
+        """What a vehicle's camera would see from here, its footprint so much wider."""
+        return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
+
+    def apply_report(self, event: AnyOperatorEvent) -> Window | None:
+        """Apply an operator's report; returns the window of cells that burn otherwise.
+
+        Raises FireModelError for what cannot be; nothing is changed then.
+        """
+        if isinstance(event, OF_FIRE):
+            self.world.advance(event.at_us)
+        return self.world.apply_report(event)
+
+    def happened(self, event: AnyEvent) -> None:
+        """Apply an event: ignitions, completed drops, positions no longer measured."""
+        if isinstance(event, GpsFixChanged):
+            self._note(event.vehicle, "fix", event.good)
+        elif isinstance(event, EstimatorStatusChanged):
+            self._note(event.vehicle, "estimator", event.healthy)
+        elif isinstance(event, VehicleRebooted):
+            self._lacking[event.vehicle].clear()
+        elif isinstance(event, IgnitionReported):
+            self.world.advance(event.at_us)  # else it would burn from the last observation on
+            self.world.light(event.points, event.lit_at_us / 1e6)
+        elif isinstance(event, DropFinished):
+            place = self._falling.pop((event.plan_hash, event.number), None)
+            if place is not None and not event.refused:
+                self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
+
+    def _note(self, vehicle: str, what: str, good: bool) -> None:
+        lacking = self._lacking[vehicle]
+        if good:
+            lacking.discard(what)
+        else:
+            lacking.add(what)
+
+    def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
+        """Apply an event of a journal; returns the window of cells that burn otherwise."""
+        found = None
+        if isinstance(event, OF_FIRE):
+            with contextlib.suppress(FireModelError):  # killed before it was taken back
+                found = self.apply_report(event)
+        elif isinstance(event, Telemetry):
+            self._is_due(event)
+        self.happened(event)
+        for command in commands:
+            self.ordered(command)
+        return found
+
+    def ordered(self, command: AnyCommand) -> None:
+        """Note where a sphere falls, until the drop is confirmed."""
+        if isinstance(command, Drop):
+            place = (command.lat_deg, command.lon_deg)
+            self._falling[command.plan_hash, command.number] = place

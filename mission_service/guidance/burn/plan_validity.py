@@ -1,0 +1,154 @@
+"""Whether a plan made earlier is still valid: in the fire, the unit and the wind of now."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.line_flight import (
+    FlightConstraints,
+    FlightPoint,
+    SphereFires,
+    point_on_leg,
+)
+from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
+from mission_service.guidance.burn.release import VehicleMotion, impact_point
+from mission_service.ignition_plan import IgnitionPlan
+
+ROUNDED_S = 1e-6
+
+
+def plan_problem(
+    plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
+) -> str:
+    """Why the rest of a plan, of which ``flown_s`` are flown, must not be flown; "" if it may.
+
+    The rest begins at ``situation.at_s``, in its wind and unit. Its fire must not contain the drops
+    of this plan: they count as when it was made, at the times of the plan.
+    """
+    air = constraints_of(situation, settings)
+    begin_s = situation.at_s - flown_s
+    places = [
+        FlightPoint(x, y, height, begin_s + after) for x, y, height, after in plan.path.tolist()
+    ]
+    own, number = SphereFires(air), 0
+    for leg in pairwise(places):
+        while number < len(plan.drops) and _dropped_by(plan, number, leg[0].at_s - begin_s):
+            x_m, y_m, after_s = plan.drops[number].tolist()
+            own.add_drop(x_m, y_m, begin_s + after_s)
+            number += 1
+        if leg[1].at_s <= situation.at_s:
+            continue
+        rest = (_later(leg, situation.at_s), leg[1])
+        after_s = rest[0].at_s - begin_s
+        found = _of_place(air, rest, places[0])
+        if found:
+            return f"{found} {after_s:.0f} s after its begin"
+        # The whole leg, as when planned, or only its rest, whichever has the larger margin.
+        margin_s = max(
+            min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
+        )
+        first = plan.climbs_first and leg[0] == places[0]
+        if margin_s < settings.time_margin_s and not first:
+            near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"
+            return f"fire {near} of its path {after_s:.0f} s after its begin"
+    return _of_drops(plan, air, begin_s, flown_s) or _of_load(plan, situation, settings, flown_s)
+
+
+def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
+    return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
+
+
+def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
+    """The point on a leg at a time, its begin at the earliest."""
+    begin, end = leg
+    if at_s <= begin.at_s:
+        return begin
+    return point_on_leg(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
+
+
+def _of_place(
+    air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
+) -> str:
+    begin, end = leg[0][:2], leg[1][:2]
+    if air.high is not None and not air.high.is_straight_clear(begin, end):
+        return "its path leaves the fence"
+    upright_at_start = begin == end == start[:2]
+    if not air.is_high(leg) and not upright_at_start and not air.low.is_straight_clear(begin, end):
+        return "its path is low outside the unit, or over people,"
+    return ""
+
+
+def _of_drops(plan: LinePlan, air: FlightConstraints, begin_s: float, flown_s: float) -> str:
+    left = plan.drops[plan.drops[:, 2] > flown_s + ROUNDED_S]
+    if not len(left):
+        return ""
+    if not air.unit.may_drop(left[:, :2]).all():
+        return "a drop is outside the unit, or on a no-drop area or people"
+    lands_s = begin_s + left[:, 2] + air.settings.ignition_delay_s
+    if (np.asarray(air.fire.ignition_time_s(left[:, :2])) <= lands_s).any():
+        return "a drop is on ground that will have burned"
+    return ""
+
+
+def _of_load(plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float) -> str:
+    left = int((plan.drops[:, 2] > flown_s + ROUNDED_S).sum())
+    if left > situation.spheres:
+        return f"it has {left} more drops, and {situation.spheres} spheres are left"
+    needs_s = plan.duration_s - flown_s + plan.home_s + settings.battery_reserve_s
+    if needs_s > situation.battery_s + ROUNDED_S:
+        return f"it needs {needs_s:.0f} s of battery, and {situation.battery_s:.0f} s are left"
+    return ""
+
+
+SAME_PLACE_M = 0.05
+MIN_DRIFT_M = 0.2  # a smaller drift is ignored
+CALM_M_S = 1.0  # below it the direction of the wind does not count
+WindFrom = tuple[float, float]  # speed in m/s, where it comes from in degrees from true north
+
+
+def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
+    """How a wind differs from the planned one by more than is allowed; None if it does not."""
+    speed_m_s, from_deg = wind
+    turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
+    faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
+    blows = max(speed_m_s, plan.wind_speed_m_s) > CALM_M_S
+    if not faster and not (blows and turned_deg > burn.wind_changes_deg):
+        return None
+    return (
+        f"the wind is {speed_m_s:.1f} m/s from {from_deg:.0f}°, planned for was "
+        f"{plan.wind_speed_m_s:.1f} m/s from {plan.wind_from_deg:.0f}°"
+    )
+
+
+def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
+    """The mean of winds as vectors."""
+    east = sum(speed * math.sin(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
+    north = sum(speed * math.cos(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
+    return math.hypot(east, north), math.degrees(math.atan2(east, north)) % 360.0
+
+
+def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
+    """The plan with its path moved against the drift of a sphere released at the drop height.
+
+    Points above the begin stay. If the moved path is invalid (out of the unit, too near to fire)
+    the plan stays as it is: spheres then fall beside their targets, or are left out.
+    """
+    wind = situation.wind_m_s * np.array(
+        [np.cos(situation.toward_rad), np.sin(situation.toward_rad)]
+    )
+    dropper = burn.dropper
+    hover = VehicleMotion(0.0, 0.0, burn.drop_height_m, 0.0, 0.0)
+    blown = (float(wind[0]), float(wind[1]))
+    falls = impact_point(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
+    drift_m = np.array([falls.x_m, falls.y_m])
+    if np.hypot(*drift_m) < MIN_DRIFT_M:
+        return plan
+    path = plan.path.copy()
+    gone = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M
+    path[gone, :2] -= drift_m
+    moved = replace(plan, path=path)
+    return plan if plan_problem(moved, situation, burn) else moved

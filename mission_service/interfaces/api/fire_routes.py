@@ -1,0 +1,220 @@
+"""Routes of the fire: fronts, forecasts, overlays, corrections, wind and weather."""
+
+import asyncio
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+
+from mission_service.interfaces import examples
+from mission_service.interfaces.api.context import ApiContext
+from mission_service.interfaces.api.openapi import V1, file, json, route
+from mission_service.interfaces.api.perimeter_routes import read_aside
+from mission_service.interfaces.api.responses import ApiError, answer, body_of, encode
+from mission_service.interfaces.maps import fronts, overlay, perimeters_out
+from mission_service.interfaces.maps.mercator import outline_of
+from mission_service.interfaces.maps.perimeter_worker import Job
+from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES
+
+GEOJSON = "application/geo+json"
+LONGEST_S = 1e7
+FAR_S, FAR_MIN = 3600.0, 60.0
+Seconds = Annotated[float | None, Query(ge=-LONGEST_S, le=LONGEST_S, allow_inf_nan=False)]
+Minutes = Annotated[float, Query(ge=0, le=LONGEST_S / 60, allow_inf_nan=False)]
+UPLOADS = (
+    "application/geo+json",
+    "application/vnd.google-earth.kml+xml",
+    "application/vnd.google-earth.kmz",
+    "application/zip",
+)
+
+
+def add(routes: APIRouter, api: ApiContext) -> None:
+    """``/fire``, ``/weather``."""
+    _shapes(routes, api)
+    _pictures(routes, api)
+    _words(routes, api)
+
+
+def _shapes(routes: APIRouter, api: ApiContext) -> None:
+    """Add fronts, contours and probabilities as GeoJSON, computed in threads."""
+
+    def now_s() -> float:
+        return api.context.clock.now_us / 1e6
+
+    @routes.get(
+        f"{V1}/fire/front",
+        **route("look", "The area burned at a time.", json(examples.FRONT, GEOJSON)),
+    )
+    async def front(at_s: Seconds = None, in_s: Seconds = None) -> Response:
+        if at_s is not None and in_s is not None:
+            raise ApiError(422, "give at_s or in_s, not both")
+        when_s = at_s if at_s is not None else now_s() + (in_s or 0.0)
+        found = await api.forecasts.arrival(when_s)
+        return await _shape(
+            api,
+            fronts.front_geojson,
+            found.arrival_s,
+            api.context.landscape,
+            when_s,
+            now_s(),
+            start_area=found.start_area,
+        )
+
+    @routes.get(
+        f"{V1}/fire/contours",
+        **route("look", "Where it is expected in so many minutes.", json(examples.FRONTS, GEOJSON)),
+    )
+    async def contours(
+        in_min: Annotated[list[Minutes], Query(max_length=12)] = [30.0, 60.0],  # noqa: B006
+    ) -> Response:
+        times_s = [now_s() + 60.0 * each for each in in_min]
+        found = await api.forecasts.arrival(max(times_s, default=now_s()))
+        return await _shape(
+            api,
+            fronts.contours_geojson,
+            found.arrival_s,
+            api.context.landscape,
+            times_s,
+            now_s(),
+            start_area=found.start_area,
+        )
+
+    @routes.get(
+        f"{V1}/fire/uncertainty",
+        **route(
+            "look",
+            "Where it has burned then with a probability of 10, 50 and 90 %.",
+            json(examples.FRONTS, GEOJSON),
+        ),
+    )
+    async def uncertainty(in_min: Minutes = FAR_MIN) -> Response:
+        at_s = now_s() + 60.0 * in_min
+        share = await api.forecasts.probability(at_s)
+        return await _shape(
+            api, fronts.probability_geojson, share, api.context.landscape, at_s, now_s()
+        )
+
+    @routes.get(
+        f"{V1}/fire/perimeters.geojson",
+        **route("look", "Its perimeter with the names of WFIGS.", json(examples.FRONTS, GEOJSON)),
+    )
+    async def perimeters(at_s: Seconds = None) -> Response:
+        when_s = now_s() if at_s is None else at_s
+        found = await api.forecasts.arrival(when_s)
+        scenario = api.context.scenario
+        return await _shape(
+            api,
+            perimeters_out.perimeter_geojson,
+            found.arrival_s,
+            api.context.landscape,
+            when_s,
+            name=scenario.name,
+            written_unix_ms=api.wall_us() // 1000,
+            prescribed=scenario.burn_flown is not None,
+            time_zero=scenario.time_zero,
+            start_area=found.start_area,
+        )
+
+
+async def _shape(api: ApiContext, shape: Any, *args: Any, **keywords: Any) -> Response:
+    """A GeoJSON response, made and encoded in a thread."""
+    content = await api.aside(lambda: encode(shape(*args, **keywords)))
+    return Response(content, media_type=GEOJSON)
+
+
+def _pictures(routes: APIRouter, api: ApiContext) -> None:
+    """Add overlays and terrain for the map."""
+    land = api.context.landscape
+
+    async def until(until_s: float | None) -> Any:
+        now_s = api.context.clock.now_us / 1e6
+        when_s = now_s + FAR_S if until_s is None else until_s
+        return when_s, await api.forecasts.arrival(when_s)
+
+    @routes.get(
+        f"{V1}/fire/arrival.png",
+        **route("look", "Arrival times as a transparent overlay.", file("image/png")),
+    )
+    async def arrival_png(until_s: Seconds = None) -> Response:
+        when_s, found = await until(until_s)
+        state_view = partial(overlay.arrival_png, found.arrival_s, land, found.at_s, when_s)
+        return Response(await api.aside(state_view), media_type="image/png")
+
+    legend = {"corners": [], "bounds": [], "scale": [{"at_s": 3600.0, "colour": "#ff0000"}]}
+
+    @routes.get(
+        f"{V1}/fire/arrival.json",
+        **route("look", "Where the overlay lies, and its colours.", json(legend)),
+    )
+    async def arrival_json(until_s: Seconds = None) -> Response:
+        when_s, found = await until(until_s)
+        frame = await api.aside(partial(overlay.overlay_frame, land))
+        return answer({**frame, "scale": overlay.arrival_scale(found.at_s, when_s)})
+
+    @routes.get(
+        f"{V1}/terrain.json", **route("look", "TileJSON of the terrain.", json({"tileSize": 256}))
+    )
+    async def terrain() -> Response:
+        return answer(await api.aside(api.tiles.describe))
+
+    @routes.get(
+        f"{V1}/terrain/{{z}}/{{x}}/{{y}}.png",
+        **route("look", "Elevation, encoded as Terrarium does.", file("image/png")),
+    )
+    async def tile(z: int, x: int, y: int) -> Response:
+        found = None
+        if 0 <= z <= 24 and 0 <= x < 2**z and 0 <= y < 2**z:
+            found = await api.aside(partial(api.tiles.tile, z, x, y))
+        if found is None:
+            raise ApiError(404, f"no terrain in tile {z}/{x}/{y}"[:80])
+        return Response(found, media_type="image/png")
+
+
+def _words(routes: APIRouter, api: ApiContext) -> None:
+    """Add corrections of the fire, uploaded perimeters, wind and weather."""
+    shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
+
+    @routes.get(
+        f"{V1}/fire/corrections", **route("look", "What people have said of the fire.", shown)
+    )
+    async def corrections() -> Response:
+        return answer(api.context.fire()["corrections"])
+
+    drawn = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
+    taken = json({"perimeter": examples.FRONT, "told": [examples.TOLD]})
+
+    @routes.post(
+        f"{V1}/fire/perimeter",
+        **route(
+            "correct", "The fire is as this file has it now; told by its content.", taken, drawn
+        ),
+    )
+    async def perimeter(
+        request: Request, file_name: Annotated[str, Query(max_length=200)] = "the upload"
+    ) -> Response:
+        data = await body_of(request, LARGEST_BYTES)
+        outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.context.landscape)]
+        async with api.uploads:
+            found = await read_aside(Job(data, file_name, outline))
+        told: list[dict[str, Any]] = []
+        for each in found.wanted:
+            try:
+                told.append(api.request_handler(request.state.who, each))
+            except ApiError as error:
+                place = f"outline {len(told) + 1} of {len(found.wanted)}"
+                words = f"{place}: {error}; those before it were taken"
+                raise ApiError(error.status, words if told else str(error)) from None
+            await asyncio.sleep(0)  # other tasks run between two requests
+        return answer({"perimeter": found.perimeter, "told": told})
+
+    @routes.get(
+        f"{V1}/weather",
+        **route("look", "The weather that is reckoned with now.", json({"wind_from_deg": 225.0})),
+    )
+    async def weather() -> Response:
+        context = api.context
+        told = context.state_view.wind_told
+        return answer(
+            {"at_us": context.clock.now_us, "weather": context.weather(), "wind_told": told}
+        )

@@ -1,0 +1,82 @@
+"""Routes of the journal: the segment that is being written and the earlier ones."""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from functools import partial
+from typing import Annotated, BinaryIO
+
+from fastapi import APIRouter, Query, Response
+from starlette.responses import StreamingResponse
+
+from mission_service.interfaces.api.context import ApiContext
+from mission_service.interfaces.api.journal_lines import JournalLines
+from mission_service.interfaces.api.openapi import V1, route
+from mission_service.interfaces.api.responses import ApiError
+from mission_service.journal.journal_file import segment_path
+
+LINES = "application/x-ndjson"
+MAX_LINES, MAX_BYTES = 5000, 1 << 20
+PART_BYTES = 1 << 18
+LARGEST = 2**53
+Segment = Annotated[
+    int | None, Query(ge=1, le=LARGEST, description="Which piece; default: the newest.")
+]
+
+
+def add(routes: APIRouter, api: ApiContext) -> None:
+    """Add ``/journal`` and ``/journal/file``."""
+    journal = JournalLines()
+    lines = {LINES: {"schema": {"type": "string"}, "example": '{"event":{},"crc":"00c0ffee"}\n'}}
+
+    @routes.get(
+        f"{V1}/journal",
+        **route(
+            "look",
+            "Lines after a line (1: the header) of a piece; X-Segment says which it is, "
+            "X-Last-Line the number of the last line.",
+            lines,
+        ),
+    )
+    async def journal_lines(
+        after: Annotated[int, Query(ge=0, le=LARGEST)] = 0,
+        limit: Annotated[int, Query(ge=1, le=MAX_LINES)] = 500,
+        segment: Segment = None,
+    ) -> Response:
+        number, file = _opened(api, segment)
+        with file:
+            found, last = await api.aside(partial(journal.after, file, after, limit, MAX_BYTES))
+        told = {"x-last-line": str(last), "x-segment": str(number)}
+        return Response(found, headers=told, media_type=LINES)
+
+    @routes.get(f"{V1}/journal/file", **route("look", "A piece as a file.", lines))
+    async def journal_file(segment: Segment = None) -> Response:
+        number, file = _opened(api, segment)
+        size = os.fstat(file.fileno()).st_size
+        headers = {
+            "content-length": str(size),
+            "content-disposition": f'attachment; filename="journal-{number:06d}.jsonl"',
+        }
+        return StreamingResponse(_parts(file, size), headers=headers, media_type=LINES)
+
+
+def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
+    """The number of a segment (None: the newest) and its open file. Raises ApiError 404.
+
+    It does not await, so that the journal cannot begin a new segment meanwhile.
+    """
+    newest = api.context.service.recording.journal.rest.segment
+    number = newest if segment is None else segment
+    path = api.context.journal_path
+    try:
+        return number, (path if number == newest else segment_path(path, number)).open("rb")
+    except (FileNotFoundError, OverflowError):
+        raise ApiError(404, f"there is no piece {number} of the journal any more") from None
+
+
+async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
+    """The first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
+    with file:
+        while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
+            size -= len(part)
+            yield part

@@ -1,0 +1,49 @@
+"""The HTTP interface of the daemon: its port and files are checked before the run begins."""
+
+import asyncio
+import contextlib
+import socket
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mission_service.config.service import HttpSection
+from mission_service.interfaces.api.access.auth import Tokens, own_token
+from mission_service.interfaces.api.app import app_of
+from mission_service.interfaces.api.server import bound, serving, tls_of, url_of
+from mission_service.runtime.run_context import RunContext
+
+
+@dataclass(frozen=True)
+class HttpListener:
+    """The listening socket and the valid tokens. ``address`` may contain a token: never log it."""
+
+    listening: socket.socket
+    tokens: Tokens
+    tls: ssl.SSLContext | None
+    address: str
+
+    async def __call__(self, context: RunContext) -> None:
+        """Serve until cancelled; it ends within two seconds."""
+        app = app_of(context, self.tokens)
+        context.gauges["stream_clients"] = lambda: app.api.streams.count
+        context.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
+        try:
+            async with serving(app.asgi, self.listening, app.api.streams.stopping, self.tls):
+                await asyncio.Event().wait()
+        finally:
+            app.api.close()
+
+
+@contextlib.contextmanager
+def http_door(section: HttpSection, out: Path) -> Iterator[HttpListener]:
+    """The HTTP interface of a run whose files are in ``out``. Raises MissionServiceError."""
+    tls = tls_of(section)
+    with bound(section) as listening:
+        address = url_of(section, listening)
+        if section.tokens is not None:
+            yield HttpListener(listening, Tokens.of_file(section.tokens), tls, f"{address}/")
+        else:
+            whole = f"{address}/#token={own_token(out)}"
+            yield HttpListener(listening, Tokens.of_run(out), tls, whole)

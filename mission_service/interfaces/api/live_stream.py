@@ -1,0 +1,131 @@
+"""The live stream: changed states as server-sent events, in the order of their changes.
+
+A client gets the newest state of each item, not each intermediate one. Of each client only the last
+version that was sent is kept: memory does not depend on how slowly it reads. While its connection
+is blocked, nothing is encoded for it; then it gets the states that are the newest at that time.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Protocol
+
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+MAX_STREAMS = 32
+# At the latest after this time a comment is sent: both sides detect a dead connection.
+TOLD_EVERY_S = 10.0
+# Pause between two batches for a client, times the number of open streams: all streams together
+# take a few per cent of a core, and a single one gets changes within milliseconds.
+PAUSE_S = 0.002
+MIN_PAUSE_S = 0.004
+END_WITHIN_S = 0.5  # a client that reads more slowly is disconnected
+TOLD_NOTHING = b": \n\n"
+
+
+class TooSlowError(Exception):
+    """A client does not read its stream."""
+
+
+class Source(Protocol):
+    """The source of the stream's events (``Frames``)."""
+
+    @property
+    def version(self) -> int:
+        """The version of the whole state; it grows with each change."""
+
+    def frames(self, since: int) -> bytes:
+        """Events of all changes since a version, in the order of their versions; see ``Frames``."""
+
+    async def changed(self, since: int) -> None:
+        """Wait until ``version`` is larger than ``since``."""
+
+
+class Streams:
+    """The open live streams; ``now_s`` is a monotonic clock."""
+
+    def __init__(self, source: Source, now_s: Callable[[], float]) -> None:
+        self.source = source
+        self.now_s = now_s
+        self.count = 0
+        self.stopping = asyncio.Event()
+
+    @property
+    def full(self) -> bool:
+        """Whether ``MAX_STREAMS`` streams are open."""
+        return self.count >= MAX_STREAMS
+
+    @property
+    def pause_s(self) -> float:
+        """Pause between two batches for a client."""
+        return max(MIN_PAUSE_S, PAUSE_S * self.count)
+
+
+class LiveStream(Response):
+    """The live stream of one client."""
+
+    def __init__(self, streams: Streams, since: int, still: Callable[[], bool]) -> None:
+        """``still`` is called every few seconds; the stream ends when it returns False."""
+        super().__init__()
+        self._streams = streams
+        self._sent = since if since <= streams.source.version else 0
+        self._still = still
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        streams = self._streams
+        streams.count += 1
+        try:
+            headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await _first_of(self._tell(send), _gone(receive), _set(streams.stopping))
+            try:
+                async with asyncio.timeout(END_WITHIN_S):
+                    await send({"type": "http.response.body", "body": b""})
+            except TimeoutError:
+                raise TooSlowError from None
+        finally:
+            streams.count -= 1
+
+    async def _tell(self, send: Send) -> None:
+        """Send changes until the client's token is no longer valid."""
+        streams, source = self._streams, self._streams.source
+        told_at_s = asked_at_s = streams.now_s()
+        while True:
+            try:
+                async with asyncio.timeout(told_at_s + TOLD_EVERY_S - streams.now_s()):
+                    await source.changed(self._sent)
+                version = source.version
+                body = source.frames(self._sent)
+                self._sent = version
+            except TimeoutError:
+                body = TOLD_NOTHING
+            if streams.now_s() - asked_at_s >= TOLD_EVERY_S:
+                asked_at_s = streams.now_s()
+                if not self._still():
+                    return
+            if body:
+                await send({"type": "http.response.body", "body": body, "more_body": True})
+                told_at_s = streams.now_s()
+            await asyncio.sleep(streams.pause_s)
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _set(event: asyncio.Event) -> None:
+    await event.wait()
+
+
+async def _first_of(*ways: Awaitable[None]) -> None:
+    """Wait until one has ended and cancel the others; raises the exception of the first."""
+    tasks = [asyncio.ensure_future(way) for way in ways]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,117 @@
+"""Missions: what is on board and what would be sent now."""
+
+import tempfile
+from functools import partial
+from pathlib import Path
+
+from fastapi import APIRouter, Request, Response
+
+from autopilot_bridge.items import Items, MissionItem, Plan
+from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.stacks.stacks import stack_named
+from mission_service.fire.setup import home_of
+from mission_service.interfaces.api.context import ApiContext
+from mission_service.interfaces.api.mission_difference import difference_of
+from mission_service.interfaces.api.models import Preview
+from mission_service.interfaces.api.openapi import V1, json, route, struct
+from mission_service.interfaces.api.responses import ApiError, answer, asked
+from mission_service.missions.mission_hash import mission_hash
+from mission_service.runtime.published_states import Mission, MissionState, item_state
+from mission_service.runtime.run_context import RunContext
+
+
+def items_of(mission: Mission) -> Items:
+    """The items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
+    items = tuple(
+        MissionItem(
+            item.command,
+            item.frame,
+            0 if item.lat_deg is None else round(item.lat_deg * 1e7),
+            0 if item.lon_deg is None else round(item.lon_deg * 1e7),
+            item.altitude_m,
+            *item.params,
+        )
+        for item in mission.items
+    )
+    if mission_hash(items) != mission.mission_hash:
+        raise ApiError(409, "this mission has items that only MAVLink can tell; download it there")
+    return items
+
+
+def preview_of(context: RunContext, name: str) -> Preview:
+    """The mission that is proposed or, if there is none, would be sent now.
+
+    Raises ApiError 409 if there is neither.
+    """
+    mission = context.state_view.missions[name]
+    proposed, on_board = mission.proposed, mission.on_board
+    items = context.preview(name) if proposed is None else items_of(proposed)
+    if items is None:
+        rule = context.scenario.planner.rule
+        raise ApiError(
+            409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
+        )
+    shown = tuple(item_state(item) for item in items)
+    difference = difference_of(() if on_board is None else on_board.items, shown)
+    return Preview(
+        context.clock.now_us,
+        name,
+        mission_hash(items),
+        shown,
+        context.figures(name, items),
+        difference,
+    )
+
+
+def plan_file(items: Items, context: RunContext, name: str) -> bytes:
+    """The items as a QGroundControl .plan file."""
+    section = context.core.vehicles[name].section
+    home = home_of(section, context.landscape)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mission.plan"
+        write_plan(path, Plan(items, home=home), stack_named(section.stack, section.kind))
+        return path.read_bytes()
+
+
+def add(routes: APIRouter, api: ApiContext) -> None:
+    """Add ``/vehicles/NAME/mission`` and the requests of ``WORDS``."""
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission",
+        **route(
+            "look",
+            "What is on board, on its way, and waits for a word.",
+            struct(MissionState),
+        ),
+    )
+    async def mission(name: str) -> Response:
+        api.vehicle(name)
+        return answer(api.context.state_view.missions[name])
+
+    plan = json({"fileType": "Plan", "version": 1}, what="A QGroundControl .plan file.")
+
+    @routes.get(
+        f"{V1}/vehicles/{{name}}/mission.plan",
+        **route("look", "What is on board, as a .plan file.", plan),
+    )
+    async def mission_plan(name: str) -> Response:
+        api.vehicle(name)
+        on_board = api.context.state_view.missions[name].on_board
+        if on_board is None:
+            raise ApiError(404, f"{name}: no mission is known to be on board")
+        content = await api.aside(partial(plan_file, items_of(on_board), api.context, name))
+        named = {"content-disposition": f'attachment; filename="{name}.plan"'}
+        return Response(content, headers=named, media_type="application/json")
+
+    @routes.post(
+        f"{V1}/vehicles/{{name}}/mission/preview",
+        **route(
+            "fly",
+            "What waits for a word or would be sent now, its figures, what it changes.",
+            struct(Preview),
+        ),
+    )
+    async def preview(name: str, request: Request) -> Response:
+        await asked(request)
+        api.vehicle(name)
+        return answer(preview_of(api.context, name))

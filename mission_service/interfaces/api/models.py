@@ -1,0 +1,152 @@
+"""Responses of the API, besides the states of the picture."""
+
+from typing import Any
+
+import msgspec
+
+from mission_service.missions.mission_figures import Figures
+from mission_service.requests import Role
+from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import (
+    Alarm,
+    Announcement,
+    ItemState,
+    MissionState,
+    TelemetryState,
+    VehicleState,
+)
+from mission_service.runtime.run_context import RunContext
+
+
+class Error(msgspec.Struct):
+    """The reason why a request was refused, in one line."""
+
+    error: str
+
+
+class RequestResult(msgspec.Struct):
+    """A handled request: mission time, the name of its event, and the announcements it caused.
+
+    A correction of the fire (correct, erase, undo, redo) also has the area burned before and after.
+    They are absent in a burn, where a correction changes the estimated fire.
+    """
+
+    ok: bool
+    at_s: float
+    event: str
+    said: list[str]
+    confirm: bool = False  # not carried out: ask the operator, then send it ``confirmed``
+    burned_ha_before: float | None = None
+    burned_ha_after: float | None = None
+
+
+class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
+    """The run as a whole. ``not_ready``: what is missing until the service is ready."""
+
+    at_us: int
+    time_unix_us: int
+    scenario: str
+    rule: str
+    duration_s: float
+    not_ready: list[str]
+    stopping: bool
+
+
+class LandscapeExtent(msgspec.Struct):
+    """Extent of the landscape: west, south, east, north; corners NW, NE, SE, SW as lon, lat."""
+
+    bounds: tuple[float, float, float, float]
+    corners_lon_lat: tuple[tuple[float, float], ...]
+    cell_size_m: float
+    rows: int
+    cols: int
+
+
+class FullState(msgspec.Struct):
+    """The whole state; ``/live?since=version`` streams the changes after it."""
+
+    version: int
+    status: StatusState
+    roles: tuple[Role, ...]
+    by: str
+    vehicles: list[VehicleState]
+    telemetry: list[TelemetryState]
+    missions: list[MissionState]
+    fire: dict[str, Any]
+    burn: dict[str, Any] | None
+    alarms: list[Alarm]
+    news: list[Announcement]
+    landscape: LandscapeExtent
+    rule: str
+    planner: dict[str, Any]
+    replay: ReplayState | None = None  # None: a live run
+
+
+class MissionDifference(msgspec.Struct):
+    """Difference from the mission before: equal items at its beginning, and moved positions."""
+
+    alike_first: int
+    added: int
+    removed: int
+    farthest_moved_m: float
+
+
+class Preview(msgspec.Struct):
+    """The mission that would be sent now, and its difference from the mission on board."""
+
+    at_us: int
+    vehicle: str
+    mission_hash: str
+    items: tuple[ItemState, ...]
+    figures: Figures
+    difference: MissionDifference
+
+
+class Importance(msgspec.Struct):
+    """The importances that the planner compares.
+
+    ``cells`` lie along the estimated front, from the vehicle backwards. Each is (lat_deg, lon_deg,
+    importance), in the planner's unit.
+    """
+
+    at_us: int
+    vehicle: str
+    rule: str
+    importance_back: float
+    importance_front: float
+    cells: list[tuple[float, float, float]]
+
+
+class Health(msgspec.Struct):
+    """Whether the service runs, and what is missing until it is ready."""
+
+    ok: bool
+    not_ready: list[str] = []
+
+
+def status_of(context: RunContext, time_unix_us: int) -> StatusState:
+    """The run as a whole."""
+    scenario = context.scenario
+    return StatusState(
+        context.clock.now_us,
+        time_unix_us,
+        scenario.name,
+        scenario.planner.rule,
+        scenario.duration_s,
+        context.ready(),
+        context.stopping,
+    )
+
+
+def land_of(context: RunContext) -> LandscapeExtent:
+    """The extent of the landscape."""
+    land = context.landscape
+    rows, cols = land.shape
+    ends = [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]
+    corners = []
+    for row, col in ends:
+        lat, lon = land.lat_lon_of(*land.xy_of(row, col))
+        corners.append((float(lon), float(lat)))
+    lons, lats = [lon for lon, _ in corners], [lat for _, lat in corners]
+    bounds = (min(lons), min(lats), max(lons), max(lats))
+    return LandscapeExtent(bounds, tuple(corners), land.cell_size_m, rows, cols)

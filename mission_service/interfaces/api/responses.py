@@ -1,0 +1,57 @@
+"""Responses and request bodies: JSON by msgspec, one form for all errors."""
+
+from typing import Any
+
+import msgspec
+from fastapi import Request, Response
+
+MAX_BODY_BYTES = 1024 * 1024
+MAX_PERIMETER_BYTES = 10 * 1024 * 1024
+
+encode = msgspec.json.Encoder().encode
+
+
+class ApiError(Exception):
+    """A refused request: an HTTP status and the reason in one line."""
+
+    def __init__(self, status: int, text: str, headers: dict[str, str] | None = None) -> None:
+        super().__init__(text)
+        self.status = status
+        self.headers = headers
+
+
+def error_body(text: str) -> bytes:
+    """The JSON body of every error, with ``text`` on one line."""
+    return encode({"error": " ".join(text.split())})
+
+
+def error_answer(status: int, text: str, headers: dict[str, str] | None = None) -> Response:
+    """An error as an HTTP response."""
+    return Response(error_body(text), status, headers, "application/json")
+
+
+def answer(content: Any, media_type: str = "application/json") -> Response:
+    """A response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
+    return Response(encode(content), media_type=media_type)
+
+
+async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
+    """The body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
+    body = await request.body()
+    if len(body) > max_bytes:
+        raise ApiError(413, f"the body has more than {max_bytes} bytes")
+    return body
+
+
+async def asked(request: Request) -> dict[str, Any]:
+    """The JSON object in a request's body; empty for an empty body. Raises ApiError."""
+    body = await body_of(request)
+    if not body.strip():
+        return {}
+    try:
+        found = msgspec.json.decode(body)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ApiError(400, f"the body is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise ApiError(422, 'the body is a JSON object, as {"by": "Anna"}')
+    return found

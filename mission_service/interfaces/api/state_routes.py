@@ -1,0 +1,86 @@
+"""Routes of the whole state, the live stream, the announcements and the abort."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from mission_service.interfaces import examples
+from mission_service.interfaces.api.access.auth import ROLES, User
+from mission_service.interfaces.api.context import ApiContext
+from mission_service.interfaces.api.live_stream import MAX_STREAMS, LiveStream
+from mission_service.interfaces.api.models import FullState, RequestResult, land_of, status_of
+from mission_service.interfaces.api.openapi import V1, WHO, route, struct, structs
+from mission_service.interfaces.api.planner_routes import planner_of
+from mission_service.interfaces.api.responses import ApiError, answer
+from mission_service.runtime.published_states import Announcement
+
+LARGEST = 2**53
+BY, STATION = WHO["by"]["description"], WHO["station"]["description"]
+Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that is known already.")]
+
+
+def add(routes: APIRouter, api: ApiContext) -> None:
+    """Add ``/state``, ``/live``, ``/news`` and ``/abort``."""
+    land = land_of(api.context)
+
+    @routes.get(f"{V1}/state", **route("look", "Everything for a new page.", struct(FullState)))
+    async def state(request: Request) -> Response:
+        context, who = api.context, request.state.who
+        state_view = context.state_view
+        return answer(
+            FullState(
+                state_view.version,
+                status_of(context, api.wall_us()),
+                tuple(role for role in ROLES if who.may(role)),
+                who.name,
+                list(state_view.vehicles.values()),
+                list(state_view.telemetry.values()),
+                list(state_view.missions.values()),
+                context.fire(),
+                context.burn(),
+                list(state_view.alarms.values()),
+                list(state_view.news),
+                land,
+                context.scenario.planner.rule,
+                planner_of(context),
+                None if context.replay is None else context.replay(),
+            )
+        )
+
+    text = {"type": "string"}
+    event = {"type": "object", "properties": {"event": text, "id": text, "data": text}}
+    stream = {"text/event-stream": {"schema": event}}
+
+    @routes.get(
+        f"{V1}/live",
+        **route("look", "What changes from now on, as server-sent events.", stream),
+        response_model=None,
+    )
+    async def live(request: Request, since: Since = 0) -> Response:
+        if api.streams.full:
+            text = f"{MAX_STREAMS} live streams are open already"
+            raise ApiError(503, text, {"retry-after": "10"})
+        who: User = request.state.who
+        return LiveStream(api.streams, since, lambda: api.tokens.still(who))
+
+    @routes.get(
+        f"{V1}/news",
+        **route("look", "Lines for people, the latest 500.", structs(Announcement)),
+    )
+    async def news(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
+        return answer([line for line in api.context.state_view.news if line.id > after])
+
+    @routes.post(
+        f"{V1}/abort",
+        **route(
+            "look",
+            "Stop at once: accepted with any valid token, as soon as its headers arrive.",
+            struct(RequestResult, {**examples.TOLD, "event": "Aborted"}),
+        ),
+    )
+    async def abort(
+        request: Request,
+        by: Annotated[str, Query(description=BY)] = "",
+        station: Annotated[str, Query(description=STATION)] = "",
+    ) -> Response:
+        return answer(request.state.aborted)  # the guard has carried it out

@@ -1,0 +1,191 @@
+"""Commands over MQTT: their checks before they are handled. Pure: times are arguments.
+
+The broker controls which user may publish to which topic, so every command has its own topic. The
+service itself cannot identify the sender. Therefore requests that permit drops are always refused,
+and an abort is accepted whatever its content.
+"""
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from mission_service.core.request_events import ABORT, ALL_REQUESTS
+from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
+
+DOOR = "mqtt"  # prefix of names and stations
+MAX_BYTES = 64 * 1024
+MAX_NAME = 40
+OLD_US = 30_000_000
+REMEMBERED_S = 600.0
+A_SECOND, AT_ONCE = 10.0, 30.0  # commands; further ones get no reply
+MAX_REMEMBERED = int(REMEMBERED_S * A_SECOND + AT_ONCE)
+ABORTS_APART_S = 0.2  # an earlier one is a repetition
+TAKEN = tuple(name for name, kind in ALL_REQUESTS.items() if kind.over_mqtt)
+_ENVELOPE = ("schema", "id", "sent_at_unix_us")
+
+Ask = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class _Named(msgspec.Struct):
+    id: CommandId
+
+
+class _RefusedError(Exception):
+    """A command is refused; the text gives the reason."""
+
+
+@dataclass(slots=True)
+class _Answered:
+    at_s: float
+    digest: bytes
+    reply: Reply
+
+
+class CommandGate:
+    """Passes valid commands to ``ask``, the request handler, and keeps the replies.
+
+    ``MAX_REMEMBERED`` replies are kept: as many as the rate limit allows in ``REMEMBERED_S``.
+    """
+
+    def __init__(self, ask: Ask) -> None:
+        self._ask = ask
+        self._answered: OrderedDict[tuple[str, str, str], _Answered] = OrderedDict()
+        self._may, self._may_s = AT_ONCE, 0.0
+        self._aborted_s = -ABORTS_APART_S
+        self.unanswered = 0
+
+    def take(
+        self, name: str, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
+    ) -> Reply | None:
+        """Handle the command ``name``; returns the reply, or None above the rate limit.
+
+        ``at_us`` is mission time, ``now_s`` a monotonic clock, ``unix_us`` the wall clock.
+        """
+        if name == ABORT:
+            return self._abort(payload, retained, at_us, now_s, unix_us)
+        self._may = min(self._may + (now_s - self._may_s) * A_SECOND, AT_ONCE)
+        self._may_s = now_s
+        if self._may < 1.0:
+            self.unanswered += 1
+            return None
+        self._may -= 1.0
+        try:
+            command, request = _read(payload)
+            _refuse_names(name)
+            if retained:
+                raise _RefusedError("it is retained: the broker would repeat it at each start")
+            _refuse_old(command, unix_us)
+            return self._once(name, command, request, payload, at_us, now_s)
+        except _RefusedError as problem:
+            what = name[:MAX_NAME]
+            return Reply(_id_in(payload), name, at_us, False, f"{what}: {problem}")
+
+    def _once(
+        self,
+        name: str,
+        command: Command,
+        request: dict[str, Any],
+        payload: bytes,
+        at_us: int,
+        now_s: float,
+    ) -> Reply:
+        """Handle a command, or repeat the reply if the same command was handled before."""
+        while self._answered and self._oldest_s() < now_s - REMEMBERED_S:
+            self._answered.popitem(last=False)
+        key, digest = (name, command.by, command.id), hashlib.sha256(payload).digest()
+        before = self._answered.get(key)
+        if before is not None and before.digest != digest:
+            raise _RefusedError(f"id {command.id} was that of another command before")
+        if before is not None:
+            return msgspec.structs.replace(before.reply, again=True)
+        reply = self._done(name, command.id, request, at_us)
+        self._answered[key] = _Answered(now_s, digest, reply)
+        if len(self._answered) > MAX_REMEMBERED:
+            self._answered.popitem(last=False)
+        return reply
+
+    def _oldest_s(self) -> float:
+        return next(iter(self._answered.values())).at_s
+
+    def _abort(
+        self, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
+    ) -> Reply:
+        """Handle an abort. An old retained one is refused: it would stop the run at every start."""
+        name_of = _id_in(payload)
+        try:
+            command, request = _read(payload)
+        except _RefusedError:
+            command, request = None, {}
+        if retained and (command is None or abs(unix_us - command.sent_at_unix_us) > OLD_US):
+            why = "abort: it is retained and old: the broker would repeat it at each start"
+            return Reply(name_of, ABORT, at_us, False, why)
+        if now_s - self._aborted_s < ABORTS_APART_S:
+            return Reply(name_of, ABORT, at_us, True, event="Aborted", again=True)
+        self._aborted_s = now_s
+        who = {"by": request.get("by", f"{DOOR}:unknown"), "station": request.get("station", DOOR)}
+        return self._done(ABORT, name_of, who, at_us)
+
+    def _done(self, name: str, name_of: str | None, request: dict[str, Any], at_us: int) -> Reply:
+        answer = self._ask({**request, "do": name})
+        return Reply(
+            name_of,
+            name,
+            at_us,
+            answer["ok"],
+            answer.get("error", ""),
+            answer.get("event", ""),
+            tuple(answer.get("said", ())),
+            confirm=answer.get("confirm", False),
+        )
+
+
+def _refuse_names(name: str) -> None:
+    if name in ALL_REQUESTS and not ALL_REQUESTS[name].over_mqtt:
+        raise _RefusedError(
+            "never over MQTT, which knows no person; use the map or the control socket"
+        )
+    if name not in TAKEN:
+        raise _RefusedError(f"no such command; there are {', '.join(TAKEN)}")
+
+
+def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
+    """Decode a command; returns it and the request for the request handler."""
+    if len(payload) > MAX_BYTES:
+        raise _RefusedError(f"{len(payload)} bytes; at most {MAX_BYTES} are taken")
+    try:
+        found = msgspec.json.decode(payload)
+        if isinstance(found, dict):
+            found.setdefault("schema", "command/1")
+        command = msgspec.convert(found, Command)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _RefusedError(f"cannot be read: {error}") from None
+    if "do" in found:
+        raise _RefusedError("unknown key do: the topic says what is to be done")
+    request = {key: value for key, value in found.items() if key not in _ENVELOPE}
+    # Without the prefix, a command would count as presence at a station that approves plans.
+    station = f"{DOOR}:{command.station}" if command.station else DOOR
+    return command, {**request, "by": f"{DOOR}:{command.by}", "station": station}
+
+
+def _id_in(payload: bytes) -> str | None:
+    """The id in a payload, whether that is a valid command or not; None if it has none."""
+    if len(payload) > MAX_BYTES:
+        return None
+    try:
+        return msgspec.json.decode(payload, type=_Named).id
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _refuse_old(command: Command, unix_us: int) -> None:
+    age_us = unix_us - command.sent_at_unix_us
+    if abs(age_us) > OLD_US:
+        when = "ago" if age_us > 0 else "in the future"
+        raise _RefusedError(
+            f"sent {abs(age_us) / 1e6:.0f} s {when} by sent_at_unix_us; at most "
+            f"{OLD_US / 1e6:.0f} s are taken: is a clock wrong?"
+        )

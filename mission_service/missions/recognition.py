@@ -1,0 +1,54 @@
+"""What each vehicle may have on board: told from its missions read back after a restart."""
+
+from collections.abc import Iterable
+
+from autopilot_bridge.items import MissionItem, yaw_left_open
+from autopilot_bridge.missions.read_back import same_as_sent
+from autopilot_bridge.stacks.stacks import Stack
+from mission_service.commands import AnyCommand, UploadMission
+from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
+
+MOST = 4  # missions of which nobody knows which one is on board
+
+Items = tuple[MissionItem, ...]
+
+
+def as_uploaded(items: Items, stack: Stack | None) -> Items:
+    """A mission as it goes to an autopilot."""
+    if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
+        return yaw_left_open(items)  # 0 would turn it north
+    return items
+
+
+class MissionsHeld:
+    """Folds events and commands into the missions that each vehicle may hold, oldest first."""
+
+    def __init__(self) -> None:
+        self._may_hold: dict[str, list[UploadMission]] = {}
+
+    def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
+        """Take in one event and what it led to."""
+        match event:
+            case UploadFinished(outcome="accepted") | MissionReadBack():
+                known = self._may_hold.get(event.vehicle, [])
+                since = [sent for sent in known if sent.mission_id >= event.mission_id > 0]
+                if isinstance(event, MissionReadBack):
+                    since = since[:1]
+                self._may_hold[event.vehicle] = since
+            case _:
+                pass
+        for command in commands:
+            if isinstance(command, UploadMission):
+                known = self._may_hold.setdefault(command.vehicle, [])
+                known.append(command)
+                del known[1 : len(known) + 1 - MOST]  # the first may be the one on board
+
+    def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
+        """The number of the mission that was read back, the newest of those it may be; 0: none."""
+        for sent in reversed(self._may_hold.get(vehicle, [])):
+            due = as_uploaded(sent.items, stack)
+            if len(due) == len(read) and all(
+                same_as_sent(ours, theirs, stack) for ours, theirs in zip(due, read, strict=True)
+            ):
+                return sent.mission_id
+        return 0

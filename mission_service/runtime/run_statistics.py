@@ -1,0 +1,165 @@
+"""What a run leaves to show: tracks, decisions, uploads. Kept in memory, thinned to 1 Hz."""
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ChangeSpeed,
+    DirectionDecision,
+    Drop,
+    Orbit,
+    ProposePlan,
+    UploadMission,
+)
+from mission_service.events import (
+    AnyEvent,
+    DropFinished,
+    Observed,
+    OperatorEvent,
+    Resumed,
+    Telemetry,
+    UploadFinished,
+    VehicleEvent,
+)
+from mission_service.ground_distance import offset_m
+from mission_service.ignition_plan import IgnitionPlan
+from mission_service.runtime.published_states import DropState
+from mission_service.runtime.sortie import Sortie
+from mission_service.runtime.track import Track
+from mission_service.vehicles.availability import AIRBORNE_M
+
+MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
+MAX_REASONS = 100  # different ones, of missions (they may name users); others count as OTHER
+OTHER = "other"
+HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
+
+
+@dataclass
+class VehicleStatistics:
+    """One vehicle's run. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
+
+    track: Track = field(default_factory=Track)
+    reversals: deque[tuple[int, float, float]] = field(  # at_us, lat_deg, lon_deg
+        default_factory=lambda: deque(maxlen=MAX_REVERSALS)
+    )
+    reversal_count: int = 0
+    decisions: int = 0
+    direction: str = ""
+    uploads: Counter[str] = field(default_factory=Counter)
+    upload_reasons: Counter[str] = field(default_factory=Counter)
+    orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
+    here: tuple[int, float, float, float] | None = None
+    plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
+    drops: list[DropState] = field(default_factory=list)
+    sortie: Sortie = field(default_factory=Sortie)
+
+
+@dataclass(frozen=True, slots=True)
+class ClosestPair:
+    """The least distance (3-D) that two vehicles in the air had."""
+
+    distance_m: float
+    at_us: int
+    vehicles: tuple[str, str]
+
+
+class RunStatistics:
+    """Folds events and commands into the vehicles' records; ``news`` holds unprinted lines."""
+
+    def __init__(self, names: tuple[str, ...], start_us: int) -> None:
+        self.vehicles = {name: VehicleStatistics() for name in names}
+        self.at_us = start_us
+        self.telemetry = 0
+        self.observations = 0
+        self.closest: ClosestPair | None = None
+        self._in_air: dict[str, Telemetry] = {}
+        self.news: list[tuple[int, Announce]] = []
+        self.requests: Counter[str] = Counter()  # of people, by the event's name
+        self.restarts = 0  # of the service
+        self.alarms: Counter[str] = Counter()  # raised, by kind; where there is a picture
+
+    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        """Take in one event and what it led to."""
+        self.at_us = max(self.at_us, event.at_us)
+        if isinstance(event, Resumed):
+            self.restarts += 1
+        elif isinstance(event, OperatorEvent):
+            self.requests[type(event).__name__] += 1
+        else:
+            self._happened(self.vehicles[event.vehicle], event)
+        for command in commands:
+            self._commanded(self.vehicles[command.vehicle], command)
+
+    def _happened(self, vehicle: VehicleStatistics, event: VehicleEvent) -> None:
+        vehicle.sortie.happened(event)
+        match event:
+            case Telemetry():
+                self.telemetry += 1
+                here = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
+                vehicle.here = here
+                self._compare(event)
+                vehicle.track.add(here)
+            case Observed():
+                self.observations += 1
+            case UploadFinished():
+                vehicle.uploads[event.outcome] += 1
+            case DropFinished():
+                for drop in reversed(vehicle.drops):
+                    if (drop.plan_hash, drop.number) == (event.plan_hash, event.number):
+                        drop.outcome = event.outcome
+                        break
+            case _:
+                pass
+
+    def _compare(self, here: Telemetry) -> None:
+        """Look for the closest pair; the others are taken to have flown straight on."""
+        self._in_air.pop(here.vehicle, None)
+        if here.altitude_relative_m < AIRBORNE_M:
+            return
+        for other in self._in_air.values():
+            late_us = here.at_us - other.at_us
+            if late_us > HEARD_WITHIN_US:
+                continue
+            distance_m = _distance_m(here, other, late_us / 1e6)
+            if self.closest is None or distance_m < self.closest.distance_m:
+                pair = (other.vehicle, here.vehicle)
+                self.closest = ClosestPair(distance_m, here.at_us, pair)
+        self._in_air[here.vehicle] = here
+
+    def _commanded(self, vehicle: VehicleStatistics, command: AnyCommand) -> None:
+        vehicle.sortie.commanded(command)
+        match command:
+            case DirectionDecision():
+                vehicle.decisions += 1
+                vehicle.direction = command.direction
+                if command.reversed and vehicle.here is not None:
+                    vehicle.reversals.append(vehicle.here[:3])
+                    vehicle.reversal_count += 1
+            case UploadMission():
+                reasons = vehicle.upload_reasons
+                known = command.why in reasons or len(reasons) < MAX_REASONS
+                reasons[command.why if known else OTHER] += 1
+            case Orbit() | ChangeSpeed():
+                vehicle.orders[type(command).__name__] += 1
+            case ProposePlan():
+                vehicle.plans[command.plan_hash] = command.plan
+            case Drop():
+                named = (command.vehicle, command.plan_hash, command.number)
+                place = (command.lat_deg, command.lon_deg)
+                vehicle.drops.append(DropState(self.at_us, *named, *place))
+            case Announce():
+                self.news.append((self.at_us, command))
+            case _:
+                pass
+
+
+def _distance_m(here: Telemetry, other: Telemetry, later_s: float) -> float:
+    """Between two vehicles near each other, the second moved on by so many seconds."""
+    places = (here.lat_deg, here.lon_deg), (other.lat_deg, other.lon_deg)
+    north_m, east_m = offset_m(*places)
+    north_m += later_s * other.velocity_north_m_s
+    east_m += later_s * other.velocity_east_m_s
+    return math.hypot(north_m, east_m, other.altitude_amsl_m - here.altitude_amsl_m)

@@ -1,0 +1,97 @@
+"""The service's log on stderr: text for people, or a JSON object a line for machines.
+
+Every line goes through one filter at the very end, tracebacks too: what must not be written
+(``redaction.py``) never is.
+"""
+
+import asyncio
+import logging
+import sys
+from datetime import UTC, datetime
+from typing import Any, Literal, TextIO
+
+import msgspec
+
+from mission_service.runtime.redaction import clean
+from mission_service.runtime.run_context import RunContext
+
+Form = Literal["text", "json"]
+LOG_EVERY_S = 0.2
+# What every record has; the rest was given as ``extra``.
+_USUAL = {*logging.makeLogRecord({}).__dict__, "message", "asctime", "taskName", "color_message"}
+
+
+class _Formatter(logging.Formatter):
+    """One line a record, whatever is in it."""
+
+    def __init__(self, form: Form) -> None:
+        super().__init__("%(asctime)s %(levelname)-7s %(name)s: %(message)s")
+        self._form = form
+
+    def format(self, record: logging.LogRecord) -> str:
+        if self._form == "text":
+            return clean(super().format(record))
+        at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        line: dict[str, Any] = {
+            "at": at,
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": clean(record.getMessage()),
+        }
+        for name, value in record.__dict__.items():
+            if name not in _USUAL:
+                line[name] = clean(value) if isinstance(value, str) else value
+        if record.exc_info:
+            line["traceback"] = clean(self.formatException(record.exc_info))
+        return msgspec.json.encode(line, enc_hook=lambda thing: clean(str(thing))).decode()
+
+
+def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = None) -> None:
+    """Have all loggers of the process write to stderr."""
+    handler = logging.StreamHandler(sys.stderr if stream is None else stream)
+    handler.setFormatter(_Formatter(form))
+    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    for noisy in ("asyncio", "numba", "matplotlib", "uvicorn.access"):
+        logging.getLogger(noisy).setLevel(max(logging.WARNING, logging.getLogger().level))
+
+
+async def news_to_log(context: RunContext) -> None:
+    """A door of the daemon: what people are told, and alarms, are in the log too."""
+    told = LogFollower()
+    try:
+        while True:
+            told.catch_up(context)
+            await context.changed(context.state_view.version)
+            await asyncio.sleep(LOG_EVERY_S)  # what comes at once is written at once
+    finally:
+        told.catch_up(context)
+
+
+class LogFollower:
+    """How far the log has followed the picture."""
+
+    def __init__(self) -> None:
+        self._log = logging.getLogger("mission_service.news")
+        self._last_id = 0
+        self._alarms: dict[str, str] = {}
+
+    def catch_up(self, context: RunContext) -> None:
+        """Write down what is new."""
+        state_view = context.state_view
+        for line in state_view.news_after(self._last_id):
+            self._last_id = line.id
+            level = logging.WARNING if line.level == "warning" else logging.INFO
+            said = {"vehicle": line.vehicle, "at_us": line.at_us}
+            self._log.log(level, "%s: %s", line.vehicle, line.text, extra=said)
+        alarms = {key: alarm.text for key, alarm in state_view.alarms.items()}
+        for key, text in alarms.items():
+            if key not in self._alarms:
+                alarm = state_view.alarms[key]
+                level = logging.ERROR if alarm.severity == "severe" else logging.WARNING
+                said = {"alarm": key, "vehicle": alarm.vehicle, "at_us": alarm.at_us}
+                self._log.log(level, "alarm %s: %s", key, text, extra=said)
+        for key in self._alarms.keys() - alarms.keys():
+            self._log.info(
+                "alarm %s: cleared", key, extra={"alarm": key, "at_us": state_view.at_us}
+            )
+        self._alarms = alarms

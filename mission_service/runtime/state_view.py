@@ -1,0 +1,459 @@
+"""What all interfaces show of a run: events and commands folded into plain states. Pure.
+
+HTTP, MQTT, metrics and feeds read this and keep no state of their own. Each part has a key
+(``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that whoever reads
+slowly misses what has passed and never what is. States are flat JSON with units in their keys.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterable
+from typing import Any
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.commands import (
+    CONFIRM,
+    Announce,
+    AnyCommand,
+    ChangeSpeed,
+    ClearAlarm,
+    DirectionDecision,
+    Drop,
+    Orbit,
+    ProposeMission,
+    ProposePlan,
+    RaiseAlarm,
+    Severity,
+    UploadMission,
+    WithdrawMission,
+    WithdrawPlan,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.events import (
+    Aborted,
+    AnyEvent,
+    AnyOperatorEvent,
+    BatteryUpdated,
+    CommandFinished,
+    DropFinished,
+    GpsFixChanged,
+    LinkLost,
+    LinkRestored,
+    MissionProgress,
+    MissionRefused,
+    ModeChanged,
+    Observed,
+    OperatorEvent,
+    OperatorHeartbeat,
+    OrderGiven,
+    Resumed,
+    SettingsChanged,
+    Telemetry,
+    UploadFinished,
+    VehicleConnected,
+    VehicleEvent,
+    VehicleRebooted,
+    WindMeasured,
+    WindSet,
+)
+from mission_service.fire.camera import camera_of
+from mission_service.ignition_plan import IgnitionPlan
+from mission_service.missions.mission_hash import mission_hash
+from mission_service.runtime.published_states import (
+    Alarm,
+    Announcement,
+    Mission,
+    MissionState,
+    OrbitState,
+    TelemetryState,
+    VehicleState,
+    item_state,
+)
+
+MAX_NEWS = 500
+MAX_CLEARED = 50
+FIRE_EVERY_US = 30_000_000
+LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
+# What alarms that follow from the flight begin with; others are of the service itself.
+OF_FLIGHT = (
+    *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
+    *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
+)
+
+
+def questioned(commands: Iterable[AnyCommand]) -> set[str]:
+    """The vehicles whose order was not carried out: it is to be confirmed first."""
+    lines = [command for command in commands if isinstance(command, Announce)]
+    return {line.vehicle for line in lines if line.text.startswith(CONFIRM)}
+
+
+def _of_flight(alarm: str) -> bool:
+    return alarm.partition("/")[0] in OF_FLIGHT
+
+
+class StateView:
+    """The states of a run. ``take`` folds in what happened; ``version`` grows with each change."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape, at_us: int) -> None:
+        self.at_us = at_us
+        self.version = 1
+        self.changed: dict[str, int] = {}
+        self.vehicles = {
+            section.name: VehicleState(
+                at_us,
+                section.name,
+                section.kind,
+                section.stack,
+                section.system_id,
+                section.home_lat_deg,
+                section.home_lon_deg,
+            )
+            for section in scenario.flown
+        }
+        self.missions = {name: MissionState(at_us, name) for name in self.vehicles}
+        self.telemetry: dict[str, TelemetryState] = {}
+        self.alarms: dict[str, Alarm] = {}
+        self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
+        self.news: deque[Announcement] = deque(maxlen=MAX_NEWS)
+        self.news_id = 0
+        self.told_before = 0  # the last line of before the service was down
+        self.plan: IgnitionPlan | None = None
+        self.plan_hash = ""
+        self.fire_version = 1  # grows when people change the fire
+        self.wind_told: WindSet | None = None
+        self.telemetry_count = 0
+        self.observations = 0
+        self.alarm_counts: Counter[str] = Counter()  # raised, by kind
+        self._landscape = landscape
+        self._view_width_m = {
+            section.name: round(2.0 * camera_of(section).half_width_m(section.altitude_agl_m), 1)
+            for section in scenario.flown
+        }
+        self._fire_told_us = at_us
+        self._touch("status", "fire", "burn", "alarms", "news")
+        for name in self.vehicles:
+            self._touch(f"vehicle/{name}", f"mission/{name}")
+
+    # What comes in ----------------------------------------------------------------------------
+
+    def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
+        """Take in one event and what it led to."""
+        self.at_us = max(self.at_us, event.at_us)
+        commands = list(commands)
+        if isinstance(event, OperatorEvent):
+            self._asked(event, questioned(commands))
+        elif event.vehicle in self.vehicles:
+            self._happened(self.vehicles[event.vehicle], event)
+        for command in commands:
+            if command.vehicle in self.vehicles:
+                self._commanded(self.vehicles[command.vehicle], command)
+            elif isinstance(command, Announce):
+                self.tell(command.vehicle, command.text, command.level)
+        if self.at_us - self._fire_told_us >= FIRE_EVERY_US:
+            self._fire_told_us = self.at_us
+            self._touch("fire")
+
+    def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
+        """Raise an alarm, or renew its words."""
+        before = self.alarms.get(key)
+        if before is not None and (before.text, before.severity) == (text, severity):
+            return
+        since_us = self.at_us if before is None else before.at_us
+        self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
+        if before is None:
+            self.alarm_counts[key.partition("/")[0]] += 1
+        self._touch("alarms")
+
+    def clear(self, key: str) -> None:
+        """What was wrong is so no more."""
+        alarm = self.alarms.pop(key, None)
+        if alarm is not None:
+            alarm.cleared_at_us = self.at_us
+            self.cleared.append(alarm)
+            self._touch("alarms")
+
+    def clear_all_but(self, *keys: str) -> None:
+        """Who raised the others raises them again, if they are still so."""
+        for key in [key for key in self.alarms if key not in keys]:
+            self.clear(key)
+
+    def tell(self, vehicle: str, text: str, level: str = "info") -> None:
+        """A line for people."""
+        self.news_id = self.version + 1  # so that it also says since when it is news
+        self.news.append(Announcement(self.news_id, self.at_us, vehicle, level, text))
+        self._touch("news")
+
+    def news_after(self, line_id: int) -> list[Announcement]:
+        """Lines after one, for who hands them on; none that were told before a restart."""
+        return [line for line in self.news if line.id > max(line_id, self.told_before)]
+
+    def fire_changed(self) -> None:
+        """People have changed what is known of the fire."""
+        self.fire_version += 1
+        self._touch("fire")
+
+    def tell_replay(self) -> None:
+        """The replay is somewhere else, or goes otherwise."""
+        self._touch("replay")
+
+    def take_the_place_of(self, before: "StateView") -> None:
+        """Be shown instead of another, of another moment: for readers all of it is new.
+
+        Lines for people that are in it were told before, or will never be.
+        """
+        self.version = max(self.version, before.version)
+        self.fire_version = max(self.fire_version, before.fire_version) + 1
+        of_service = {key: alarm for key, alarm in before.alarms.items() if not _of_flight(key)}
+        self.alarms = {key: alarm for key, alarm in self.alarms.items() if _of_flight(key)}
+        self.alarms |= of_service
+        self._touch("replay")  # first of all: who reads it asks for everything again
+        self._touch(*(self.changed.keys() - {"replay"}))
+        self.news_id = self.told_before = self.version
+
+    def _touch(self, *keys: str) -> None:
+        self.version += 1
+        for key in keys:
+            self.changed[key] = self.version
+
+    def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
+        """What an operator did; ``not_ordered``: vehicles whose order is to be confirmed first."""
+        if isinstance(event, OperatorHeartbeat):
+            return
+        self._touch("burn")
+        match event:
+            case WindSet():
+                self.wind_told = event
+                self.fire_changed()
+            case OrderGiven():
+                for name, vehicle in self.vehicles.items():
+                    if event.vehicle in ("", name) and name not in not_ordered:
+                        vehicle.order = event.order if event.order in ("hold", "return") else ""
+                        vehicle.orbit = None if vehicle.order else vehicle.orbit
+                        self._touch(f"vehicle/{name}")
+                if event.order in ("resume", "start") and not not_ordered:
+                    self.clear("abort")
+            case Aborted():
+                self.alarm("abort", f"aborted by {event.by or 'somebody'}", "severe")
+                for name, vehicle in self.vehicles.items():
+                    vehicle.order, vehicle.orbit = "hold", None
+                    self._touch(f"vehicle/{name}")
+            case SettingsChanged():
+                self._touch("status")
+            case MissionRefused():
+                mission = self.missions[event.vehicle]
+                proposed = mission.proposed
+                if proposed is not None and proposed.mission_hash == event.mission_hash:
+                    mission.proposed = None
+                    self._touch(f"mission/{event.vehicle}")
+            case Resumed():
+                for name, vehicle in self.vehicles.items():
+                    vehicle.link = "never heard"
+                    self.missions[name].proposed = None
+                    self._touch(f"vehicle/{name}", f"mission/{name}")
+                self._touch("status")
+            case _:
+                pass
+
+    def _happened(self, vehicle: VehicleState, event: VehicleEvent) -> None:
+        name = vehicle.vehicle
+        match event:
+            case Telemetry():
+                self._moved(event)
+                return
+            case Observed():
+                self.observations += 1
+                return
+            case VehicleConnected():
+                vehicle.link, vehicle.heard_stack = "online", event.stack
+                self.clear(f"link/{name}")
+                self.clear(f"silent/{name}")
+            case LinkLost():
+                vehicle.link = "lost"
+                self.alarm(f"link/{name}", f"{name}: link lost", "severe", name)
+            case LinkRestored():
+                vehicle.link = "online"
+                self.clear(f"link/{name}")
+            case VehicleRebooted():
+                self.missions[name] = MissionState(event.at_us, name)
+                vehicle.orbit = None
+                self._touch(f"mission/{name}")
+            case ModeChanged():
+                vehicle.mode, vehicle.armed = event.mode, event.armed
+                if not event.armed:
+                    vehicle.orbit = None
+            case BatteryUpdated():
+                vehicle.battery_pct = event.percent
+                self._battery(name, event.percent)
+            case GpsFixChanged():
+                vehicle.position_good, vehicle.position_fix = event.good, event.fix
+                if event.good:
+                    self.clear(f"position/{name}")
+                else:
+                    self.alarm(f"position/{name}", f"{name}: no position fix", "severe", name)
+            case WindMeasured():
+                vehicle.wind_speed_m_s, vehicle.wind_from_deg = event.speed_m_s, event.from_deg
+            case MissionProgress():
+                if vehicle.current_seq == event.current_seq:
+                    return
+                vehicle.current_seq = event.current_seq
+            case UploadFinished():
+                self._uploaded(vehicle, event)
+            case CommandFinished():
+                self._answered(name, event)
+            case DropFinished():
+                self._dropped(vehicle, event)
+            case _:
+                return
+        vehicle.at_us = event.at_us
+        self._touch(f"vehicle/{name}")
+
+    def _moved(self, here: Telemetry) -> None:
+        self.telemetry_count += 1
+        land = self._landscape
+        x_m, y_m = land.xy_of_lat_lon(here.lat_deg, here.lon_deg)
+        height_m = None
+        if math.isfinite(x_m + y_m):
+            height_m = round(here.altitude_amsl_m - float(land.elevation_at(x_m, y_m)), 1)
+        north, east = here.velocity_north_m_s, here.velocity_east_m_s
+        self.telemetry[here.vehicle] = TelemetryState(
+            here.at_us,
+            here.vehicle,
+            here.lat_deg,
+            here.lon_deg,
+            here.altitude_amsl_m,
+            here.altitude_relative_m,
+            height_m,
+            here.heading_deg,
+            round(math.hypot(north, east), 2),
+            round(math.degrees(math.atan2(east, north)) % 360.0, 1),
+        )
+        self._touch(f"telemetry/{here.vehicle}")
+
+    def _battery(self, name: str, percent: float) -> None:
+        if percent < LOW_BATTERY_PCT:
+            self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
+        elif percent >= GOOD_BATTERY_PCT:
+            self.clear(f"battery/{name}")
+
+    def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
+        name = vehicle.vehicle
+        mission = self.missions[name]
+        sent = mission.sending
+        if sent is None or sent.mission_id != event.mission_id:
+            return
+        sent.outcome, sent.reason = event.outcome, event.reason
+        mission.at_us = event.at_us
+        if event.outcome == "accepted":
+            vehicle.uploads_accepted += 1
+            mission.on_board, mission.sending = sent, None
+            self.clear(f"mission/{name}")
+        else:
+            vehicle.uploads_failed += 1
+            text = f"{name}: mission {event.outcome}: {event.reason}"
+            self.alarm(f"mission/{name}", text, "warning", name)
+        self._touch(f"mission/{name}")
+
+    def _answered(self, name: str, event: CommandFinished) -> None:
+        key = f"order/{name}/{event.command}"
+        if event.accepted:
+            self.clear(key)
+        else:
+            text = f"{name}: {event.command} refused: {event.reason}"
+            self.alarm(key, text, "warning", name)
+
+    def _dropped(self, vehicle: VehicleState, event: DropFinished) -> None:
+        match event.outcome:
+            case "done":
+                vehicle.drops_done += 1
+            case "refused":
+                vehicle.drops_refused += 1
+            case _:
+                vehicle.drops_unknown += 1
+        self._touch("burn")
+
+    def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
+        name = vehicle.vehicle
+        match command:
+            case DirectionDecision():
+                vehicle.direction, vehicle.decisions = command.direction, vehicle.decisions + 1
+                vehicle.reversals = command.reversals
+                if command.reversed:
+                    vehicle.reversed_at_us = self.at_us
+                vehicle.importance_back = round(command.importance_back, 3)
+                vehicle.importance_front = round(command.importance_front, 3)
+                vehicle.front_cells = command.front_cells
+            case UploadMission() | ProposeMission():
+                self._sent(name, command)
+                return
+            case Orbit():
+                circle = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
+                vehicle.orbit = OrbitState(*circle, command.radius_m, self._view_width_m[name])
+            case ChangeSpeed():
+                vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+            case Announce():
+                self.tell(name, command.text, command.level)
+                return
+            case RaiseAlarm():
+                text = f"{name}: {command.text}"
+                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
+                return
+            case ClearAlarm():
+                self.clear(f"{command.alarm}/{name}")
+                return
+            case WithdrawMission():
+                mission = self.missions[name]
+                if mission.proposed and mission.proposed.mission_id == command.mission_id:
+                    mission.proposed = None
+                    self._touch(f"mission/{name}")
+                return
+            case ProposePlan():
+                self.plan, self.plan_hash = command.plan, command.plan_hash
+                self._touch("burn")
+                return
+            case WithdrawPlan():
+                if command.plan_hash == self.plan_hash:
+                    self.plan, self.plan_hash = None, ""
+                self._touch("burn")
+                return
+            case Drop():
+                self._touch("burn")
+                return
+            case _:
+                return
+        vehicle.at_us = self.at_us
+        self._touch(f"vehicle/{name}")
+
+    def _sent(self, name: str, command: UploadMission | ProposeMission) -> None:
+        proposed = isinstance(command, ProposeMission)
+        sent = Mission(
+            command.mission_id,
+            self.at_us,
+            command.why,
+            "proposed" if proposed else "sending",
+            "",
+            mission_hash(command.items),
+            tuple(item_state(item) for item in command.items),
+        )
+        mission = self.missions[name]
+        mission.at_us = self.at_us
+        if proposed:
+            mission.proposed = sent
+        else:
+            mission.sending, mission.proposed = sent, None
+        self._touch(f"mission/{name}")
+
+    # What goes out ----------------------------------------------------------------------------
+
+    def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
+        """The fire in figures; its shape is asked for elsewhere."""
+        told = self.wind_told
+        return {
+            "schema": "fire/1",
+            "at_us": self.at_us,
+            "version": self.fire_version,
+            "area_ha": round(area_ha, 2),
+            "wind_speed_m_s": None if told is None else told.speed_m_s,
+            "wind_from_deg": None if told is None else told.from_deg,
+            "wind_told_by": "" if told is None else told.by,
+            "corrections": corrections,
+        }

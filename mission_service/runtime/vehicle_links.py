@@ -1,0 +1,193 @@
+"""The links of a live run: each is opened once, with a client for each of its vehicles.
+
+Vehicles with the same link share it and differ by their system ids. Each vehicle is bound to the
+remote on which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from autopilot_bridge.clients.client_protocol import VehicleClient
+from autopilot_bridge.clients.mavsdk import MavsdkClient
+from autopilot_bridge.clients.shared_link import SharedLink
+from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.signing import Signing
+from autopilot_bridge.links.tlog_writer import Tlog
+from firemodel.landscape.landscape import Landscape
+from mission_service.commands import Severity
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.config.shared_links import sharing
+from mission_service.fire.setup import weather_of
+from mission_service.guidance.registry import way_of
+from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
+
+TELL_SILENCE_AFTER_US = 4_000_000
+# Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
+FASTER = 2.0
+STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have stronger wind
+SEVERITIES: dict[str, Severity] = {
+    "source": "severe",
+    "clock": "severe",
+    "jump": "severe",
+    "value": "warning",
+}
+
+Clock = Callable[[], int]
+Tell = Callable[[str, str], None]  # a vehicle, or "service", and a warning
+
+
+@dataclass
+class Link:
+    """One vehicle's link: gateway, connection, and frames that were refused."""
+
+    section: VehicleSection
+    gateway: Gateway
+    connection: Connection | MavsdkClient  # shared with other vehicles on the same link
+    refusals: SigningRefusals
+
+    @property
+    def heard(self) -> bool:
+        """Whether its autopilot has been connected."""
+        return self.gateway.client.stack is not None
+
+
+def max_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
+    """The upper bound of a vehicle's ground speed, in m/s."""
+    fastest_m_s = section.airspeed_m_s
+    if way_of(scenario).changes_airspeed:
+        fastest_m_s = max(fastest_m_s, section.max_airspeed_m_s)
+    wind_m_s = max(entry.wind_speed_m_s for entry in weather_of(scenario).entries)
+    return FASTER * fastest_m_s + max(STRONGEST_WIND_M_S, FASTER * wind_m_s)
+
+
+async def open_links(
+    stack: contextlib.AsyncExitStack,
+    scenario: Scenario,
+    landscape: Landscape,
+    clock: MissionClock,
+    clock_us: Clock,
+    wall_us: Clock,
+    tlog_path: Path | None,
+    tell: Tell,
+) -> dict[str, Link]:
+    """Open the links of all vehicles that are flown here; ``stack`` closes them.
+
+    Raises ScenarioError for vehicles that cannot share their link, and BridgeError for a link or a
+    key that cannot be used.
+    """
+    together = sharing(scenario.flown)
+    if any(section.backend == "mavsdk" for section in scenario.flown):
+        # A transfer and a command of each vehicle may run at once, in a thread each.
+        threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
+        asyncio.get_running_loop().set_default_executor(threads)
+    tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
+    if tlog is not None and not _all_differ(scenario):
+        words = "vehicles with one system id cannot be told apart in it; give them different ones"
+        tell("service", f"{tlog_path}: {words}")
+    sources = [section.signing_key for section in scenario.flown]
+    signing_of = stack.enter_context(signings(sources, wall_us, lambda text: tell("service", text)))
+    places = {section.name: place for place, section in enumerate(scenario.flown)}
+    links: dict[str, Link] = {}
+    for sections in together:
+        first = sections[0]
+        signing = signing_of.get(first.signing_key)
+        link_id = first.signing_link_id
+        if link_id is None:
+            link_id = places[first.name] % 256
+        clients, connection = _clients_of(sections, scenario, clock_us, tlog, signing, link_id)
+        await stack.enter_async_context(connection)
+        for section, client in zip(sections, clients, strict=True):
+            gateway = Gateway(
+                section.name,
+                client,
+                clock,
+                dropper_of(scenario),
+                way_of(scenario).return_height_m(scenario, landscape),
+            )
+            refusals = SigningRefusals(section.link, section.system_id, signing)
+            links[section.name] = Link(section, gateway, connection, refusals)
+    return {name: links[name] for name in places}
+
+
+def _all_differ(scenario: Scenario) -> bool:
+    ids = [section.system_id for section in scenario.flown]
+    return len(set(ids)) == len(ids)
+
+
+def _clients_of(
+    sections: list[VehicleSection],
+    scenario: Scenario,
+    clock_us: Clock,
+    tlog: Tlog | None,
+    signing: Signing | None,
+    link_id: int,
+) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
+    """The clients of the vehicles of one link, and that link, to be opened."""
+    first = sections[0]
+    if first.backend == "mavsdk":
+        vehicle = MavsdkClient(
+            first.link,
+            first.system_id,
+            clock_us,
+            tlog,
+            signing,
+            link_id,
+            max_speed_m_s(first, scenario),
+        )
+        return [vehicle], vehicle
+    link = SharedLink(
+        first.link, rates_hz=rates_hz(scenario), expects=True, signed=signing is not None
+    )
+    clients = [
+        link.expect(section.system_id, max_speed_m_s(section, scenario)) for section in sections
+    ]
+    return clients, Connection(
+        first.link, link, clock_us, tlog=tlog, signing=signing, link_id=link_id
+    )
+
+
+def connected(links: dict[str, Link]) -> list[list[Link]]:
+    """The vehicles of each connection."""
+    found: dict[int, list[Link]] = {}
+    for link in links.values():
+        found.setdefault(id(link.connection), []).append(link)
+    return list(found.values())
+
+
+def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
+    """Vehicle, kind and text of link alarms since the last call; an empty text ends one."""
+    found = []
+    for name, link in links.items():
+        while link.gateway.link_alarms:
+            found.append((name, *link.gateway.link_alarms.popleft()))
+    return found
+
+
+class LinkMonitor:
+    """Reports once each vehicle that has not been connected since the service began."""
+
+    def __init__(self, links: dict[str, Link], now_us: int) -> None:
+        self._unheard = dict(links)
+        self._tell_at_us = now_us + TELL_SILENCE_AFTER_US
+
+    def news(self, now_us: int) -> list[tuple[str, str]]:
+        """The vehicles without a heartbeat and possible reasons; once, when it is due."""
+        if now_us < self._tell_at_us:
+            return []
+        found = []
+        for name, link in self._unheard.items():
+            where = link.section.link
+            refused = refusal(link.connection.counts, where)
+            if not link.heard and refused is not None:
+                found.append((name, f"nothing believed yet: {refused}"))
+            elif not link.heard:
+                words = "is its autopilot running, and is this its port?"
+                found.append((name, f"nothing heard on {where} yet; {words}"))
+        self._unheard.clear()
+        return found
