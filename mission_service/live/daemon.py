@@ -140,7 +140,7 @@ async def serve(
             core, world, record = service.core, service.world, service.record
             assert service.state_view is not None
             state_view = service.state_view
-        keeping = Keeping(service, known, run.settings.keep)
+        keeping = Keeping(service, known, run.settings.journal)
         for name, text in early:
             tell(name, text)
         request_handler = desk_of(scenario, service, clock, links)
