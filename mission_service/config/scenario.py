@@ -301,7 +301,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
         raise ScenarioError(
             f"--broker is for rule = {able}; {scenario.name} flies {scenario.planner.rule}"
         )
-    formation = scenario.formation.model_copy(update={"talks": peer_messaging})
+    formation = scenario.formation.model_copy(update={"peer_messaging": peer_messaging})
     return scenario.model_copy(update={"only": vehicle, "formation": formation})
 
 
