@@ -95,7 +95,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         record.news.clear()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sim, "Rig", Mortal)
+        patch.setattr(sim, "SimulatedVehicle", Mortal)
         patch.setattr(sim, "Core", core)
         record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", listen)
     return Run(path, record, world, cores, said)
