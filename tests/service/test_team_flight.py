@@ -27,8 +27,8 @@ SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
 class Dead:
     """An autopilot that is no more."""
 
-    def next_timer(self) -> None:
-        return None
+    def next_timer(self) -> int:
+        return 2**62
 
     def handle_timer(self, now_us: int) -> None:
         return None
