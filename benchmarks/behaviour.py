@@ -7,7 +7,8 @@
 OpenAPI description and the schemas of MQTT, or only the parts given (``sim/demo``, ``plan``). Some
 twenty minutes on two cores for all. ``compare`` prints the first differences of each file and exits
 with 1 if there is one. Journals are compared line by line without their checksums, descriptions
-without their prose. ``--names`` is a JSON file of old and new names (``names_of_0_1.json``), replaced in BEFORE;
+without their prose. ``--names`` is a JSON file of old and new names (``names_of_0_1.json``), which
+are replaced in BEFORE;
 ``--without`` leaves out fields whose wording was changed on purpose, such as ``text``.
 """
 
