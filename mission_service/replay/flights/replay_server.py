@@ -193,7 +193,7 @@ def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> RunContex
     request_handler = ReplayDesk(player, clock_us)
     path = show.out / JOURNAL
     context = RunContext(
-        scenario, settings, service, player.state_view, request_handler, clock, {}, show.out, path
+        scenario, settings, service, player.state_view, request_handler, clock, {}, path
     )
     context.replay = player.state
     player.state_view.tell_replay()
