@@ -18,7 +18,8 @@ from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
-from mission_service.live.daemon import doors_of, stop_on_signals, untold
+from mission_service.live.daemon import stop_on_signals, untold
+from mission_service.live.interfaces import doors_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Replaying
