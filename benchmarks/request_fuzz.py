@@ -43,7 +43,8 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
-from mission_service.live.daemon import desk_of, replay
+from mission_service.live.daemon import replay
+from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.run_statistics import RunStatistics
@@ -339,7 +340,7 @@ def differs(live: Engine, again: Engine) -> str:
 def ask(engine: FuzzedEngine, rng: Rng, count: int, found: Found) -> None:
     """Ask for so many things, flying on in between."""
     simulation = engine.simulation
-    request_handler = desk_of(engine.scenario, engine.service, simulation.clock, {})
+    request_handler = request_handler_of(engine.scenario, engine.service, simulation.clock, {})
     doorkeeper = CommandGate(request_handler.ask)
     asker = Asker(rng, engine.service, engine.scenario)
     for number in range(count):

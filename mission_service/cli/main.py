@@ -1,6 +1,7 @@
 """The command line. A command imports heavy modules only when it runs."""
 
 import json
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,16 +14,16 @@ from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
 from mission_service.cli.log_commands import log
 from mission_service.cli.mission_commands import mission, signing
+from mission_service.cli.mock_command import mock
 from mission_service.cli.options import (
     JSON,
-    LOG,
-    LOG_LEVEL,
     OVERRIDE,
     SIGNING_KEY,
     TLOG,
+    ReportOptions,
     echo,
     folder,
-    reporter,
+    report_options,
     tell_address,
 )
 from mission_service.cli.replay_commands import replay
@@ -66,7 +67,7 @@ def main() -> None:
 
 
 GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request)
-ALONE = (token, log, replay, report)
+ALONE = (mock, token, log, replay, report)
 for command in (*GROUPS, *ALONE):
     main.add_command(command)
 
@@ -76,17 +77,9 @@ for command in (*GROUPS, *ALONE):
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
 @click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
 @OVERRIDE
-@LOG
-@LOG_LEVEL
-@JSON
+@report_options
 def demo(
-    scenario: str,
-    out: Path,
-    speedup: float,
-    overrides: tuple[str, ...],
-    log: str | None,
-    log_level: str,
-    as_json: bool,
+    scenario: str, out: Path, speedup: float, overrides: tuple[str, ...], **reporting: Any
 ) -> None:
     """Run mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
 
@@ -101,11 +94,13 @@ def demo(
     loaded, settings = load_run(scenario, overrides)
     if settings.http is None:  # a demo always serves a map
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
-    report = reporter(log, log_level, as_json)
+    options = ReportOptions(**reporting)
+    progress = options.progress()
     journal = folder(out) / "journal.jsonl"
-    run = Run(flying(loaded), journal, now_text(), settings, logs=log is not None, goes_on=False)
+    run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, goes_on=False)
     with private():
-        _finish(run_demo(run, scenario, speedup, report, partial(tell_address, out)), out, as_json)
+        summary = run_demo(run, scenario, speedup, progress, partial(tell_address, out))
+        _finish(summary, out, options.as_json)
 
 
 @main.command()
@@ -124,6 +119,21 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
         record, world = simulate(loaded, made / "journal.jsonl", now_text(), progress)
     _finish(write_outputs(made, loaded, record, world.fire), out, as_json)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(ReportOptions):
+    """The options of ``run``."""
+
+    out: Path
+    vehicle: str | None
+    broker: str | None
+    prefix: str
+    fresh: bool
+    skip_unreadable: bool
+    overrides: tuple[str, ...]
+    tlog: Path | None
+    signing_key: str | None
 
 
 @main.command()
@@ -152,24 +162,8 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
 @OVERRIDE
 @TLOG
 @SIGNING_KEY
-@LOG
-@LOG_LEVEL
-@JSON
-def run(
-    config: str,
-    out: Path,
-    vehicle: str | None,
-    broker: str | None,
-    prefix: str,
-    fresh: bool,
-    skip_unreadable: bool,
-    overrides: tuple[str, ...],
-    tlog: Path | None,
-    signing_key: str | None,
-    log: str | None,
-    log_level: str,
-    as_json: bool,
-) -> None:
+@report_options
+def run(config: str, **values: Any) -> None:
     """Run the live daemon for CONFIG until the end of the scenario or Ctrl-C.
 
     After a kill or SIGTERM, the same command resumes the run. The journal of any other run in OUT
@@ -185,142 +179,32 @@ def run(
     from mission_service.live.daemon import Run, serve
     from mission_service.runtime.outputs import write_outputs
 
-    loaded, settings = load_run(config, overrides)
+    options = RunOptions(**values)
+    loaded, settings = load_run(config, options.overrides)
     scenario = flying(loaded)
-    channel = None if broker is None else channel_of(broker, prefix, scenario.name, settings.mqtt)
-    scenario = one_of_many(scenario, vehicle, peer_messaging=channel is not None)
-    if signing_key is not None:
-        scenario = with_signing_key(scenario, signing_key)
-    made = folder(out)
-    report = reporter(log, log_level, as_json)
-    journal, logs = made / "journal.jsonl", log is not None
+    channel = None
+    if options.broker is not None:
+        channel = channel_of(options.broker, options.prefix, scenario.name, settings.mqtt)
+    scenario = one_of_many(scenario, options.vehicle, peer_messaging=channel is not None)
+    if options.signing_key is not None:
+        scenario = with_signing_key(scenario, options.signing_key)
+    made = folder(options.out)
+    progress = options.progress()
     going = Run(
         scenario,
-        journal,
+        made / "journal.jsonl",
         now_text(),
         settings,
-        tlog,
-        logs,
+        options.tlog,
+        options.logs,
         channel=channel,
-        goes_on=not fresh,
-        skip_unreadable=skip_unreadable,
+        goes_on=not options.fresh,
+        skip_unreadable=options.skip_unreadable,
     )
     with private():
-        record, world = asyncio.run(serve(going, report, address=partial(tell_address, made)))
-        _finish(write_outputs(made, scenario, record, world.fire), out, as_json)
-
-
-@main.command()
-@click.argument("scenario", required=False)
-@click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
-@click.option(
-    "--vehicle",
-    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all, each on "
-    "its own link; with --link or --listen only the first).",
-)
-@click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
-@click.option(
-    "--system-id", type=click.IntRange(1, 250), default=1, help="System id of the first vehicle."
-)
-@click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
-@click.option(
-    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the link of the vehicle there."
-)
-@click.option("--listen", help="Instead of --link: listen at HOST:PORT (UDP), udpin or tcpin.")
-@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
-@click.option("--wind", default="0,0", help="A steady wind as FROM_DEG,SPEED_M_S, e.g. 240,5.")
-@click.option(
-    "--battery",
-    "battery_minutes",
-    type=click.FloatRange(0.1, 10_000),
-    metavar="MINUTES",
-    help="Battery capacity in minutes of flight; at 15 % the vehicle returns home.",
-)
-@click.option(
-    "--terrain",
-    "terrain_amsl_m",
-    type=click.FloatRange(-500, 9000),
-    metavar="AMSL_M",
-    help="Height of the flat ground; a vehicle that flies below it crashes.",
-)
-@click.option(
-    "--fault",
-    "faults",
-    multiple=True,
-    metavar="FAULT",
-    help="Inject a fault (repeatable), e.g. reboot@30; see docs/autopilots.md.",
-)
-@click.option(
-    "--param",
-    "parameters",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Set a parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of random faults.")
-@SIGNING_KEY
-@click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
-@click.option("--until-eof", is_flag=True, hidden=True)  # used by ``demo``
-def mock(
-    scenario: str | None,
-    stack: str,
-    vehicle: str | None,
-    count: int,
-    system_id: int,
-    home: str,
-    link: str | None,
-    listen: str | None,
-    speedup: float,
-    wind: str,
-    battery_minutes: float | None,
-    terrain_amsl_m: float | None,
-    faults: tuple[str, ...],
-    parameters: tuple[str, ...],
-    seed: int,
-    signing_key: str | None,
-    as_json: bool,
-    until_eof: bool,
-) -> None:
-    """Run mock autopilots in a process of their own, until Ctrl-C.
-
-    With SCENARIO, they are its vehicles, standing at their homes. Without SCENARIO, --count sets
-    their number, and their system ids are consecutive. A mock signs its frames when it has a key:
-    from --signing-key, from SCENARIO or by SETUP_SIGNING.
-    """
-    from dataclasses import replace
-
-    from mission_service.simulation.mocks import (
-        MockEnvironment,
-        MocksOnLink,
-        by_hand,
-        from_scenario,
-        listening,
-        read_parameters,
-        read_wind,
-        run,
-    )
-
-    if scenario and count > 1:
-        raise click.UsageError("--count is for mocks without a scenario")
-    if not scenario and vehicle not in (None, "plane", "copter"):
-        raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
-    around = MockEnvironment(
-        read_wind(wind),
-        battery_minutes,
-        terrain_amsl_m,
-        faults,
-        seed,
-        read_parameters(parameters),
-    )
-    link = listening(listen) if listen else link
-    if scenario:
-        mocks = from_scenario(scenario, vehicle, link, around)
-    else:
-        fleet = by_hand(stack, vehicle or "plane", system_id, home, count, around)
-        mocks = [MocksOnLink(fleet, link or "udpout:127.0.0.1:14550")]
-    if signing_key is not None:
-        mocks = [replace(each, signing_key=signing_key) for each in mocks]
-    run(mocks, speedup, as_json, click.echo, until_eof)
+        record, world = asyncio.run(serve(going, progress, address=partial(tell_address, made)))
+        summary = write_outputs(made, scenario, record, world.fire)
+        _finish(summary, options.out, options.as_json)
 
 
 @main.command()

@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -40,12 +41,6 @@ TLOG = click.option(
     help="Append the traffic of the links to this .tlog file.",
 )
 
-LOG = click.option(
-    "--log",
-    type=click.Choice(["text", "json"]),
-    help="Log to stderr, with announcements and alarms, instead of the progress display.",
-)
-
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
     """An option ``--NAME`` in seconds, 0 or more; the command's parameter is ``NAME_s``."""
@@ -53,12 +48,45 @@ def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
 
-LOG_LEVEL = click.option(
-    "--log-level",
-    type=click.Choice(["debug", "info", "warning", "error"]),
-    default="info",
-    show_default=True,
-)
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """The values of ``report_options``: how progress and the result are shown."""
+
+    log: str | None
+    log_level: str
+    as_json: bool
+
+    @property
+    def logs(self) -> bool:
+        """Whether a log is written."""
+        return self.log is not None
+
+    def progress(self) -> Callable[[Any, Any], None]:
+        """The function that shows progress: a log, or lines and a status."""
+        if self.log is None:
+            from mission_service.runtime.progress import LiveReport
+
+            return LiveReport(quiet=self.as_json)
+        from mission_service.runtime.service_log import set_up
+
+        set_up(self.log, self.log_level)  # type: ignore[arg-type]  # click has checked it
+        return lambda record, world: record.news.clear()  # the log reads the picture's
+
+
+def report_options(command: Command) -> Command:
+    """The options --log, --log-level and --json, in this order."""
+    log = click.option(
+        "--log",
+        type=click.Choice(["text", "json"]),
+        help="Log to stderr, with announcements and alarms, instead of the progress display.",
+    )
+    level = click.option(
+        "--log-level",
+        type=click.Choice(["debug", "info", "warning", "error"]),
+        default="info",
+        show_default=True,
+    )
+    return log(level(JSON(command)))
 
 
 def folder(out: Path) -> Path:
@@ -98,15 +126,3 @@ def tell_address(out: Path, address: str) -> None:
             f"its token is in {out / 'token'}" if own_token else "with a token of the tokens file"
         )
         click.echo(f"map: {place} ({whose})", err=True)
-
-
-def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any], None]:
-    """The function that shows progress: a log if ``form`` is given, else lines and a status."""
-    if form is None:
-        from mission_service.runtime.progress import LiveReport
-
-        return LiveReport(quiet=as_json)
-    from mission_service.runtime.service_log import set_up
-
-    set_up(form, level)  # type: ignore[arg-type]  # click has checked it
-    return lambda record, world: record.news.clear()  # the log reads the picture's

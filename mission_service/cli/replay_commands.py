@@ -2,12 +2,19 @@
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from mission_service.cli.options import JSON, LOG, LOG_LEVEL, OVERRIDE, folder, seconds_option
+from mission_service.cli.options import (
+    OVERRIDE,
+    ReportOptions,
+    folder,
+    report_options,
+    seconds_option,
+)
 from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
@@ -15,6 +22,44 @@ if TYPE_CHECKING:
     from mission_service.replay.flights.scenario_pairing import Asked
 
 STAGE_NAMES = ("file", "fire", "planner", "core")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(ReportOptions):
+    """The options of ``replay``."""
+
+    scenario: str | None
+    rule: str | None
+    at_s: float | None
+    from_s: float | None
+    to_s: float | None
+    out: Path | None
+    verify: bool
+    stages: tuple[str, ...]
+    changes: tuple[str, ...]
+    speed: str | None
+    listen: str | None
+    until_end: bool
+    overrides: tuple[str, ...]
+
+    def check(self, words: tuple[str, ...]) -> None:
+        """Raise UsageError for options and arguments that exclude each other."""
+        if self.verify and self.changes:
+            raise click.UsageError("give either --verify or --what-if")
+        if self.stages and not self.verify:
+            raise click.UsageError("--stage is for --verify")
+        if (self.verify or self.changes) and (self._of_logs() or self.speed):
+            raise click.UsageError(
+                "--verify and --what-if take a whole journal, without these options"
+            )
+        if self.verify and (len(words) > 1 or self.out is not None):
+            raise click.UsageError("--verify takes one journal and writes no files")
+        if self.speed is None and (self.listen or self.until_end or self.log):
+            raise click.UsageError("--listen, --until-end and --log are for --speed")
+
+    def _of_logs(self) -> bool:
+        given = (self.scenario, self.rule, self.from_s, self.overrides)
+        return self.at_s is not None or self.to_s is not None or any(given)
 
 
 @click.command()
@@ -47,28 +92,8 @@ STAGE_NAMES = ("file", "fire", "planner", "core")
 @click.option("--listen", metavar="HOST:PORT", help="With --speed: address of the map.")
 @click.option("--until-end", is_flag=True, help="With --speed: exit at the end; else pause.")
 @OVERRIDE
-@LOG
-@LOG_LEVEL
-@JSON
-def replay(
-    words: tuple[str, ...],
-    scenario: str | None,
-    rule: str | None,
-    at_s: float | None,
-    from_s: float | None,
-    to_s: float | None,
-    out: Path | None,
-    verify: bool,
-    stages: tuple[str, ...],
-    changes: tuple[str, ...],
-    speed: str | None,
-    listen: str | None,
-    until_end: bool,
-    overrides: tuple[str, ...],
-    log: str | None,
-    log_level: str,
-    as_json: bool,
-) -> None:
+@report_options
+def replay(words: tuple[str, ...], **values: Any) -> None:
     """Replay logged flights: the flown paths, and what a scenario's planner would have decided.
 
     A LOG is a .tlog, .bin or .ulg file, or a journal (or the folder of its run), which contains its
@@ -86,40 +111,32 @@ def replay(
     --what-if planner=predictive alpha=1.5 --out DIR: mock autopilots fly a journal's scenario
     again; one page compares both runs.
     """
-    if verify and changes:
-        raise click.UsageError("give either --verify or --what-if")
-    if stages and not verify:
-        raise click.UsageError("--stage is for --verify")
-    of_logs = scenario or rule or at_s is not None or from_s or to_s is not None or overrides
-    if (verify or changes) and (of_logs or speed):
-        raise click.UsageError("--verify and --what-if take a whole journal, without these options")
-    if verify and (len(words) > 1 or out is not None):
-        raise click.UsageError("--verify takes one journal and writes no files")
-    if speed is None and (listen or until_end or log):
-        raise click.UsageError("--listen, --until-end and --log are for --speed")
+    options = ReplayOptions(**values)
+    options.check(words)
     from mission_service.replay.flights.batch import called
     from mission_service.replay.flights.flight_logs import flight_of, path_of
     from mission_service.replay.flights.journal_log import journal_in
     from mission_service.replay.flights.scenario_pairing import Asked
 
-    if verify:
-        _verify(journal_in(Path(words[0])), stages, as_json)
+    if options.verify:
+        _verify(journal_in(Path(words[0])), options.stages, options.as_json)
         return
-    if changes:
-        if out is None:
+    if options.changes:
+        if options.out is None:
             raise click.UsageError("--what-if needs --out DIR")
-        _what_if(journal_in(Path(words[0])), (*changes, *words[1:]), out, as_json)
+        changes = (*options.changes, *words[1:])
+        _what_if(journal_in(Path(words[0])), changes, options.out, options.as_json)
         return
-    flight = flight_of(words)._replace(
-        from_s=from_s or 0.0, to_s=math.inf if to_s is None else to_s
-    )
-    asked = Asked(scenario, rule, at_s, overrides)
-    if speed is None:
-        _batch(flight, called([path_of(word) for word in words]), asked, out, as_json)
+    to_s = math.inf if options.to_s is None else options.to_s
+    flight = flight_of(words)._replace(from_s=options.from_s or 0.0, to_s=to_s)
+    asked = Asked(options.scenario, options.rule, options.at_s, options.overrides)
+    if options.speed is None:
+        name = called([path_of(word) for word in words])
+        _batch(flight, name, asked, options.out, options.as_json)
         return
     from mission_service.cli.replay_live import play
 
-    play(flight, asked, speed, listen, out, until_end, log, log_level, as_json)
+    play(flight, asked, options.speed, options)
 
 
 def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:

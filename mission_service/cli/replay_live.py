@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.options import folder, reporter, tell_address
+from mission_service.cli.options import folder, tell_address
 
 if TYPE_CHECKING:
+    from mission_service.cli.replay_commands import ReplayOptions
     from mission_service.config.service import ServiceSection
     from mission_service.replay.flights.flight_logs import Flight
     from mission_service.replay.flights.scenario_pairing import Asked, Replaying
@@ -55,17 +56,7 @@ def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection
     return what._replace(scenario=never), settings
 
 
-def play(
-    flight: "Flight",
-    asked: "Asked",
-    speed: str,
-    listen: str | None,
-    out: Path | None,
-    until_end: bool,
-    log: str | None,
-    log_level: str,
-    as_json: bool,
-) -> None:
+def play(flight: "Flight", asked: "Asked", speed: str, options: "ReplayOptions") -> None:
     """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
     The interfaces show the observations and decisions that the service would have made. Orders are
@@ -79,20 +70,20 @@ def play(
     from mission_service.runtime.clocks import now_text
     from mission_service.runtime.outputs import summary_of, write_outputs
 
-    times = speed_of(speed)
+    times, out = speed_of(speed), options.out
     what, settings = played(flight, asked)
-    settings = _with_map(settings, listen)
+    settings = _with_map(settings, options.listen)
     with contextlib.ExitStack() as stack:
         kept = out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-")))
         made = folder(kept)
-        show = Show(what, made, now_text(), settings, times, until_end, logs=log is not None)
-        report = reporter(log, log_level, as_json)
-        record, world = asyncio.run(serve_flight(show, report, partial(tell_address, made)))
+        show = Show(what, made, now_text(), settings, times, options.until_end, options.logs)
+        serving = serve_flight(show, options.progress(), partial(tell_address, made))
+        record, world = asyncio.run(serving)
         if out is not None:
             summary = write_outputs(made, what.scenario, record, world.fire)
         else:
             summary = summary_of(what.scenario, record, world.fire)
-    if as_json:
+    if options.as_json:
         click.echo(json.dumps(summary))
     elif out is not None:
         click.echo(f"journal, GeoJSON, map and summary in {out}/")

@@ -3,20 +3,19 @@
 import asyncio
 import contextlib
 import signal
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
-from mission_service.core.request_events import RequestScope, accepted_in
 from mission_service.errors import UnhandledLineError
-from mission_service.events import SERVICE, AnyOperatorEvent, OrderGiven
+from mission_service.events import SERVICE, OrderGiven
 from mission_service.fire.setup import landscape_of
 from mission_service.fire.simulated import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
@@ -27,13 +26,13 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, written_by_others
 from mission_service.journal.recovery import Unfinished, resumed, set_aside, unfinished
 from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.live.interfaces import Door, doors_of, request_handler_of
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, unheard, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.peer_listener import PeerListener
-from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.retention import Keeping
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
@@ -48,9 +47,6 @@ from mission_service.runtime.vehicle_links import (
 )
 
 STATUS_EVERY_S = 0.2
-
-# An interface: a coroutine that runs beside the vehicles until it is cancelled.
-Door = Callable[[RunContext], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True)
@@ -100,105 +96,170 @@ async def serve(
     scenario = run.scenario
     sharing(scenario.flown)  # checked before a link is opened
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
+    latest_us = round(scenario.duration_s * 1e6)
     landscape = landscape_of(scenario)
     way_of(scenario).warm_up(scenario, landscape)
-    service: Engine | None = None
-    early: list[tuple[str, str]] = []  # announcements before the service exists
-
-    def tell(vehicle: str, text: str) -> None:
-        if service is None:
-            early.append((vehicle, text))
-        else:
-            service.announce(vehicle, text)
-
+    announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: if one is in use, the journal of an earlier run is not touched.
         listening = stack.enter_context(claimed(run.out / NAME))
         doors = doors_of(run.settings, run.out, scenario.name, stack, address, run.logs)
         links = await open_links(
-            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, tell
+            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, announcements.add
         )
-        known = Known(scenario, landscape)
-        refuse_links(run.out)
-        cut_off = None
-        if run.goes_on:
-            cut_off = unfinished(run.journal_path, known, scenario, run.skip_unreadable)
-        down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
-        journal = _journal_of(run, known, cut_off, tell)
-        stack.callback(journal.close)
-        gateways = {name: link.gateway for name, link in links.items()}
-        latest_us = round(scenario.duration_s * 1e6)
-        exchange = None if run.channel is None else PeerExchange(run.channel, gateways, latest_us)
-        say = unheard if exchange is None else exchange.say
-        core, world, record, state_view = _begun(scenario, landscape, clock, cut_off)
-        service = Engine(scenario, core, world, journal, record, gateways, say, state_view)
-        if cut_off is not None:
-            await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
-            tell("service", f"resumes the run of {run.journal_path}; approvals are void")
-            for why in cut_off.skips_now.values():
-                tell("service", f"journal line skipped: {why}")
-            core, world, record = service.core, service.world, service.record
-            assert service.state_view is not None
-            state_view = service.state_view
-        keeping = Keeping(service, known, run.settings.journal)
-        for name, text in early:
-            tell(name, text)
-        request_handler = desk_of(scenario, service, clock, links)
-        context = RunContext(
-            scenario,
-            run.settings,
-            service,
-            state_view,
-            request_handler,
-            clock,
-            links,
-            run.out,
-            run.journal_path,
-        )
+        exchange = None
+        if run.channel is not None:
+            gateways = {name: link.gateway for name, link in links.items()}
+            exchange = PeerExchange(run.channel, gateways, latest_us)
+        service = await _engine_of(run, landscape, clock, links, exchange, announcements, stack)
+        keeping = Keeping(service, service.known, run.settings.journal)
+        context = _context_of(run, service, clock, links)
         context.gauges["state_seconds"] = lambda: keeping.took_s
-        context.not_ready = dict.fromkeys(links, "no heartbeat yet")
-        silence = LinkMonitor(links, clock_us())
-        health_monitor = HealthMonitor(
-            state_view, scenario.mission.separation_m, round(STATUS_EVERY_S * 1e6)
-        )
+        check = _Check(context, watch, progress)
         stop = asyncio.Event()
         signals = stop_on_signals(stop)
-        async with asyncio.TaskGroup() as group:
-            if exchange is not None:
-                tasks = [group.create_task(exchange.run(PeerListener(service, clock, clock_us)))]
-                await exchange.join()
-            else:
-                tasks = []
-            tasks += [
-                group.create_task(_fly(on_it, service, context)) for on_it in connected(links)
-            ]
-            others = [group.create_task(serve_control(listening, request_handler))]
-            others += [group.create_task(door(context)) for door in doors]
-            others.append(group.create_task(keeping.run(clock)))
-            group.create_task(asyncio.to_thread(_load_for_corrections))
-            while not stop.is_set() and clock.now_us < latest_us:
-                watch()
-                if service.defect is not None:
-                    raise service.defect
-                _look_around(context, health_monitor, silence)
-                progress(record, world)
-                context.ring()
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
-            context.stopping = True
-            is_over = clock.now_us >= latest_us
-            if not is_over:
-                await _told_to_stop(context)
-            for task in [*others, *tasks]:
-                task.cancel()
+        beside: list[Door] = [
+            *(partial(_fly, on_it) for on_it in connected(links)),
+            lambda context: serve_control(listening, context.request_handler),
+            *doors,
+            lambda context: keeping.run(clock),
+        ]
+        is_over = await _run_tasks(context, beside, exchange, check, stop, latest_us)
         # After SIGTERM, a supervisor's stop, the next start resumes the run.
         by_hand = signal.SIGTERM not in signals
-        if is_over or (by_hand and core.guidance.status()["complete"]):
-            journal.end()
-    world.advance(clock.now_us)
-    progress(record, world)
-    record.alarms = state_view.alarm_counts
-    return record, world
+        if is_over or (by_hand and service.core.guidance.status()["complete"]):
+            service.recording.journal.end()
+    service.world.advance(clock.now_us)
+    progress(service.record, service.world)
+    service.record.alarms = context.state_view.alarm_counts
+    return service.record, service.world
+
+
+async def _run_tasks(
+    context: RunContext,
+    beside: list[Door],
+    exchange: PeerExchange | None,
+    check: Callable[[], None],
+    stop: asyncio.Event,
+    latest_us: int,
+) -> bool:
+    """Run until ``stop`` is set or mission time is ``latest_us``, then end all tasks.
+
+    Returns whether the mission time is over.
+    """
+    clock = context.clock
+    async with asyncio.TaskGroup() as group:
+        tasks = []
+        if exchange is not None:
+            listener = PeerListener(context.service, clock, clock_us)
+            tasks.append(group.create_task(exchange.run(listener)))
+            await exchange.join()
+        tasks += [group.create_task(door(context)) for door in beside]
+        group.create_task(asyncio.to_thread(_load_for_corrections))
+        while not stop.is_set() and clock.now_us < latest_us:
+            check()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), STATUS_EVERY_S)
+        context.stopping = True
+        is_over = clock.now_us >= latest_us
+        if not is_over:
+            await _told_to_stop(context)
+        for task in tasks:
+            task.cancel()
+    return is_over
+
+
+class _Announcements:
+    """Announcements of links and journal, kept until the engine exists."""
+
+    def __init__(self) -> None:
+        self.engine: Engine | None = None
+        self._early: list[tuple[str, str]] = []
+
+    def add(self, vehicle: str, text: str) -> None:
+        """Announce a text about a vehicle."""
+        if self.engine is None:
+            self._early.append((vehicle, text))
+        else:
+            self.engine.announce(vehicle, text)
+
+    def add_early(self) -> None:
+        """Announce what came before the engine."""
+        for vehicle, text in self._early:
+            self.add(vehicle, text)
+
+
+async def _engine_of(
+    run: Run,
+    landscape: Landscape,
+    clock: MissionClock,
+    links: dict[str, Link],
+    exchange: PeerExchange | None,
+    announcements: _Announcements,
+    stack: contextlib.AsyncExitStack,
+) -> Engine:
+    """The engine of a new or resumed run; ``stack`` closes its journal."""
+    known = Known(run.scenario, landscape)
+    refuse_links(run.out)
+    cut_off = None
+    if run.goes_on:
+        cut_off = unfinished(run.journal_path, known, run.scenario, run.skip_unreadable)
+    down_from_s = last_written_s(run.journal_path) if cut_off else 0.0
+    journal = _journal_of(run, known, cut_off, announcements.add)
+    stack.callback(journal.close)
+    gateways = {name: link.gateway for name, link in links.items()}
+    say = unheard if exchange is None else exchange.say
+    core, world, record, state_view = _begun(run.scenario, landscape, clock, cut_off)
+    service = Engine(run.scenario, core, world, journal, record, gateways, say, state_view)
+    announcements.engine = service
+    if cut_off is not None:
+        await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
+        service.announce("service", f"resumes the run of {run.journal_path}; approvals are void")
+        for why in cut_off.skips_now.values():
+            service.announce("service", f"journal line skipped: {why}")
+    announcements.add_early()
+    return service
+
+
+def _context_of(
+    run: Run, service: Engine, clock: MissionClock, links: dict[str, Link]
+) -> RunContext:
+    """The context of the interfaces; it is not ready before each vehicle has a heartbeat."""
+    assert service.state_view is not None
+    context = RunContext(
+        run.scenario,
+        run.settings,
+        service,
+        service.state_view,
+        request_handler_of(run.scenario, service, clock, links),
+        clock,
+        links,
+        run.journal_path,
+    )
+    context.not_ready = dict.fromkeys(links, "no heartbeat yet")
+    return context
+
+
+class _Check:
+    """What the daemon checks and shows five times a second."""
+
+    def __init__(self, context: RunContext, watch: Callable[[], None], progress: Progress) -> None:
+        self._context = context
+        self._watch = watch
+        self._progress = progress
+        self._links = LinkMonitor(context.links, clock_us())
+        separation_m = context.scenario.mission.separation_m
+        self._health = HealthMonitor(context.state_view, separation_m, round(STATUS_EVERY_S * 1e6))
+
+    def __call__(self) -> None:
+        """Raise the engine's defect if it has one."""
+        context = self._context
+        self._watch()
+        if context.service.defect is not None:
+            raise context.service.defect
+        _look_around(context, self._health, self._links)
+        self._progress(context.record, context.world)
+        context.ring()
 
 
 def _journal_of(
@@ -273,82 +334,6 @@ def replay(cut_off: Unfinished, service: Engine) -> None:
             return
 
 
-def doors_of(
-    settings: ServiceSection,
-    out: Path,
-    site: str,
-    stack: contextlib.AsyncExitStack,
-    address: Callable[[str], None],
-    logs: bool,
-) -> list[Door]:
-    """The interfaces that the settings configure; other interfaces are not imported.
-
-    ``site`` is the name of the run in MQTT topics and Cursor on Target events.
-    """
-    from mission_service.runtime.systemd_notify import pulse
-
-    doors: list[Door] = [pulse]
-    if logs:
-        from mission_service.runtime.service_log import news_to_log
-
-        doors.append(news_to_log)
-    if settings.http is not None:
-        from mission_service.interfaces.api.listener import http_door
-
-        door = stack.enter_context(http_door(settings.http, out))
-        address(door.address)
-        doors.append(door)
-    if settings.mqtt is not None:
-        from mission_service.interfaces.mqtt.publisher import mqtt_door
-
-        doors.append(mqtt_door(settings.mqtt, site))
-    if settings.cot is not None:
-        from mission_service.interfaces.cot.sender import cot_door
-
-        doors.append(cot_door(settings.cot, site))
-    return doors
-
-
-def desk_of(
-    scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
-) -> RequestHandler:
-    """The handler of operators' requests; the frames that a request causes are sent at once."""
-    burn = scenario.burn_flown
-    stations = () if burn is None else tuple(station.name for station in burn.stations)
-    items = () if burn is None else burn.go_items
-
-    def told(event: AnyOperatorEvent) -> list[str]:
-        news = service.record.news
-        before = len(news)
-        service.tell(event, clock_us())
-        for on_it in connected(links):
-            on_it[0].connection.flush()
-        return [announced.text for _, announced in news[before:]]
-
-    def status() -> dict[str, Any]:
-        return {
-            "scenario": scenario.name,
-            "at_s": clock.now_us / 1e6,
-            "stations": stations,
-            "items": items,
-            **service.status(),
-            "guidance": service.core.guidance.status(),
-        }
-
-    def on_map(lat_deg: float, lon_deg: float) -> bool:
-        landscape = service.world.landscape
-        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
-
-    def burned_ha() -> float:
-        service.world.advance(clock.now_us)
-        return service.world.fire.burned_ha
-
-    names = tuple(section.name for section in scenario.flown)
-    scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
-    area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return RequestHandler(told, status, lambda: clock.now_us, scope, area)
-
-
 def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     """Frames that links refused since the last call: pairs of vehicle and announcement."""
     return [
@@ -403,14 +388,14 @@ async def _told_to_stop(context: RunContext) -> None:
                 await context.changed(context.state_view.version)
 
 
-async def _fly(on_it: list[Link], service: Engine, context: RunContext) -> None:
+async def _fly(on_it: list[Link], context: RunContext) -> None:
     """Pass the events of all vehicles of one connection to the service until cancelled."""
     connection = on_it[0].connection
     while True:
         await connection.wait()
         now_us = clock_us()
         for link in on_it:
-            service.take(link.gateway.events(now_us), now_us)
+            context.service.take(link.gateway.events(now_us), now_us)
         connection.flush()
         context.ring()
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from mission_service.events import Aborted, Observed, Resumed, Telemetry
 from mission_service.fire.observed import ObservedFire
+from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.stage import Stage
 
@@ -21,57 +22,88 @@ Cell = tuple[int, int]  # row, col
 
 def fire_stage(recorded: JournalReader) -> Stage:
     """Recompute every observation from the position that follows it in the journal."""
-    fire = recorded.fire()
-    counts = {"observations": 0, "cells": 0, "within tolerance": 0, "beyond tolerance": 0}
-    without = 0
-    seen: tuple[str, Observed] | None = None  # where it stands, and what it is
-    difference, details = None, list[dict[str, Any]]()
-
-    def differs(words: str, *cells: dict[str, Any]) -> None:
-        nonlocal difference
-        if difference is None:
-            difference = words
-            details.extend(cells)
-
+    comparison = _Comparison(recorded)
     for reader, entry in recorded.readable():
+        comparison.read(reader, entry)
+        comparison.burn(entry)
+    return comparison.stage()
+
+
+class _Comparison:
+    """Recorded observations against those of the fire burned again, entry by entry."""
+
+    def __init__(self, recorded: JournalReader) -> None:
+        self._recorded = recorded
+        self._fire = recorded.fire()
+        self._counts = {
+            "observations": 0,
+            "cells": 0,
+            "within tolerance": 0,
+            "beyond tolerance": 0,
+        }
+        self._without_position = 0
+        self._pending: tuple[str, Observed] | None = None  # with its place
+        self._difference: str | None = None  # the first
+        self._details: list[dict[str, Any]] = []
+
+    def read(self, reader: SegmentReader, entry: Entry) -> None:
+        """Compare the pending observation with the fire if the entry is its position."""
         content = entry.content
         if not entry.sure:  # it may have burned otherwise
-            seen = None
+            self._pending = None
         match content:
-            case Observed() if not entry.sure:
-                without += not content.corrects
+            case Observed(corrects=False) if not entry.sure:
+                self._without_position += 1
             case Observed(corrects=False):
-                if seen is not None:
-                    differs(f"{seen[0]}: no position of {seen[1].vehicle} follows at its time")
-                seen = (recorded.place(reader, entry), content)
-            case Telemetry() if seen is not None and seen[1].vehicle == content.vehicle:
-                (where, told), seen = seen, None
+                if self._pending is not None:
+                    self._position_missing(*self._pending)
+                self._pending = (self._recorded.place(reader, entry), content)
+            case Telemetry() if self._pending and self._pending[1].vehicle == content.vehicle:
+                (where, told), self._pending = self._pending, None
                 if not entry.intact:
-                    without += 1
+                    self._without_position += 1
                 elif told.at_us != content.at_us:
-                    differs(f"{where}: no position of {told.vehicle} follows at its time")
+                    self._position_missing(where, told)
                 else:
-                    again = fire.seen_from(content)
-                    counts["observations"] += 1
-                    counts["cells"] += sum(map(len, told.cells)) - _unseen(told)
-                    for cell in () if again == told else _cells(told, again, content, fire):
-                        beyond = cell.pop("beyond")
-                        counts["beyond tolerance" if beyond else "within tolerance"] += 1
-                        if beyond:
-                            differs(f"{where}: {_in_words(told, cell)}", cell)
-            case Resumed() | Aborted() if seen is not None:  # its position was not written down
-                without, seen = without + 1, None
+                    self._compare(where, told, content)
+            case Resumed() | Aborted() if self._pending:  # its position was not written down
+                self._without_position, self._pending = self._without_position + 1, None
             case _:
                 pass
+
+    def burn(self, entry: Entry) -> None:
+        """Apply the entry to the fire."""
         if entry.is_event:
-            fire.past(content)  # type: ignore[arg-type]
+            self._fire.past(entry.content)  # type: ignore[arg-type]
         else:
-            fire.ordered(content)  # type: ignore[arg-type]
-    without += seen is not None
-    exact = not counts["within tolerance"] and not counts["beyond tolerance"]
-    note = ["every cell the same" if exact else "burned on another machine?"]
-    note += [f"{without} observations without a position"] if without else []
-    return Stage("fire", counts, difference, details, "; ".join(note))
+            self._fire.ordered(entry.content)  # type: ignore[arg-type]
+
+    def stage(self) -> Stage:
+        """The result, after the last entry."""
+        without = self._without_position + (self._pending is not None)
+        counts = self._counts
+        exact = not counts["within tolerance"] and not counts["beyond tolerance"]
+        note = ["every cell the same" if exact else "burned on another machine?"]
+        note += [f"{without} observations without a position"] if without else []
+        return Stage("fire", counts, self._difference, self._details, "; ".join(note))
+
+    def _compare(self, where: str, told: Observed, here: Telemetry) -> None:
+        again = self._fire.seen_from(here)
+        self._counts["observations"] += 1
+        self._counts["cells"] += sum(map(len, told.cells)) - _unseen(told)
+        for cell in () if again == told else _cells(told, again, here, self._fire):
+            beyond = cell.pop("beyond")
+            self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
+            if beyond:
+                self._differs(f"{where}: {_in_words(told, cell)}", cell)
+
+    def _position_missing(self, where: str, told: Observed) -> None:
+        self._differs(f"{where}: no position of {told.vehicle} follows at its time")
+
+    def _differs(self, words: str, *cells: dict[str, Any]) -> None:
+        if self._difference is None:
+            self._difference = words
+            self._details.extend(cells)
 
 
 def _unseen(told: Observed) -> int:

@@ -37,7 +37,6 @@ class RunContext:
         request_handler: RequestHandler,
         clock: MissionClock,
         links: dict[str, Link],
-        out: Path,
         journal_path: Path,
     ) -> None:
         self.scenario = scenario
@@ -47,7 +46,6 @@ class RunContext:
         self.request_handler = request_handler
         self.clock = clock
         self.links = links
-        self.out = out
         self.journal_path = journal_path
         self.not_ready: dict[str, str] = {}  # what the service lacks, and why
         self.stopping = False
@@ -56,6 +54,11 @@ class RunContext:
         ] = {}  # of single interfaces, for interfaces/metrics.py
         self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
         self._bell = asyncio.Event()
+
+    @property
+    def out(self) -> Path:
+        """The folder of the run."""
+        return self.journal_path.parent
 
     @property
     def core(self) -> Core:

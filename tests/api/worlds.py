@@ -97,7 +97,6 @@ def world_in(out: Path, scenario: Scenario) -> World:
         request_handler,
         clock,
         {},
-        out,
         out / "journal.jsonl",
     )
     return World(simulation, context, told)

@@ -103,10 +103,9 @@ def test_what_is_written_has_the_names_of_wfigs_and_is_honest() -> None:
     assert properties["PolygonDateTime"] == DRAWN_MS
     assert properties["CreateDate"] == properties["DateCurrent"] == WRITTEN_MS
     assert properties["IRWINID"] is None
-    (unknown,) = out(prescribed=True, map_method="GPS-Flight")["features"]
+    (unknown,) = out(prescribed=True)["features"]
     assert unknown["properties"]["PolygonDateTime"] is None
     assert unknown["properties"]["FeatureCategory"] == "Prescribed Fire"
-    assert unknown["properties"]["MapMethod"] == "GPS-Flight"
 
 
 @pytest.mark.parametrize("kind", ["geojson", "kml", "kmz"])

@@ -60,7 +60,6 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
         cast(Any, SimpleNamespace(now_us=300_000_000)),
         {},
         Path(),
-        Path(),
     )
 
 

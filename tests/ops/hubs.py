@@ -36,7 +36,7 @@ def hub_after_a_flight(out: Path) -> Iterator[RunContext]:
     request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)
     settings, journal_path = ServiceSection(), out / "journal.jsonl"
     yield RunContext(
-        scenario, settings, service, state_view, request_handler, clock, {}, out, journal_path
+        scenario, settings, service, state_view, request_handler, clock, {}, journal_path
     )
     journal.close()
 

@@ -30,7 +30,8 @@ from mission_service.journal.journal_file import Journal, SegmentReader, event_b
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
-from mission_service.live.daemon import desk_of, replay
+from mission_service.live.daemon import replay
+from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
@@ -183,7 +184,9 @@ def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
     with monkeypatch.context() as patch:
         patch.setattr(gateway, "execute", lambda command, now_us: done.append(command))
         defective(patch, FOLDS[name](service), OrderGiven)
-        request_handler = desk_of(simulation.service._scenario, service, simulation.clock, {})
+        request_handler = request_handler_of(
+            simulation.service._scenario, service, simulation.clock, {}
+        )
         for _ in range(2):
             answer = request_handler.ask(
                 {"do": "hold", "vehicle": "hawk", "by": "ann", "station": "desk"}

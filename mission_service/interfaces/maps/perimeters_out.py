@@ -24,7 +24,6 @@ def perimeter_geojson(
     *,
     name: str,
     written_unix_ms: int,
-    map_method: str = "Modeled",
     prescribed: bool = False,
     time_zero: datetime | None = None,
     start_area: StartArea | None = None,
@@ -32,17 +31,15 @@ def perimeter_geojson(
     """A FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
 
     Properties are those of the US interagency perimeters (WFIGS, there with ``poly_`` before them);
-    times in ms since 1970 UTC. ``map_method`` says how it is known ("Modeled" for a simulation,
-    "GPS-Flight" or "IR Image Interpretation" for what was seen). ``time_zero`` is 0 s by the
-    calendar; without it nobody can say of when the polygon is, and PolygonDateTime is None.
-    ``written_unix_ms`` is now.
+    times in ms since 1970 UTC. ``time_zero`` is 0 s by the calendar; without it PolygonDateTime is
+    None. ``written_unix_ms`` is now.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     of_when = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)
     properties = {
         "IncidentName": name,
         "FeatureCategory": "Prescribed Fire" if prescribed else "Wildfire Daily Fire Perimeter",
-        "MapMethod": map_method,
+        "MapMethod": "Modeled",
         "GISAcres": round(area.area / M2_PER_ACRE, 2),
         "CreateDate": written_unix_ms,
         "DateCurrent": written_unix_ms,

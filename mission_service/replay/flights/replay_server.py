@@ -18,7 +18,8 @@ from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
-from mission_service.live.daemon import doors_of, stop_on_signals, untold
+from mission_service.live.daemon import stop_on_signals, untold
+from mission_service.live.interfaces import doors_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Replaying
@@ -193,7 +194,7 @@ def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> RunContex
     request_handler = ReplayDesk(player, clock_us)
     path = show.out / JOURNAL
     context = RunContext(
-        scenario, settings, service, player.state_view, request_handler, clock, {}, show.out, path
+        scenario, settings, service, player.state_view, request_handler, clock, {}, path
     )
     context.replay = player.state
     player.state_view.tell_replay()

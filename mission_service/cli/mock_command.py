@@ -1,0 +1,126 @@
+"""``mission-service mock``: mock autopilots in a process of their own. Heavy imports are lazy."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import click
+
+from mission_service.cli.options import SIGNING_KEY
+
+
+@dataclass(frozen=True, kw_only=True)
+class MockOptions:
+    """The options of ``mock``."""
+
+    stack: str
+    vehicle: str | None
+    count: int
+    system_id: int
+    home: str
+    link: str | None
+    listen: str | None
+    speedup: float
+    wind: str
+    battery_minutes: float | None
+    terrain_amsl_m: float | None
+    faults: tuple[str, ...]
+    parameters: tuple[str, ...]
+    seed: int
+    signing_key: str | None
+    as_json: bool
+    until_eof: bool
+
+
+@click.command()
+@click.argument("scenario", required=False)
+@click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
+@click.option(
+    "--vehicle",
+    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all, each on "
+    "its own link; with --link or --listen only the first).",
+)
+@click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
+@click.option(
+    "--system-id", type=click.IntRange(1, 250), default=1, help="System id of the first vehicle."
+)
+@click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
+@click.option(
+    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the link of the vehicle there."
+)
+@click.option("--listen", help="Instead of --link: listen at HOST:PORT (UDP), udpin or tcpin.")
+@click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
+@click.option("--wind", default="0,0", help="A steady wind as FROM_DEG,SPEED_M_S, e.g. 240,5.")
+@click.option(
+    "--battery",
+    "battery_minutes",
+    type=click.FloatRange(0.1, 10_000),
+    metavar="MINUTES",
+    help="Battery capacity in minutes of flight; at 15 % the vehicle returns home.",
+)
+@click.option(
+    "--terrain",
+    "terrain_amsl_m",
+    type=click.FloatRange(-500, 9000),
+    metavar="AMSL_M",
+    help="Height of the flat ground; a vehicle that flies below it crashes.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="FAULT",
+    help="Inject a fault (repeatable), e.g. reboot@30; see docs/autopilots.md.",
+)
+@click.option(
+    "--param",
+    "parameters",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Set a parameter of the autopilot (repeatable), e.g. MIS_TKO_LAND_REQ=0.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of random faults.")
+@SIGNING_KEY
+@click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
+@click.option("--until-eof", is_flag=True, hidden=True)  # used by ``demo``
+def mock(scenario: str | None, **values: Any) -> None:
+    """Run mock autopilots in a process of their own, until Ctrl-C.
+
+    With SCENARIO, they are its vehicles, standing at their homes. Without SCENARIO, --count sets
+    their number, and their system ids are consecutive. A mock signs its frames when it has a key:
+    from --signing-key, from SCENARIO or by SETUP_SIGNING.
+    """
+    from mission_service.simulation.mocks import (
+        MockEnvironment,
+        MocksOnLink,
+        by_hand,
+        from_scenario,
+        listening,
+        read_parameters,
+        read_wind,
+        run,
+    )
+
+    options = MockOptions(**values)
+    vehicle = options.vehicle
+    if scenario and options.count > 1:
+        raise click.UsageError("--count is for mocks without a scenario")
+    if not scenario and vehicle not in (None, "plane", "copter"):
+        raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
+    around = MockEnvironment(
+        read_wind(options.wind),
+        options.battery_minutes,
+        options.terrain_amsl_m,
+        options.faults,
+        options.seed,
+        read_parameters(options.parameters),
+    )
+    link = listening(options.listen) if options.listen else options.link
+    if scenario:
+        mocks = from_scenario(scenario, vehicle, link, around)
+    else:
+        kind, first = vehicle or "plane", options.system_id
+        fleet = by_hand(options.stack, kind, first, options.home, options.count, around)
+        mocks = [MocksOnLink(fleet, link or "udpout:127.0.0.1:14550")]
+    if options.signing_key is not None:
+        mocks = [replace(each, signing_key=options.signing_key) for each in mocks]
+    run(mocks, options.speedup, options.as_json, click.echo, options.until_eof)

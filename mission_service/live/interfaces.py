@@ -1,0 +1,96 @@
+"""The interfaces of a live run or a replay, and the handler of their requests."""
+
+import contextlib
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+from mission_service.config.scenario import Scenario
+from mission_service.config.service import ServiceSection
+from mission_service.core.request_events import RequestScope, accepted_in
+from mission_service.events import AnyOperatorEvent
+from mission_service.runtime.clocks import clock_us
+from mission_service.runtime.engine import Engine
+from mission_service.runtime.gateway import MissionClock
+from mission_service.runtime.request_handler import RequestHandler
+from mission_service.runtime.run_context import RunContext
+from mission_service.runtime.vehicle_links import Link, connected
+
+# An interface: a coroutine that runs beside the vehicles until it is cancelled.
+Door = Callable[[RunContext], Coroutine[Any, Any, None]]
+
+
+def doors_of(
+    settings: ServiceSection,
+    out: Path,
+    site: str,
+    stack: contextlib.AsyncExitStack,
+    address: Callable[[str], None],
+    logs: bool,
+) -> list[Door]:
+    """The interfaces that the settings configure; other interfaces are not imported.
+
+    ``site`` is the name of the run in MQTT topics and Cursor on Target events.
+    """
+    from mission_service.runtime.systemd_notify import pulse
+
+    doors: list[Door] = [pulse]
+    if logs:
+        from mission_service.runtime.service_log import news_to_log
+
+        doors.append(news_to_log)
+    if settings.http is not None:
+        from mission_service.interfaces.api.listener import http_door
+
+        door = stack.enter_context(http_door(settings.http, out))
+        address(door.address)
+        doors.append(door)
+    if settings.mqtt is not None:
+        from mission_service.interfaces.mqtt.publisher import mqtt_door
+
+        doors.append(mqtt_door(settings.mqtt, site))
+    if settings.cot is not None:
+        from mission_service.interfaces.cot.sender import cot_door
+
+        doors.append(cot_door(settings.cot, site))
+    return doors
+
+
+def request_handler_of(
+    scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
+) -> RequestHandler:
+    """The handler of operators' requests; the frames that a request causes are sent at once."""
+    burn = scenario.burn_flown
+    stations = () if burn is None else tuple(station.name for station in burn.stations)
+    items = () if burn is None else burn.go_items
+
+    def told(event: AnyOperatorEvent) -> list[str]:
+        news = service.record.news
+        before = len(news)
+        service.tell(event, clock_us())
+        for on_it in connected(links):
+            on_it[0].connection.flush()
+        return [announced.text for _, announced in news[before:]]
+
+    def status() -> dict[str, Any]:
+        return {
+            "scenario": scenario.name,
+            "at_s": clock.now_us / 1e6,
+            "stations": stations,
+            "items": items,
+            **service.status(),
+            "guidance": service.core.guidance.status(),
+        }
+
+    def on_map(lat_deg: float, lon_deg: float) -> bool:
+        landscape = service.world.landscape
+        return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
+
+    def burned_ha() -> float:
+        service.world.advance(clock.now_us)
+        return service.world.fire.burned_ha
+
+    names = tuple(section.name for section in scenario.flown)
+    scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
+    area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
+    return RequestHandler(told, status, lambda: clock.now_us, scope, area)
