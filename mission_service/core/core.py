@@ -57,7 +57,13 @@ from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION,
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import in_words, recognised, unconfirmed
 from mission_service.vehicles.traffic import TrafficManager
-from mission_service.vehicles.vehicle_state import Pending, UnconfirmedState, Vehicle, say
+from mission_service.vehicles.vehicle_state import (
+    MissionPhase,
+    Pending,
+    UnconfirmedState,
+    Vehicle,
+    say,
+)
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
@@ -136,7 +142,7 @@ class Core:
         availability, uploads = vehicle.availability, isinstance(command, UploadMission)
         if availability.taken_over and (availability.airborne or not uploads):
             if uploads:
-                vehicle.pending = None
+                vehicle.drop_upload()
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_crew
@@ -255,6 +261,13 @@ class Core:
         if availability.in_failsafe and availability.mode == MISSION:
             return True  # ArduPlane may land by its mission: a new one would end the landing
         return not availability.position_good  # no decision by dead reckoning
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        for vehicle in self.vehicles.values():
+            vehicle.validate_state()
+        if self._approvals is not None:
+            self._approvals.validate_state(self.vehicles)
 
     # To the fire and home ---------------------------------------------------------------------
 
@@ -448,8 +461,9 @@ class Core:
     def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
-        pending, vehicle.pending = vehicle.pending, None
-        if event.outcome == "accepted":
+        pending, accepted = vehicle.pending, event.outcome == "accepted"
+        vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
+        if accepted:
             return self._accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
@@ -536,7 +550,8 @@ class Core:
         vehicle.sent_home &= vehicle.availability.recalled
         if vehicle.sent_home:
             vehicle.return_again_at_s = at_s
-        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
+        vehicle.drop_upload()
+        vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.traffic.forget(vehicle.name)

@@ -104,6 +104,7 @@ class Turns:
         try:
             commands = self.core.handle(event)
             again = self.twin.handle(event)
+            self.core.validate_state()
         except Exception as error:  # any at all: that there is none is what is judged
             self._log.append(f"{_in_words(event)} raises {error!r}")
             self._report(Violation("raises", repr(error)))
