@@ -94,7 +94,7 @@ FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
 
 
 class InvalidTransitionError(RuntimeError):
-    """A defect: a transfer went from one phase to one that cannot follow. Carries its history."""
+    """A defect: a state was entered that cannot follow the one before. Carries the history."""
 
 
 class VehicleState(NamedTuple):

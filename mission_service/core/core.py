@@ -4,7 +4,8 @@ Simulation, live flight, replay and tests run the same core on events from diffe
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
@@ -56,7 +57,13 @@ from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION,
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import in_words, recognised, unconfirmed
 from mission_service.vehicles.traffic import TrafficManager
-from mission_service.vehicles.vehicle_state import Pending, Vehicle, say
+from mission_service.vehicles.vehicle_state import (
+    MissionPhase,
+    Pending,
+    UnconfirmedState,
+    Vehicle,
+    say,
+)
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
@@ -135,7 +142,7 @@ class Core:
         availability, uploads = vehicle.availability, isinstance(command, UploadMission)
         if availability.taken_over and (availability.airborne or not uploads):
             if uploads:
-                vehicle.pending = None
+                vehicle.drop_upload()
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_crew
@@ -167,57 +174,56 @@ class Core:
         return [*self._orders.take(event), *self.guidance.told(event)]
 
     def _answer(
-        self,
-        vehicle: Vehicle,
-        event: VehicleEvent,
-        decision: Decision | None,
-        was: "_Was",
+        self, vehicle: Vehicle, event: VehicleEvent, decision: Decision | None, was: "_Was"
     ) -> list[AnyCommand]:
         match event:
             case Telemetry():
-                at_s = event.at_us / 1e6
-                told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
-                if vehicle.availability.airborne and not was.airborne:
-                    vehicle.start_again_at_s = None  # the due start was this takeoff
-                    told += self._found_in_air(vehicle, was)
-                return [*told, *self._moved(vehicle, at_s, decision)]
-            case UploadFinished():
-                return self._upload_finished(vehicle, event)
-            case VehicleConnected():
-                vehicle.atomic_upload = event.atomic_upload
-                return [say(vehicle, f"connected ({event.stack})")]
-            case LinkLost():
-                then = "the mission on board ends in a loiter"
-                left = vehicle.availability.taken_over or vehicle.availability.recalled
-                if left or not self.guidance.in_mission(vehicle.name):
-                    then = "it keeps circling, or its autopilot carries out its failsafe"
-                words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
-                return [say(vehicle, words, warning=True)]
-            case LinkRestored():
-                vehicle.flown_line = None  # a new mission is due: the front has moved on
-                return [say(vehicle, "link restored")]
+                return self._telemetry(vehicle, event.at_us / 1e6, decision, was)
+            case ModeChanged():
+                return self._mode_changed(vehicle, event, was)
             case VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
-            case CommandFinished():
-                return self._command_finished(vehicle, event)
-            case MissionReadBack():
-                return self._held(vehicle, event)
-            case ModeChanged():
-                vehicle.mode = event.mode
-                return self._mode_changed(vehicle, event, was)
-            case AirspeedMeasured():
-                vehicle.airspeed_m_s = event.airspeed_m_s
-                return []
-            case MissionProgress(current_seq=seq) if seq > 0:
-                vehicle.takes_off = False  # the takeoff item is completed
-                return []
             case SystemStateChanged() | FenceStatusChanged():
                 told = reported(vehicle, event)
                 if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
                     told += self._taken_over(vehicle)
                 return told
             case _:
-                return reported(vehicle, event)
+                answer = self._ANSWERS.get(type(event))
+                return reported(vehicle, event) if answer is None else answer(self, vehicle, event)
+
+    def _telemetry(
+        self, vehicle: Vehicle, at_s: float, decision: Decision | None, was: "_Was"
+    ) -> list[AnyCommand]:
+        told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
+        if vehicle.availability.airborne and not was.airborne:
+            vehicle.start_again_at_s = None  # the due start was this takeoff
+            told += self._found_in_air(vehicle, was)
+        return [*told, *self._moved(vehicle, at_s, decision)]
+
+    def _connected(self, vehicle: Vehicle, event: VehicleConnected) -> list[AnyCommand]:
+        vehicle.atomic_upload = event.atomic_upload
+        return [say(vehicle, f"connected ({event.stack})")]
+
+    def _link_lost(self, vehicle: Vehicle, event: LinkLost) -> list[AnyCommand]:
+        then = "the mission on board ends in a loiter"
+        left = vehicle.availability.taken_over or vehicle.availability.recalled
+        if left or not self.guidance.in_mission(vehicle.name):
+            then = "it keeps circling, or its autopilot carries out its failsafe"
+        words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
+        return [say(vehicle, words, warning=True)]
+
+    def _link_restored(self, vehicle: Vehicle, event: LinkRestored) -> list[AnyCommand]:
+        vehicle.flown_line = None  # a new mission is due: the front has moved on
+        return [say(vehicle, "link restored")]
+
+    def _airspeed_measured(self, vehicle: Vehicle, event: AirspeedMeasured) -> list[AnyCommand]:
+        vehicle.airspeed_m_s = event.airspeed_m_s
+        return []
+
+    def _progressed(self, vehicle: Vehicle, event: MissionProgress) -> list[AnyCommand]:
+        vehicle.takes_off &= event.current_seq == 0  # later, the takeoff item is completed
+        return []
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         availability = vehicle.availability
@@ -230,12 +236,8 @@ class Core:
             return self._return_again(vehicle, at_s)
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if vehicle.unconfirmed is not None and not self._way.prescribed:
-            return []  # wait until its mission is read back
-        if availability.in_failsafe and availability.mode == MISSION:
-            return []  # ArduPlane may land by its mission: a new one would end the landing
-        if not availability.position_good:
-            return []  # no decision by dead reckoning: it flies the mission on board
+        if self._is_left_alone(vehicle):
+            return []
         commands: list[AnyCommand] = []
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
@@ -250,6 +252,22 @@ class Core:
             led_home = self.guidance.way_home(vehicle, here)
             return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, here)]
+
+    def _is_left_alone(self, vehicle: Vehicle) -> bool:
+        """Whether a vehicle that no order concerns flies what it has on board, undecided on."""
+        availability = vehicle.availability
+        if vehicle.unconfirmed is not None and not self._way.prescribed:
+            return True  # wait until its mission is read back
+        if availability.in_failsafe and availability.mode == MISSION:
+            return True  # ArduPlane may land by its mission: a new one would end the landing
+        return not availability.position_good  # no decision by dead reckoning
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        for vehicle in self.vehicles.values():
+            vehicle.validate_state()
+        if self._approvals is not None:
+            self._approvals.validate_state(self.vehicles)
 
     # To the fire and home ---------------------------------------------------------------------
 
@@ -331,7 +349,7 @@ class Core:
         return [Return(vehicle.name)]
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
-        availability = vehicle.availability
+        availability, vehicle.mode = vehicle.availability, event.mode
         if was.armed and not event.armed:
             return self._disarmed(vehicle, was.airborne)
         if event.mode == MISSION and event.armed:
@@ -374,63 +392,78 @@ class Core:
         self.traffic.forget(vehicle.name)
         return [*ended, say(vehicle, "landed")]
 
-    def _held(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
+    def _read_back(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
         """Handle the mission read back after a restart of the service; a burn only announces it."""
-        at_s, name, availability = event.at_us / 1e6, vehicle.name, vehicle.availability
+        at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
             return []
+        words = say(vehicle, in_words(event))
         if self._way.prescribed:
-            return [say(vehicle, in_words(event))]
-        commands: list[AnyCommand] = [say(vehicle, in_words(event))]
+            return [words]
+        accepted: list[AnyCommand] = []
         vehicle.read_back = recognised(vehicle, was, event)
         if vehicle.read_back == "new":
             assert was.pending is not None
-            commands += self._accepted(vehicle, was.pending, at_s)
+            accepted = self._accepted(vehicle, was.pending, at_s)
         sent_home = was.recalled and not vehicle.ordered and not availability.taken_over
         if sent_home and availability.airborne and vehicle.mode not in GOING_HOME:
-            self.decision_engine.recall(name, at_s)
-            return [commands[0], Return(name)]
+            self.decision_engine.recall(vehicle.name, at_s)
+            return [words, Return(vehicle.name)]
         if vehicle.ordered:
             if vehicle.mode in ("mission", *GOING_HOME):
                 vehicle.hold_again_at_s = at_s
-            return [
-                commands[0],
-                say(vehicle, "an earlier order to hold applies until it is resumed", warning=True),
-            ]
+            held = "an earlier order to hold applies until it is resumed"
+            return [words, say(vehicle, held, warning=True)]
         if not availability.airborne:
-            if vehicle.waits_for_crew:
-                commands.append(say(vehicle, WAITS, warning=True))
-            elif was.starting and vehicle.flown_line is not None:
-                vehicle.start_again_at_s = at_s
-            elif vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s):
-                vehicle.holding, vehicle.start_again_at_s = True, None
-            elif vehicle.started and not vehicle.start_again_at_s:  # landed or rebooted meanwhile
-                commands.append(say(vehicle, WAITS, warning=True))
-        elif availability.taken_over:
-            pass
-        elif was.resumed and vehicle.read_back == "unknown":
-            vehicle.started = False  # it gets a new mission and starts that
-        elif was.resumed:
-            commands.append(StartMission(name))
+            return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
+        starts = any(isinstance(command, StartMission) for command in accepted)
+        return [words, *accepted, *self._continued_in_air(vehicle, was, starts)]
+
+    def _continued_on_ground(
+        self, vehicle: Vehicle, was: UnconfirmedState, at_s: float
+    ) -> list[AnyCommand]:
+        """Repeat a start that was under way before the restart, unless it needs an order."""
+        waits = vehicle.waits_for_crew
+        if not waits and was.starting and vehicle.flown_line is not None:
+            vehicle.start_again_at_s = at_s
         elif (
-            availability.recalled or vehicle.mode == "mission" or not self.guidance.in_mission(name)
+            not waits and vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s)
         ):
-            pass
-        elif was.starting or was.pending is not None:  # it holds for a start or an upload
-            if vehicle.flown_line is None:
-                vehicle.holding = True
-            elif not any(isinstance(command, StartMission) for command in commands):
-                commands.append(StartMission(name))
-        return commands
+            vehicle.holding, vehicle.start_again_at_s = True, None
+        else:  # it landed or rebooted meanwhile
+            waits = waits or (vehicle.started and not vehicle.start_again_at_s)
+        return [say(vehicle, WAITS, warning=True)] if waits else []
+
+    def _continued_in_air(
+        self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
+    ) -> list[AnyCommand]:
+        """Start the mission of a vehicle that was resumed, or holds for a start or an upload."""
+        if vehicle.availability.taken_over:
+            return []
+        if was.resumed and vehicle.read_back == "unknown":
+            vehicle.started = False  # it gets a new mission and starts that
+            return []
+        if was.resumed:
+            return [StartMission(vehicle.name)]
+        in_mission = vehicle.mode == MISSION or not self.guidance.in_mission(vehicle.name)
+        if vehicle.availability.recalled or in_mission:
+            return []
+        if not was.starting and was.pending is None:
+            return []
+        if vehicle.flown_line is None:
+            vehicle.holding = True
+            return []
+        return [] if starts else [StartMission(vehicle.name)]
 
     # Missions ---------------------------------------------------------------------------------
 
     def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
-        pending, vehicle.pending = vehicle.pending, None
-        if event.outcome == "accepted":
+        pending, accepted = vehicle.pending, event.outcome == "accepted"
+        vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
+        if accepted:
             return self._accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
@@ -517,7 +550,8 @@ class Core:
         vehicle.sent_home &= vehicle.availability.recalled
         if vehicle.sent_home:
             vehicle.return_again_at_s = at_s
-        vehicle.pending = vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
+        vehicle.drop_upload()
+        vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
         vehicle.takes_off = False
         vehicle.waits_for_crew |= was.airborne
         self.traffic.forget(vehicle.name)
@@ -525,6 +559,18 @@ class Core:
         then = waits if vehicle.waits_for_crew else "a mission is sent"
         words = say(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
+
+    # What follows an event of a vehicle, whatever its state was before.
+    _ANSWERS: ClassVar[dict[type[VehicleEvent], Callable[..., list[AnyCommand]]]] = {
+        UploadFinished: _upload_finished,
+        VehicleConnected: _connected,
+        LinkLost: _link_lost,
+        LinkRestored: _link_restored,
+        CommandFinished: _command_finished,
+        MissionReadBack: _read_back,
+        AirspeedMeasured: _airspeed_measured,
+        MissionProgress: _progressed,
+    }
 
 
 class _Was(NamedTuple):

@@ -4,14 +4,11 @@ The core turns decisions into missions. ``decide`` runs this part alone on a jou
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import (
-    AnyCommand,
-    StartMission,
-    UploadMission,
-)
+from mission_service.commands import AnyCommand, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     SERVICE,
@@ -64,46 +61,12 @@ class DecisionEngine:
 
     def take(self, event: VehicleEvent) -> Decision | None:
         """Apply one event; returns the planner's decision, if any."""
-        name, at_s = event.vehicle, event.at_us / 1e6
-        availability = self.availability[name]
-        match event:
-            case Telemetry():
-                return self._moved(availability, event)
-            case Observed(corrects=True):
-                self.planners[name].correct(event)
-            case Observed():
-                self.planners[name].observe(event)
-            case WindMeasured() if (
-                availability.airborne
-            ):  # on the ground the estimate is unreliable
-                availability.wind_m_s = event.speed_m_s
-                self.planners[name].wind(event.speed_m_s, event.from_deg, at_s)
-            case VehicleConnected() | LinkRestored():
-                availability.online = True
-            case LinkLost():
-                availability.online = False
-                self.planners[name].left(at_s)
-            case VehicleRebooted():
-                self.availability[name].restart()
-                self.planners[name].left(at_s)
-            case ModeChanged():
-                self._mode_changed(availability, event)
-            case CommandFinished() if event.command in ANSWERS:
-                availability.answered(ANSWERS[event.command], at_s)
-            case UploadFinished():
-                availability.answered(UploadMission, at_s)
-            case SystemStateChanged():
-                availability.system_state = event.state
-                self._look_for_failsafe(name, at_s)
-            case FenceStatusChanged():
-                availability.fence_breached = event.breached
-                self._look_for_failsafe(name, at_s)
-            case GpsFixChanged():
-                self._measured(name, at_s, fix_good=event.good)
-            case EstimatorStatusChanged():
-                self._measured(name, at_s, estimator_healthy=event.healthy)
-            case _:
-                pass
+        availability = self.availability[event.vehicle]
+        if isinstance(event, Telemetry):
+            return self._moved(availability, event)
+        change = self._CHANGES.get(type(event))
+        if change is not None:
+            change(self, availability, event)
         return None
 
     def recall(self, name: str, at_s: float) -> None:
@@ -141,6 +104,42 @@ class DecisionEngine:
         holds_now = not availability.needs_confirmation("hold")
         availability.recalled &= not holds_now
         return holds_now
+
+    def _observed(self, availability: VehicleAvailability, event: Observed) -> None:
+        planner = self.planners[event.vehicle]
+        (planner.correct if event.corrects else planner.observe)(event)
+
+    def _wind_measured(self, availability: VehicleAvailability, event: WindMeasured) -> None:
+        if availability.airborne:  # on the ground the estimate is unreliable
+            availability.wind_m_s = event.speed_m_s
+            self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, event.at_us / 1e6)
+
+    def _on_link(
+        self, availability: VehicleAvailability, event: VehicleConnected | LinkRestored | LinkLost
+    ) -> None:
+        availability.online = not isinstance(event, LinkLost)
+        if not availability.online:
+            self.planners[event.vehicle].left(event.at_us / 1e6)
+
+    def _rebooted(self, availability: VehicleAvailability, event: VehicleRebooted) -> None:
+        availability.restart()
+        self.planners[event.vehicle].left(event.at_us / 1e6)
+
+    def _answered(
+        self, availability: VehicleAvailability, event: CommandFinished | UploadFinished
+    ) -> None:
+        kind = UploadMission if isinstance(event, UploadFinished) else ANSWERS.get(event.command)
+        if kind is not None:
+            availability.answered(kind, event.at_us / 1e6)
+
+    def _status_changed(
+        self, availability: VehicleAvailability, event: SystemStateChanged | FenceStatusChanged
+    ) -> None:
+        if isinstance(event, SystemStateChanged):
+            availability.system_state = event.state
+        else:
+            availability.fence_breached = event.breached
+        self._look_for_failsafe(event.vehicle, event.at_us / 1e6)
 
     def _mode_changed(self, availability: VehicleAvailability, event: ModeChanged) -> None:
         at_s, before = event.at_us / 1e6, (availability.mode, availability.armed)
@@ -184,22 +183,17 @@ class DecisionEngine:
             availability.mode_is_ordered = availability.held_by_upload = False
             self.planners[name].left(at_s)
 
-    def _measured(
-        self,
-        name: str,
-        at_s: float,
-        fix_good: bool | None = None,
-        estimator_healthy: bool | None = None,
+    def _position_measured(
+        self, availability: VehicleAvailability, event: GpsFixChanged | EstimatorStatusChanged
     ) -> None:
         """Record whether positions are reliable; if not, the vehicle leaves its planner."""
-        availability = self.availability[name]
         was_good = availability.position_good
-        if fix_good is not None:
-            availability.fix_good = fix_good
-        if estimator_healthy is not None:
-            availability.estimator_healthy = estimator_healthy
+        if isinstance(event, GpsFixChanged):
+            availability.fix_good = event.good
+        else:
+            availability.estimator_healthy = event.healthy
         if was_good and not availability.position_good:
-            self.planners[name].left(at_s)
+            self.planners[event.vehicle].left(event.at_us / 1e6)
 
     def _moved(self, availability: VehicleAvailability, told: Telemetry) -> Decision | None:
         x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)
@@ -218,3 +212,19 @@ class DecisionEngine:
         if not availability.flies or at_s < self._deploy_at_s:
             return None
         return self.planners[told.vehicle].at(row, col, at_s)
+
+    _CHANGES: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
+        Observed: _observed,
+        WindMeasured: _wind_measured,
+        VehicleConnected: _on_link,
+        LinkRestored: _on_link,
+        LinkLost: _on_link,
+        VehicleRebooted: _rebooted,
+        ModeChanged: _mode_changed,
+        CommandFinished: _answered,
+        UploadFinished: _answered,
+        SystemStateChanged: _status_changed,
+        FenceStatusChanged: _status_changed,
+        GpsFixChanged: _position_measured,
+        EstimatorStatusChanged: _position_measured,
+    }

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from typing import ClassVar
 
 import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -263,13 +264,12 @@ class Gateway:
                     event.heading_deg,
                 )
             case bridge.Connected():
-                stack = event.stack
                 if self._return_height_m is not None:
                     self.client.command("return height", link_us, self._return_height_m)
                 self._connected = True
                 if self._recognise is not None:
                     self._reading = self.client.download(link_us)
-                return _connected(now_us, name, stack)
+                return _connected(now_us, name, event.stack)
             case bridge.LinkLost():
                 self._lost = True
                 return LinkLost(now_us, name, round(event.silent_us / 1e6, 3))
@@ -278,67 +278,65 @@ class Gateway:
                 if self._recognise is not None and self._reading is None:
                     self._reading = self.client.download(link_us)
                 return LinkRestored(now_us, name)
-            case bridge.SameSystemId() | bridge.RemoteChanged() | bridge.Implausible():
-                self.link_alarms.append((event.kind, str(event)))
-                return None
-            case bridge.AlarmEnded():
-                self.link_alarms.append((event.kind, ""))
-                return None
-            case bridge.ClockChanged():
-                self._offset_us = None
-                return None
-            case bridge.Rebooted():
-                self._offset_us = None
-                self._last.clear()  # all is reported again
-                self._speed_reports = SpeedReports()
-                self._texts.clear()
-                return VehicleRebooted(now_us, name)
-            case bridge.MissionProgress():
-                return MissionProgress(now_us, name, event.current_seq)
-            case bridge.ModeChanged():
-                self._mode = (event.custom_mode, event.armed, event.name)
-                return ModeChanged(now_us, name, *self._mode)
-            case bridge.Wind():
-                speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
-                return WindMeasured(now_us, name, speed_m_s, from_deg)
-            case bridge.Speed():
-                self._told += self._speed_reports.of(event, name, now_us)
-                return None
-            case bridge.TransferFinished(transfer_id=self._reading):
-                self._told += self._held(event.result.items)
-                return None
-            case bridge.TransferFinished():
-                mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
-                if mission_id is None:
-                    return None
-                result = event.result
-                return UploadFinished(now_us, name, mission_id, result.outcome, result.reason)
-            case bridge.DropFinished():
-                command = self._drops.pop(event.drop_id, None)
-                if command is None:
-                    return None
-                return self._drop_finished(command, event.outcome, event.reason)
-            case bridge.Battery() if event.percent is not None:
-                self._battery_pct[event.battery_id] = float(event.percent)
-                return self._news(BatteryUpdated(now_us, name, min(self._battery_pct.values())))
-            case bridge.GpsFix():
-                return self._news(GpsFixChanged(now_us, name, event.fix in GOOD_FIXES, event.fix))
-            case bridge.Text():
-                return self._text(event)
-            case bridge.SystemState():
-                return self._status_changed(SystemStateChanged(now_us, name, event.state))
-            case bridge.LandedState():
-                return self._status_changed(LandedStateChanged(now_us, name, event.state))
-            case bridge.FenceStatus():
-                told = FenceStatusChanged(now_us, name, event.breached, event.kind)
-                return self._status_changed(told)
-            case bridge.EstimatorStatus():
-                problems = EstimatorStatusChanged(now_us, name, event.healthy, event.problems)
-                return self._status_changed(problems)
-            case bridge.CommandFinished():
-                return _command_finished(now_us, name, event)
             case _:
-                return None
+                translation = self._TRANSLATIONS.get(type(event))
+                return None if translation is None else translation(self, event, now_us)
+
+    def _link_alarm(self, event: bridge.LinkAlarm | bridge.AlarmEnded, now_us: int) -> None:
+        words = "" if isinstance(event, bridge.AlarmEnded) else str(event)
+        self.link_alarms.append((event.kind, words))
+
+    def _clock_changed(self, event: bridge.ClockChanged, now_us: int) -> None:
+        self._offset_us = None
+
+    def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
+        self._offset_us = None
+        self._last.clear()  # all is reported again
+        self._speed_reports = SpeedReports()
+        self._texts.clear()
+        return VehicleRebooted(now_us, self.name)
+
+    def _progressed(self, event: bridge.MissionProgress, now_us: int) -> MissionProgress:
+        return MissionProgress(now_us, self.name, event.current_seq)
+
+    def _mode_changed(self, event: bridge.ModeChanged, now_us: int) -> ModeChanged:
+        self._mode = (event.custom_mode, event.armed, event.name)
+        return ModeChanged(now_us, self.name, *self._mode)
+
+    def _wind(self, event: bridge.Wind, now_us: int) -> WindMeasured:
+        speed_m_s, from_deg = round(event.speed_m_s, 2), round(event.from_deg, 1)
+        return WindMeasured(now_us, self.name, speed_m_s, from_deg)
+
+    def _speed(self, event: bridge.Speed, now_us: int) -> None:
+        self._told += self._speed_reports.of(event, self.name, now_us)
+
+    def _transferred(self, event: bridge.TransferFinished, now_us: int) -> UploadFinished | None:
+        result = event.result
+        if event.transfer_id == self._reading:
+            self._told += self._held(result.items)
+            return None
+        mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
+        if mission_id is None:
+            return None
+        return UploadFinished(now_us, self.name, mission_id, result.outcome, result.reason)
+
+    def _commanded(self, event: bridge.CommandFinished, now_us: int) -> CommandFinished:
+        return CommandFinished(now_us, self.name, event.name, event.accepted, event.reason)
+
+    def _dropped(self, event: bridge.DropFinished, now_us: int) -> DropFinished | None:
+        command = self._drops.pop(event.drop_id, None)
+        if command is None:
+            return None
+        return self._drop_finished(command, event.outcome, event.reason)
+
+    def _battery(self, event: bridge.Battery, now_us: int) -> VehicleEvent | None:
+        if event.percent is None:
+            return None
+        self._battery_pct[event.battery_id] = float(event.percent)
+        return self._news(BatteryUpdated(now_us, self.name, min(self._battery_pct.values())))
+
+    def _gps_fix(self, event: bridge.GpsFix, now_us: int) -> VehicleEvent | None:
+        return self._news(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
         """What was read back, and the mode, which is else told when it changes."""
@@ -350,7 +348,7 @@ class Gateway:
         known = 0 if items is None else recognise(items, stack)
         yield MissionReadBack(now_us, self.name, known, None if items is None else len(items))
 
-    def _text(self, event: bridge.Text) -> AutopilotText | None:
+    def _text(self, event: bridge.Text, now_us: int) -> AutopilotText | None:
         """An autopilot's text, unless it is unimportant or a repetition."""
         text = printable(event.text)
         if event.severity > MIN_SEVERITY or not text:
@@ -361,10 +359,20 @@ class Gateway:
             self._texts.pop(next(iter(self._texts)))
         if before_us is not None and event.at_us - before_us < TEXT_AGAIN_AFTER_US:
             return None
-        return AutopilotText(self._clock.now_us, self.name, event.severity, text)
+        return AutopilotText(now_us, self.name, event.severity, text)
 
-    def _status_changed(self, status: StatusChanged) -> StatusChanged:
+    def _status_changed(self, event: bridge.StatusEvent, now_us: int) -> StatusChanged:
         """Keep a state for a restart; the client reports it only on change."""
+        status: StatusChanged
+        match event:
+            case bridge.SystemState():
+                status = SystemStateChanged(now_us, self.name, event.state)
+            case bridge.LandedState():
+                status = LandedStateChanged(now_us, self.name, event.state)
+            case bridge.FenceStatus():
+                status = FenceStatusChanged(now_us, self.name, event.breached, event.kind)
+            case bridge.EstimatorStatus():
+                status = EstimatorStatusChanged(now_us, self.name, event.healthy, event.problems)
         self._status[type(status)] = status
         return status
 
@@ -376,6 +384,30 @@ class Gateway:
             return None
         return told
 
+    # Without those that need the link's clock; other events are of no use to the core.
+    _TRANSLATIONS: ClassVar[dict[type[bridge.ClientEvent], Callable[..., VehicleEvent | None]]] = {
+        bridge.SameSystemId: _link_alarm,
+        bridge.RemoteChanged: _link_alarm,
+        bridge.Implausible: _link_alarm,
+        bridge.AlarmEnded: _link_alarm,
+        bridge.ClockChanged: _clock_changed,
+        bridge.Rebooted: _rebooted,
+        bridge.MissionProgress: _progressed,
+        bridge.ModeChanged: _mode_changed,
+        bridge.Wind: _wind,
+        bridge.Speed: _speed,
+        bridge.TransferFinished: _transferred,
+        bridge.CommandFinished: _commanded,
+        bridge.DropFinished: _dropped,
+        bridge.Battery: _battery,
+        bridge.GpsFix: _gps_fix,
+        bridge.Text: _text,
+        bridge.SystemState: _status_changed,
+        bridge.LandedState: _status_changed,
+        bridge.FenceStatus: _status_changed,
+        bridge.EstimatorStatus: _status_changed,
+    }
+
 
 def printable(text: str) -> str:
     """A text on one line, without control characters."""
@@ -385,7 +417,3 @@ def printable(text: str) -> str:
 
 def _connected(now_us: int, name: str, stack: Stack) -> VehicleConnected:
     return VehicleConnected(now_us, name, f"{stack.name} {stack.vehicle}", stack.atomic_upload)
-
-
-def _command_finished(now_us: int, name: str, event: bridge.CommandFinished) -> CommandFinished:
-    return CommandFinished(now_us, name, event.name, event.accepted, event.reason)

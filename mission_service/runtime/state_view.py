@@ -7,8 +7,8 @@ slowly misses what has passed and never what is. States are flat JSON with units
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
@@ -225,37 +225,44 @@ class StateView:
                 self.wind_told = event
                 self.fire_changed()
             case OrderGiven():
-                for name, vehicle in self.vehicles.items():
-                    if event.vehicle in ("", name) and name not in not_ordered:
-                        vehicle.order = event.order if event.order in ("hold", "return") else ""
-                        vehicle.orbit = None if vehicle.order else vehicle.orbit
-                        self._touch(f"vehicle/{name}")
-                if event.order in ("resume", "start") and not not_ordered:
-                    self.clear("abort")
+                self._ordered(event, not_ordered)
             case Aborted():
                 self.alarm("abort", f"aborted by {event.by or 'somebody'}", "severe")
-                for name, vehicle in self.vehicles.items():
-                    vehicle.order, vehicle.orbit = "hold", None
-                    self._touch(f"vehicle/{name}")
+                for vehicle in self.vehicles.values():
+                    self._order(vehicle, "hold")
             case SettingsChanged():
                 self._touch("status")
             case MissionRefused():
-                mission = self.missions[event.vehicle]
-                proposed = mission.proposed
+                proposed = self.missions[event.vehicle].proposed
                 if proposed is not None and proposed.mission_hash == event.mission_hash:
-                    mission.proposed = None
-                    self._touch(f"mission/{event.vehicle}")
+                    self._withdrawn(event.vehicle)
             case Resumed():
                 for name, vehicle in self.vehicles.items():
                     vehicle.link = "never heard"
-                    self.missions[name].proposed = None
-                    self._touch(f"vehicle/{name}", f"mission/{name}")
+                    self._touch(f"vehicle/{name}")
+                    self._withdrawn(name)
                 self._touch("status")
             case _:
                 pass
 
+    def _ordered(self, event: OrderGiven, not_ordered: set[str]) -> None:
+        order = event.order if event.order in ("hold", "return") else ""
+        for name, vehicle in self.vehicles.items():
+            if event.vehicle in ("", name) and name not in not_ordered:
+                self._order(vehicle, order)
+        if event.order in ("resume", "start") and not not_ordered:
+            self.clear("abort")
+
+    def _order(self, vehicle: VehicleState, order: str) -> None:
+        vehicle.order = order
+        vehicle.orbit = None if order else vehicle.orbit
+        self._touch(f"vehicle/{vehicle.vehicle}")
+
+    def _withdrawn(self, name: str) -> None:
+        self.missions[name].proposed = None
+        self._touch(f"mission/{name}")
+
     def _happened(self, vehicle: VehicleState, event: VehicleEvent) -> None:
-        name = vehicle.vehicle
         match event:
             case Telemetry():
                 self._moved(event)
@@ -263,49 +270,52 @@ class StateView:
             case Observed():
                 self.observations += 1
                 return
-            case VehicleConnected():
-                vehicle.link, vehicle.heard_stack = "online", event.stack
-                self.clear(f"link/{name}")
-                self.clear(f"silent/{name}")
-            case LinkLost():
-                vehicle.link = "lost"
-                self.alarm(f"link/{name}", f"{name}: link lost", "severe", name)
-            case LinkRestored():
-                vehicle.link = "online"
-                self.clear(f"link/{name}")
-            case VehicleRebooted():
-                self.missions[name] = MissionState(event.at_us, name)
-                vehicle.orbit = None
-                self._touch(f"mission/{name}")
-            case ModeChanged():
-                vehicle.mode, vehicle.armed = event.mode, event.armed
-                if not event.armed:
-                    vehicle.orbit = None
-            case BatteryUpdated():
-                vehicle.battery_pct = event.percent
-                self._battery(name, event.percent)
-            case GpsFixChanged():
-                vehicle.position_good, vehicle.position_fix = event.good, event.fix
-                if event.good:
-                    self.clear(f"position/{name}")
-                else:
-                    self.alarm(f"position/{name}", f"{name}: no position fix", "severe", name)
-            case WindMeasured():
-                vehicle.wind_speed_m_s, vehicle.wind_from_deg = event.speed_m_s, event.from_deg
-            case MissionProgress():
-                if vehicle.current_seq == event.current_seq:
-                    return
-                vehicle.current_seq = event.current_seq
-            case UploadFinished():
-                self._uploaded(vehicle, event)
-            case CommandFinished():
-                self._answered(name, event)
-            case DropFinished():
-                self._dropped(vehicle, event)
-            case _:
+            case MissionProgress(current_seq=vehicle.current_seq):
                 return
-        vehicle.at_us = event.at_us
-        self._touch(f"vehicle/{name}")
+            case _:
+                happened = self._HAPPENED.get(type(event))
+        if happened is not None:
+            happened(self, vehicle, event)
+            vehicle.at_us = event.at_us
+            self._touch(f"vehicle/{vehicle.vehicle}")
+
+    def _linked(
+        self, vehicle: VehicleState, event: VehicleConnected | LinkLost | LinkRestored
+    ) -> None:
+        name = vehicle.vehicle
+        if isinstance(event, LinkLost):
+            vehicle.link = "lost"
+            self.alarm(f"link/{name}", f"{name}: link lost", "severe", name)
+            return
+        vehicle.link = "online"
+        self.clear(f"link/{name}")
+        if isinstance(event, VehicleConnected):
+            vehicle.heard_stack = event.stack
+            self.clear(f"silent/{name}")
+
+    def _rebooted(self, vehicle: VehicleState, event: VehicleRebooted) -> None:
+        self.missions[vehicle.vehicle] = MissionState(event.at_us, vehicle.vehicle)
+        vehicle.orbit = None
+        self._touch(f"mission/{vehicle.vehicle}")
+
+    def _mode_changed(self, vehicle: VehicleState, event: ModeChanged) -> None:
+        vehicle.mode, vehicle.armed = event.mode, event.armed
+        if not event.armed:
+            vehicle.orbit = None
+
+    def _gps_fix(self, vehicle: VehicleState, event: GpsFixChanged) -> None:
+        name = vehicle.vehicle
+        vehicle.position_good, vehicle.position_fix = event.good, event.fix
+        if event.good:
+            self.clear(f"position/{name}")
+        else:
+            self.alarm(f"position/{name}", f"{name}: no position fix", "severe", name)
+
+    def _wind_measured(self, vehicle: VehicleState, event: WindMeasured) -> None:
+        vehicle.wind_speed_m_s, vehicle.wind_from_deg = event.speed_m_s, event.from_deg
+
+    def _progressed(self, vehicle: VehicleState, event: MissionProgress) -> None:
+        vehicle.current_seq = event.current_seq
 
     def _moved(self, here: Telemetry) -> None:
         self.telemetry_count += 1
@@ -329,10 +339,11 @@ class StateView:
         )
         self._touch(f"telemetry/{here.vehicle}")
 
-    def _battery(self, name: str, percent: float) -> None:
-        if percent < LOW_BATTERY_PCT:
+    def _battery(self, vehicle: VehicleState, event: BatteryUpdated) -> None:
+        name, vehicle.battery_pct = vehicle.vehicle, event.percent
+        if event.percent < LOW_BATTERY_PCT:
             self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
-        elif percent >= GOOD_BATTERY_PCT:
+        elif event.percent >= GOOD_BATTERY_PCT:
             self.clear(f"battery/{name}")
 
     def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
@@ -353,7 +364,8 @@ class StateView:
             self.alarm(f"mission/{name}", text, "warning", name)
         self._touch(f"mission/{name}")
 
-    def _answered(self, name: str, event: CommandFinished) -> None:
+    def _answered(self, vehicle: VehicleState, event: CommandFinished) -> None:
+        name = vehicle.vehicle
         key = f"order/{name}/{event.command}"
         if event.accepted:
             self.clear(key)
@@ -374,6 +386,35 @@ class StateView:
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
+            case DirectionDecision() | Orbit() | ChangeSpeed():
+                self._led(vehicle, command)
+            case UploadMission() | ProposeMission():
+                self._sent(name, command)
+            case Announce():
+                self.tell(name, command.text, command.level)
+            case RaiseAlarm():
+                text = f"{name}: {command.text}"
+                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
+            case ClearAlarm():
+                self.clear(f"{command.alarm}/{name}")
+            case WithdrawMission():
+                proposed = self.missions[name].proposed
+                if proposed and proposed.mission_id == command.mission_id:
+                    self._withdrawn(name)
+            case ProposePlan():
+                self.plan, self.plan_hash = command.plan, command.plan_hash
+                self._touch("burn")
+            case WithdrawPlan():
+                if command.plan_hash == self.plan_hash:
+                    self.plan, self.plan_hash = None, ""
+                self._touch("burn")
+            case Drop():
+                self._touch("burn")
+            case _:
+                pass
+
+    def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
+        match command:
             case DirectionDecision():
                 vehicle.direction, vehicle.decisions = command.direction, vehicle.decisions + 1
                 vehicle.reversals = command.reversals
@@ -382,46 +423,14 @@ class StateView:
                 vehicle.importance_back = round(command.importance_back, 3)
                 vehicle.importance_front = round(command.importance_front, 3)
                 vehicle.front_cells = command.front_cells
-            case UploadMission() | ProposeMission():
-                self._sent(name, command)
-                return
             case Orbit():
                 circle = (command.lat_deg, command.lon_deg, command.altitude_amsl_m)
-                vehicle.orbit = OrbitState(*circle, command.radius_m, self._view_width_m[name])
+                view_width_m = self._view_width_m[vehicle.vehicle]
+                vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
-            case Announce():
-                self.tell(name, command.text, command.level)
-                return
-            case RaiseAlarm():
-                text = f"{name}: {command.text}"
-                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
-                return
-            case ClearAlarm():
-                self.clear(f"{command.alarm}/{name}")
-                return
-            case WithdrawMission():
-                mission = self.missions[name]
-                if mission.proposed and mission.proposed.mission_id == command.mission_id:
-                    mission.proposed = None
-                    self._touch(f"mission/{name}")
-                return
-            case ProposePlan():
-                self.plan, self.plan_hash = command.plan, command.plan_hash
-                self._touch("burn")
-                return
-            case WithdrawPlan():
-                if command.plan_hash == self.plan_hash:
-                    self.plan, self.plan_hash = None, ""
-                self._touch("burn")
-                return
-            case Drop():
-                self._touch("burn")
-                return
-            case _:
-                return
         vehicle.at_us = self.at_us
-        self._touch(f"vehicle/{name}")
+        self._touch(f"vehicle/{vehicle.vehicle}")
 
     def _sent(self, name: str, command: UploadMission | ProposeMission) -> None:
         proposed = isinstance(command, ProposeMission)
@@ -441,6 +450,22 @@ class StateView:
         else:
             mission.sending, mission.proposed = sent, None
         self._touch(f"mission/{name}")
+
+    # What changes a vehicle's state, besides its telemetry.
+    _HAPPENED: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
+        VehicleConnected: _linked,
+        LinkLost: _linked,
+        LinkRestored: _linked,
+        VehicleRebooted: _rebooted,
+        ModeChanged: _mode_changed,
+        BatteryUpdated: _battery,
+        GpsFixChanged: _gps_fix,
+        WindMeasured: _wind_measured,
+        MissionProgress: _progressed,
+        UploadFinished: _uploaded,
+        CommandFinished: _answered,
+        DropFinished: _dropped,
+    }
 
     # What goes out ----------------------------------------------------------------------------
 

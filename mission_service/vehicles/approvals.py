@@ -8,7 +8,7 @@ import shapely
 
 from mission_service.commands import AnyCommand, ProposeMission, UploadMission, WithdrawMission
 from mission_service.missions.mission_hash import mission_hash
-from mission_service.vehicles.vehicle_state import Pending, Refusal, Vehicle
+from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
 GOOD_FOR_S = 60.0  # an older proposal is planned again, because the front has moved
@@ -54,15 +54,19 @@ class MissionApprovals:
     def _propose(
         self, command: UploadMission, vehicle: Vehicle, at_s: float
     ) -> list[ProposeMission]:
-        pending, vehicle.pending = vehicle.pending, None
+        pending, earlier = vehicle.pending, self._proposals.get(vehicle.name)
         assert pending is not None  # by ``MissionsSent``
         why = command.why
         if vehicle.refusal is not None:
             if not self._differs(vehicle.refusal, pending):
                 vehicle.due = pending.due
+                if earlier is None:
+                    vehicle.enter(MissionPhase.REFUSED)
+                else:
+                    vehicle.enter(MissionPhase.PROPOSED, earlier.pending)
                 return []
             why = f"{why}; unlike the mission that {vehicle.refusal.by} refused"
-        vehicle.proposed = pending
+        vehicle.enter(MissionPhase.PROPOSED, pending)
         self._proposals[vehicle.name] = Proposal(at_s, command, pending)
         mission = (command.mission_id, why, command.items, mission_hash(command.items))
         return [ProposeMission(vehicle.name, *mission)]
@@ -84,7 +88,8 @@ class MissionApprovals:
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return None
-        vehicle.pending, vehicle.refusal = proposal.pending, None
+        vehicle.enter(MissionPhase.UPLOADING, proposal.pending)
+        vehicle.refusal = None
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
@@ -92,6 +97,7 @@ class MissionApprovals:
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return False
+        vehicle.enter(MissionPhase.REFUSED)
         vehicle.refusal = Refusal(by, proposal.pending.due, proposal.pending.line)
         return True
 
@@ -105,16 +111,21 @@ class MissionApprovals:
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
         """Withdraw the proposal of a vehicle, if there is one."""
-        vehicle.proposed = None
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
+        if vehicle.proposed is not None:  # else another one takes its place
+            vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 
     def _taken(self, vehicle: Vehicle, named: str) -> Proposal | None:
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or mission_hash(proposal.command.items) != named:
             return None
-        del self._proposals[vehicle.name]
-        vehicle.proposed = None
-        return proposal
+        return self._proposals.pop(vehicle.name)
+
+    def validate_state(self, vehicles: Mapping[str, Vehicle]) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        for name, vehicle in vehicles.items():
+            proposal = self._proposals.get(name)
+            assert vehicle.proposed is (proposal and proposal.pending), name

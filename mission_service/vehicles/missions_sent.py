@@ -8,7 +8,7 @@ from pymavlink.dialects.v20.ardupilotmega import MAV_CMD_NAV_TAKEOFF
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import UploadMission
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.vehicle_state import Pending, Vehicle
+from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicle
 
 Floats = NDArray[np.float64]
 LINE_TOLERANCE_M = 5.0
@@ -39,12 +39,9 @@ class MissionsSent:
             path_m = np.array([(here.x_m, here.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
-        vehicle.pending = Pending(
-            mission_id,
-            shapely.LineString(shapely.get_coordinates(line)),
-            takes_off,
-            vehicle.due,
-        )
+        line = shapely.LineString(shapely.get_coordinates(line))
+        sent = Pending(mission_id, line, takes_off, vehicle.due)
+        vehicle.enter(MissionPhase.UPLOADING, sent)
         vehicle.uploaded_at_s = here.at_s
         vehicle.due = ""
         return UploadMission(vehicle.name, mission_id, why, items, keeps_apart)

@@ -18,7 +18,8 @@ def unconfirmed(vehicle: Vehicle) -> None:
     starting = vehicle.start_under_way or bool(was and was.starting)
     vehicle.unconfirmed = UnconfirmedState(pending, recalled, starting, bool(was and was.resumed))
     vehicle.availability.online = vehicle.start_under_way = False
-    vehicle.pending = vehicle.flown_line = vehicle.hold_under_way_s = None
+    vehicle.drop_upload()
+    vehicle.flown_line = vehicle.hold_under_way_s = None
 
 
 def recognised(

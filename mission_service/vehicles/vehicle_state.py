@@ -1,6 +1,8 @@
 """The state of one vehicle in the core, for all ways of flying."""
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import Literal
 
 import numpy as np
@@ -11,13 +13,39 @@ from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.transitions import enter, history_from
 
 Floats = NDArray[np.float64]
 
 
+class MissionPhase(Enum):
+    """The life of a vehicle's next mission: none, proposed, uploading, and how it ended."""
+
+    NONE = "none"
+    PROPOSED = "proposed"  # to the operators
+    UPLOADING = "uploading"
+    ACCEPTED = "accepted"  # by the autopilot
+    FAILED = "failed"
+    REFUSED = "refused"  # by an operator, or like one that was
+    WITHDRAWN = "withdrawn"
+    DROPPED = "dropped"  # during its upload: by a restart, or not to be flown any more
+
+
+_NEXT = (MissionPhase.UPLOADING,)
+MISSION_TRANSITIONS: dict[MissionPhase, tuple[MissionPhase, ...]] = {
+    **dict.fromkeys(MissionPhase, _NEXT),
+    MissionPhase.PROPOSED: (*_NEXT, MissionPhase.REFUSED, MissionPhase.WITHDRAWN),
+    MissionPhase.UPLOADING: (
+        *(*_NEXT, MissionPhase.PROPOSED, MissionPhase.ACCEPTED),
+        *(MissionPhase.FAILED, MissionPhase.REFUSED, MissionPhase.DROPPED),
+    ),
+}
+UNDECIDED = (MissionPhase.PROPOSED, MissionPhase.UPLOADING)
+
+
 @dataclass
 class Pending:
-    """A mission that is being uploaded."""
+    """A mission that is proposed or being uploaded."""
 
     mission_id: int
     line: shapely.LineString
@@ -64,8 +92,10 @@ class Vehicle:
     return_again_at_s: float | None = None
     going_home: bool = False  # its endurance is nearly over
     sent_home: bool = False
-    pending: Pending | None = None
-    proposed: Pending | None = None  # waits for an operator's approval
+    next_mission: Pending | None = None  # while it is proposed or being uploaded
+    mission_phases: deque[MissionPhase] = field(
+        default_factory=lambda: history_from(MissionPhase.NONE)
+    )
     refusal: Refusal | None = None
     airspeed_m_s: float | None = None  # a mean of measurements
     airspeed_differs_since_s: float | None = None  # from the commanded one
@@ -93,7 +123,35 @@ class Vehicle:
     @property
     def awaits_mission(self) -> bool:
         """Whether a mission is being uploaded or waits for an operator's approval."""
-        return self.pending is not None or self.proposed is not None
+        return self.next_mission is not None
+
+    @property
+    def pending(self) -> Pending | None:
+        """The mission that is being uploaded."""
+        return self.next_mission if self.mission_phases[-1] is MissionPhase.UPLOADING else None
+
+    @property
+    def proposed(self) -> Pending | None:
+        """The mission that waits for an operator's approval."""
+        return self.next_mission if self.mission_phases[-1] is MissionPhase.PROPOSED else None
+
+    def enter(self, phase: MissionPhase, mission: Pending | None = None) -> None:
+        """Change the phase of the next mission; raises InvalidTransitionError."""
+        enter(self.mission_phases, phase, MISSION_TRANSITIONS, f"next mission of {self.name}")
+        self.next_mission = mission
+
+    def drop_upload(self) -> None:
+        """Drop the mission that is being uploaded, if there is one: its outcome does not count."""
+        if self.pending is not None:
+            self.enter(MissionPhase.DROPPED)
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        phase, line = self.mission_phases[-1], self.flown_line
+        assert (self.next_mission is not None) == (phase in UNDECIDED), f"{self.name}: {phase}"
+        known = self.accepted is not None and line is self.accepted.line
+        assert line is None or known, f"{self.name}: flies a line that was not accepted"
+        assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:
         """Cancel commands that are due to be repeated or to follow another one."""

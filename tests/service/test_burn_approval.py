@@ -2,9 +2,10 @@
 
 import pytest
 
+from autopilot_bridge.vehicle.transfer_states import InvalidTransitionError
 from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, OperatorHeartbeat, Resumed
-from mission_service.guidance.burn.plan_approval import ApprovalTracker
+from mission_service.guidance.burn.plan_approval import ApprovalTracker, PlanPhase
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop, plan_hash
 
 BURN = BurnSection(
@@ -144,3 +145,15 @@ def test_a_plan_is_out_of_date_by_the_hosts_clock_as_well() -> None:
     assert approvals.is_expired(300_000_001)
     approvals.host_time(HostTime(0, "kestrel", 300_000_001))
     assert approvals.is_expired(0)
+
+
+def test_a_plan_withdrawn_is_in_no_phase_to_be_approved() -> None:
+    approvals = proposing()
+    approvals.withdraw()
+    approvals.withdraw()
+    approvals.validate_state()
+    with pytest.raises(InvalidTransitionError, match="none, proposed, none"):
+        approvals._enter(PlanPhase.APPROVED)
+    approvals.phases.append(PlanPhase.APPROVED)
+    with pytest.raises(AssertionError, match="APPROVED"):
+        approvals.validate_state()

@@ -5,13 +5,14 @@ from typing import Any, ClassVar
 
 import pytest
 
+from autopilot_bridge.vehicle.transfer_states import InvalidTransitionError
 from mission_service.commands import AnyCommand, Hold, StartMission
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent, Telemetry, UploadFinished
 from mission_service.vehicles.availability import GOING_HOME
-from mission_service.vehicles.vehicle_state import Vehicle
+from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from tests.service.vehicle_machine import VehicleMachine, run
-from tests.service.vehicle_sites import BURNS, SETTINGS
+from tests.service.vehicle_sites import BURNS, SETTINGS, site_of
 
 STEPS, SEED = 30, 20
 FRONTS = tuple(SETTINGS)[:-1]
@@ -104,3 +105,16 @@ def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str
 
     with pytest.raises(AssertionError, match=rule):
         run(Machine, 3000, STEPS, SEED)  # it ends at the first that it finds
+
+
+def test_a_mission_that_is_not_uploaded_is_not_accepted() -> None:
+    site = site_of(FRONTS[0])
+    core = Core(site.scenario, site.landscape)
+    vehicle = next(iter(core.vehicles.values()))
+    vehicle.drop_upload()  # there is none
+    core.validate_state()
+    with pytest.raises(InvalidTransitionError, match="accepted cannot follow"):
+        vehicle.enter(MissionPhase.ACCEPTED)
+    vehicle.mission_phases.append(MissionPhase.UPLOADING)
+    with pytest.raises(AssertionError, match="UPLOADING"):
+        core.validate_state()

@@ -29,6 +29,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
+from mission_service.guidance.burn.controller import BurnFlight
 from mission_service.simulation.crew import SimulatedCrew
 from tests.service.autopilot_model import NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
@@ -104,6 +105,9 @@ class Turns:
         try:
             commands = self.core.handle(event)
             again = self.twin.handle(event)
+            self.core.validate_state()
+            if isinstance(self.core.guidance, BurnFlight):
+                self.core.guidance.approvals.validate_state()
         except Exception as error:  # any at all: that there is none is what is judged
             self._log.append(f"{_in_words(event)} raises {error!r}")
             self._report(Violation("raises", repr(error)))

@@ -490,12 +490,14 @@ class BurnFlight(Guidance):
             self.phase = then
             if vehicle is not None:  # it does not take off with what it may have on board
                 vehicle.deployed = vehicle.started = False
-                vehicle.pending = vehicle.flown_line = vehicle.start_again_at_s = None
+                vehicle.drop_upload()
+                vehicle.flown_line = vehicle.start_again_at_s = None
             return commands
         if not flew and not always:
             self.phase = then
             return commands
-        vehicle.pending = vehicle.flown_line = None
+        vehicle.drop_upload()
+        vehicle.flown_line = None
         self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
         here = vehicle.availability.here
         if vehicle.availability.flies and here is not None and self._fix_good:

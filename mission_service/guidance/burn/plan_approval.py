@@ -1,10 +1,28 @@
 """The plan that is proposed, and its approval: approver, station and validity."""
 
 from dataclasses import dataclass
+from enum import Enum
 
 from mission_service.config.sections import BurnSection
 from mission_service.events import Approved, HostTime, OperatorEvent, Resumed
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
+from mission_service.vehicles.transitions import enter, history_from
+
+
+class PlanPhase(Enum):
+    """Whether a plan is proposed, and approved."""
+
+    NONE = "none"
+    PROPOSED = "proposed"
+    APPROVED = "approved"
+
+
+_ANY = tuple(PlanPhase)
+PLAN_TRANSITIONS: dict[PlanPhase, tuple[PlanPhase, ...]] = {
+    PlanPhase.NONE: (PlanPhase.PROPOSED,),
+    PlanPhase.PROPOSED: _ANY,
+    PlanPhase.APPROVED: _ANY,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +43,7 @@ class ApprovalTracker:
     """
 
     def __init__(self, burn: BurnSection) -> None:
+        self.phases = history_from(PlanPhase.NONE)
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.approval: PlanApproval | None = None
@@ -49,6 +68,7 @@ class ApprovalTracker:
 
     def propose(self, plan: IgnitionPlan) -> str:
         """Propose a plan in place of any earlier one; returns its hash."""
+        self._enter(PlanPhase.PROPOSED)
         self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
         self._proposed_host_us = self._host_us
         return self.plan_hash
@@ -64,6 +84,7 @@ class ApprovalTracker:
             return f"the plan proposed is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
         if self.is_expired(event.at_us):
             return "the plan is out of date"
+        self._enter(PlanPhase.APPROVED)
         self.approval = PlanApproval(
             event.plan_hash, event.by, event.station, event.at_us, self._host_us
         )
@@ -93,5 +114,18 @@ class ApprovalTracker:
         return None
 
     def withdraw(self) -> None:
-        """Withdraw the plan and its approval."""
+        """Withdraw the plan and its approval, if there is one."""
+        if self.plan is not None:
+            self._enter(PlanPhase.NONE)
         self.plan, self.plan_hash, self.approval = None, "", None
+
+    def _enter(self, phase: PlanPhase) -> None:
+        enter(self.phases, phase, PLAN_TRANSITIONS, "plan")
+
+    def validate_state(self) -> None:
+        """Check what must hold between two events; raises AssertionError. For tests."""
+        phase = self.phases[-1]
+        assert (self.plan is None) == (phase is PlanPhase.NONE) == (not self.plan_hash), phase
+        approval = self.approval
+        assert (approval is not None) == (phase is PlanPhase.APPROVED), phase
+        assert approval is None or approval.plan_hash == self.plan_hash, approval
