@@ -1,7 +1,7 @@
-"""The fire of a journal burned again: each camera must see what it is recorded to have seen.
+"""Simulates the fire of a journal again and compares every recorded camera observation.
 
-On the machine that recorded it that is so to the last cell. On another one floats may differ in
-their last places: a cell on the edge of the fire, or of what a camera sees, may then be the other.
+On the machine that recorded the journal all cells are equal. On another machine floats may differ
+in their last digits: a cell at the edge of the fire or of a camera's footprint may then differ.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
     fire = recorded.fire()
     counts = {"observations": 0, "cells": 0, "within tolerance": 0, "beyond tolerance": 0}
     without = 0
-    seen: tuple[str, Observed] | None = None  # where it stands, and what it is
+    seen: tuple[str, Observed] | None = None  # its place in the journal, the observation
     difference, details = None, list[dict[str, Any]]()
 
     def differs(words: str, *cells: dict[str, Any]) -> None:
@@ -35,7 +35,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
 
     for reader, entry in recorded.readable():
         content = entry.content
-        if not entry.sure:  # it may have burned otherwise
+        if not entry.sure:  # the fire may have differed
             seen = None
         match content:
             case Observed() if not entry.sure:
@@ -59,7 +59,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
                         counts["beyond tolerance" if beyond else "within tolerance"] += 1
                         if beyond:
                             differs(f"{where}: {_in_words(told, cell)}", cell)
-            case Resumed() | Aborted() if seen is not None:  # its position was not written down
+            case Resumed() | Aborted() if seen is not None:  # its position was not journalled
                 without, seen = without + 1, None
             case _:
                 pass
@@ -117,7 +117,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
 
 
 def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
-    """The cells that a slightly wider footprint has and a slightly narrower one has not."""
+    """The cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
         {cell for cell, letter in _letters(fire.seen_from(here, wider)).items() if letter != UNSEEN}
         for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
@@ -126,7 +126,7 @@ def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
 
 
 def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
-    """When the fire comes to a cell; None: not that it is known, or outside the landscape."""
+    """Arrival time of the fire at a cell; None: not yet computed, or outside the landscape."""
     rows, cols = fire.world.landscape.shape
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         return None
