@@ -186,7 +186,7 @@ class PeerExchange:
 
     def _lost(self, why: str, ears: "PeerListener") -> None:
         if not self._told_lost:
-            text = f"no broker at {self.channel.broker} ({why}); vehicles keep circling until it is back"
+            text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is back"
             ears.tell(text, True)
         self.connected, self._told_lost = False, True
         if self._in_contact:

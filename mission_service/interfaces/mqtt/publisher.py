@@ -1,6 +1,6 @@
 """Publishes the states of the state view to a broker, and handles commands if configured.
 
-The run never waits for the broker, and memory does not grow without one: see ``publish_schedule.py``.
+The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
 """
 
 import asyncio
@@ -225,7 +225,7 @@ class Publisher:
             await self._wait_for_news(version)
 
     async def _wait_for_news(self, version: int) -> None:
-        """Wait for a change of the state view, at most ``LONGEST_LOOK_S``: states may become due."""
+        """Wait for a change of the state view, at most ``LONGEST_LOOK_S``, as states may be due."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):
