@@ -45,7 +45,7 @@ from mission_service.guidance.formation.warm_up import warm_up
 from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.interfaces.mqtt.peer_exchange import TIME, channel_of, decoded
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.peer_messages import AgentState
+from mission_service.peer_messages import State
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 PRESENT_S = 10.0  # who said nothing for longer is not there
@@ -77,7 +77,7 @@ class Stage:
         self.names = [section.name for section in self.scenario.vehicles]
         self.broker = broker
         self.journals: dict[str, list[Path]] = {name: [] for name in self.names}
-        self.states: dict[str, AgentState] = {}
+        self.states: dict[str, State] = {}
         self.now_us = 0
         self.closest_m = math.inf
         self.messages = self.bytes = 0
@@ -173,14 +173,14 @@ class Stage:
             return
         message = decoded(name, payload, latest_us=2**60)
         self.now_us = max(self.now_us, message.at_us)
-        if isinstance(message, AgentState):
+        if isinstance(message, State):
             self.states[name] = message
             for other in self.states.values():
                 apart_s = (message.at_us - other.at_us) / 1e6
                 if other.sender != name and abs(apart_s) <= SAME_TIME_S:
                     self.closest_m = min(self.closest_m, _distance_m(message, other, apart_s))
 
-    def present(self) -> list[AgentState]:
+    def present(self) -> list[State]:
         """What those said last who are there."""
         since_us = self.now_us - PRESENT_S * 1e6
         return [state for state in self.states.values() if state.at_us >= since_us]
@@ -222,7 +222,7 @@ class Stage:
         await self.until(lambda: self.now_us >= end_us, within_s, f"{mission_s:.0f} s passed")
 
 
-def _distance_m(one: AgentState, other: AgentState, later_s: float) -> float:
+def _distance_m(one: State, other: State, later_s: float) -> float:
     """Between two UAVs, the second moved on by so many seconds."""
     return math.hypot(
         one.x_m - other.x_m - later_s * other.velocity_x_m_s,

@@ -89,7 +89,7 @@ class Found:
 def changes_of(rule: str, ports: list[int], keep: dict[str, float]) -> tuple[str, ...]:
     """What a shipped scenario is changed by."""
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{port}"' for n, port in enumerate(ports)]
-    kept = [f"service.keep.{name}={value}" for name, value in keep.items()]
+    kept = [f"service.journal.{name}={value}" for name, value in keep.items()]
     late = {"islam_hu_damped": 3600.0, "team.balanced": 3590.0}.get(rule)
     start = [] if late is None else [f"start_s={late}", f"deploy_at_s={late}"]
     if rule == "burn":

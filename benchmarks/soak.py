@@ -47,7 +47,7 @@ MQTT = """
 broker = "{broker}"
 commands = true
 
-[service.keep]
+[service.journal]
 rotate_mb = 4
 keep_mb = 48
 state_every_s = 5

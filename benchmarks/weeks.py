@@ -58,7 +58,7 @@ EXTRA = """
 broker = "{broker}"
 commands = true
 
-[service.keep]
+[service.journal]
 rotate_mb = 8
 keep_mb = 64
 state_every_s = 10

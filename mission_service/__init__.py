@@ -1,3 +1,3 @@
 """Fire model and planners whose decisions fly as MAVLink missions."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -19,7 +19,7 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     sender: str
 
 
-class AgentState(Message, frozen=True, tag=True):
+class State(Message, frozen=True, tag=True):
     """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
 
     ``orbit_*`` is the circle that the UAV flies or flies to; the sender has checked it against the
@@ -82,4 +82,4 @@ class Leaving(Message, frozen=True, tag=True):
     why: str
 
 
-AnyMessage = AgentState | FireUpdate | Digest | Difference | Leaving
+AnyMessage = State | FireUpdate | Digest | Difference | Leaving

@@ -17,6 +17,7 @@ from pydantic import (
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
+from mission_service.config.renamed_keys import renamed_keys
 from mission_service.config.rule_lookup import Way, own_ways, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
@@ -182,6 +183,8 @@ def run_of(
     """As ``load_run``, of what stands in a file, or in the header of a journal."""
     for override in overrides:
         apply_override(data, override)
+    for renamed in renamed_keys(data):
+        raise ScenarioError(f"{path}: {renamed}")
     service = data.pop("service", {})
     at = ("service",)
     settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
@@ -298,7 +301,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
         raise ScenarioError(
             f"--broker is for rule = {able}; {scenario.name} flies {scenario.planner.rule}"
         )
-    formation = scenario.formation.model_copy(update={"talks": peer_messaging})
+    formation = scenario.formation.model_copy(update={"peer_messaging": peer_messaging})
     return scenario.model_copy(update={"only": vehicle, "formation": formation})
 
 

@@ -125,7 +125,7 @@ class ServiceSection(Section):
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
-    keep: JournalSection = JournalSection()
+    journal: JournalSection = JournalSection()
     # The command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold
     # at the present position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"

@@ -28,7 +28,7 @@ from mission_service.errors import JournalError, RefusedEventError
 from mission_service.events import AnyEvent, OperatorEvent
 from mission_service.journal.private_files import in_words, opened
 
-FORMAT = 1
+FORMAT = 2  # 1: version 0.1, with other names of events and keys
 _EVENT, _COMMAND, _HEADER = b'{"event":', b'{"command":', b'{"header":'
 _END = b'{"end":'
 _CHECK = b',"crc":"'
@@ -315,9 +315,9 @@ class SegmentReader:
             raise JournalError(f"{path}: line 1 (header) was altered: its checksum does not match")
         self.header: dict[str, Any] = msgspec.json.decode(body[len(_HEADER) :])
         if self.header["format"] != FORMAT:
-            raise JournalError(
-                f"{path}: journal format {self.header['format']}; this version reads {FORMAT}"
-            )
+            written = self.header["format"]
+            remedy = "use version 0.1, which wrote it" if written == 1 else "use a later version"
+            raise JournalError(f"{path}: journal format {written}, not {FORMAT}: {remedy}")
         self.segment: int = self.header.get("segment", 1)
         self.rest = self.begin = Rest(len(first), 0, self.segment)
 

@@ -140,7 +140,7 @@ async def serve(
             core, world, record = service.core, service.world, service.record
             assert service.state_view is not None
             state_view = service.state_view
-        keeping = Keeping(service, known, run.settings.keep)
+        keeping = Keeping(service, known, run.settings.journal)
         for name, text in early:
             tell(name, text)
         request_handler = desk_of(scenario, service, clock, links)
@@ -230,7 +230,7 @@ def _begun(
     """Core, fire, record and picture: new, or from the latest snapshot of a resumed run."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
-        return kept["core"], kept["fire"].world, kept["record"], kept["picture"]
+        return kept["core"], kept["fire"].world, kept["record"], kept["state_view"]
     world = world_of(scenario, landscape)
     world.advance(clock.now_us)
     record = RunStatistics(tuple(section.name for section in scenario.flown), clock.now_us)

@@ -73,7 +73,7 @@ KEPT = (
     "core",
     "fire",
     "record",
-    "picture",
+    "state_view",
     "_missions",
     "_owed",
     "_interlock",

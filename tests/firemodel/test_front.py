@@ -14,9 +14,9 @@ from tests.firemodel.grids import CELL_M, landscape
 Mask = NDArray[np.bool_]
 
 
-def drawn(state_view: str) -> Mask:
+def drawn(drawing: str) -> Mask:
     """A mask from a drawing: # burned, anything else not."""
-    return np.array([[sign == "#" for sign in line] for line in state_view.split()])
+    return np.array([[sign == "#" for sign in line] for line in drawing.split()])
 
 
 def signed_area(loop: NDArray[np.int32]) -> float:
@@ -47,9 +47,9 @@ def test_a_tail_is_walked_both_ways() -> None:
     assert cells.count((1, 4)) == 1
 
 
-@pytest.mark.parametrize(("picture", "length"), [("#", 1), ("##", 2), ("###", 4), ("#. .#", 2)])
-def test_the_smallest_fires(state_view: str, length: int) -> None:
-    assert len(perimeter(drawn(state_view))) == length
+@pytest.mark.parametrize(("drawing", "length"), [("#", 1), ("##", 2), ("###", 4), ("#. .#", 2)])
+def test_the_smallest_fires(drawing: str, length: int) -> None:
+    assert len(perimeter(drawn(drawing))) == length
 
 
 def test_nothing_burned_has_no_perimeter() -> None:

@@ -89,7 +89,9 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     told = scenario(duration_s=3700.0, vehicles=[{"name": "hawk", **home}])
     simulate(told, tmp_path / "journal.jsonl", "today")
     out = tmp_path / "out"
-    result = call("replay", str(tmp_path), "--what-if", "planner=damped", "--out", str(out))
+    result = call(
+        "replay", str(tmp_path), "--what-if", "planner=islam_hu_damped", "--out", str(out)
+    )
     assert result.exit_code == 0, result.output
     page = (out / "report.html").read_text()
     assert "<th>recorded</th><th>what-if</th>" in page
@@ -104,7 +106,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
         (("LOG", "--verify"), 1, "not a journal"),
         (("LOG", "LOG", "--verify"), 2, "one journal"),
         (("LOG", "--verify", "--at", "3"), 2, "a whole journal"),
-        (("LOG", "--what-if", "planner=damped"), 2, "--out"),
+        (("LOG", "--what-if", "planner=islam_hu_damped"), 2, "--out"),
         (("LOG", "--stage", "core"), 2, "--verify"),
         (("LOG", "--from", "nan"), 2, "give seconds, 0 or more"),
         (("LOG", "--to", "inf"), 2, "give seconds, 0 or more"),

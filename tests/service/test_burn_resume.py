@@ -208,7 +208,7 @@ def test_mission_time_never_goes_back() -> None:
     ("change", "words"),
     [
         (lambda text: text.replace(b'"percent":90.0', b'"percent":91.0'), "line 5 was altered"),
-        (lambda text: text.replace(b'"event":{"type":"Fix', b'"evant":{"type":"Fix'), "line 4"),
+        (lambda text: text.replace(b'"event":{"type":"Gps', b'"evant":{"type":"Gps'), "line 4"),
         (lambda text: text.replace(b'"burned"', b'"berned"'), r"line 1 \(header\) was altered"),
         (lambda text: b"\x00" * 100 + b"\n" + text, "not a journal"),
     ],

@@ -14,7 +14,9 @@ from tests.web.service import BURN, Service, running
 
 SILENT_S = 30.0
 SPEEDUP = 5
-SCENARIO = BURN.replace("[burn]\n", f"[burn]\ncrew_silent_s = {SILENT_S:g}\nspeed_m_s = 3\n", 1)
+SCENARIO = BURN.replace(
+    "[burn]\n", f"[burn]\napprover_timeout_s = {SILENT_S:g}\nspeed_m_s = 3\n", 1
+)
 POLL_S = 0.1  # between questions to the service; decides nothing
 
 

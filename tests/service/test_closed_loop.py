@@ -134,8 +134,8 @@ def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Pa
     assert str(found.difference).startswith(f"line {line}: altered, its checksum does not match")
     for name in ("planner", "core"):
         stage = found.stage(name)
-        assert "Decided.front_cells: journal has 9" in str(stage.difference)
-        assert [each["field"] for each in stage.details] == ["Decided.front_cells"]
+        assert "DirectionDecision.front_cells: journal has 9" in str(stage.difference)
+        assert [each["field"] for each in stage.details] == ["DirectionDecision.front_cells"]
     assert str(found.stage("core").difference).startswith(f"line {line}: ")
 
 

@@ -12,7 +12,7 @@ from mission_service.guidance.formation.agent import Agent, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y
 from mission_service.guidance.formation.settings import Settings
-from mission_service.peer_messages import AgentState, FireUpdate, Leaving
+from mission_service.peer_messages import FireUpdate, Leaving, State
 
 GRID = MapGrid(300, 300, 10.0, -1500.0, 1500.0)
 MIDDLE = 150 * 300 + 150
@@ -30,10 +30,10 @@ def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> OwnState:
     return OwnState(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
 
 
-def state_of(name: str, at_s: float, x_m: float, y_m: float) -> AgentState:
+def state_of(name: str, at_s: float, x_m: float, y_m: float) -> State:
     """Another one that circles where its agent is."""
     speed = SETTINGS.airframe.cruise_m_s
-    return AgentState(
+    return State(
         round(at_s * 1e6), name, x_m, y_m, 300.0, 0.0, speed, x_m - 150.0, y_m, x_m - 150.0, y_m,
         -150.0, speed, True,
     )  # fmt: skip
@@ -68,7 +68,7 @@ def test_it_tells_its_state_twice_a_second_and_what_it_saw_at_once() -> None:
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -1000.0, -1000.0 + tick))
         said += agent.messages(tick * 250_000)
-    states = [message for message in said if isinstance(message, AgentState)]
+    states = [message for message in said if isinstance(message, State)]
     assert 20 <= len(states) <= 30
     agent.add_view(np.array([MIDDLE + 1]), np.array([], dtype=np.int64), 10_000_000)
     updates = [m for m in agent.messages(10_000_000) if isinstance(m, FireUpdate)]
@@ -125,7 +125,7 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
     intention = agent.step(own_at(1.0, -600.0, 17.5))  # it thinks twice a second
     assert (intention.orbit_x_m, intention.orbit_y_m) == (-1200.0, -1200.0)
     assert math.isnan(intention.agent_x_m)
-    (state,) = (m for m in agent.messages(1_000_000) if isinstance(m, AgentState) and m.at_us)
+    (state,) = (m for m in agent.messages(1_000_000) if isinstance(m, State) and m.at_us)
     assert (state.agent_x_m, state.goal_x_m) == (None, None)
     agent.come_back()
     back = agent.step(own_at(1.25, -600.0, 22.0))
@@ -141,7 +141,7 @@ def test_others_go_by_where_its_virtual_agent_is_going() -> None:
     said = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -400.0, 0.0))
-        said += [m for m in agent.messages(tick * 250_000) if isinstance(m, AgentState)]
+        said += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
     assert said[-1].goal_x_m is not None
 
 

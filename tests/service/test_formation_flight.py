@@ -38,7 +38,7 @@ from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation import members as formation_seats
 from mission_service.guidance.formation.agent import Intention, OwnState
 from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit
-from mission_service.peer_messages import AgentState, AnyMessage, FireUpdate, Leaving
+from mission_service.peer_messages import AnyMessage, FireUpdate, Leaving, State
 from mission_service.position_fix import PositionFix
 from mission_service.simulation.demo import write_plan
 
@@ -422,7 +422,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     heard.clear()
     flight.mode("position")
     flight.for_s(10.0)
-    states = [message for message in heard if isinstance(message, AgentState)]
+    states = [message for message in heard if isinstance(message, State)]
     assert 18 <= len(states) <= 22  # twice a second
     assert {(state.sender, state.agent_x_m, state.goal_x_m) for state in states} == {
         (flight.name, None, None)
@@ -465,7 +465,7 @@ def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape)
     flight.for_s(5.0)
     (told,) = flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert isinstance(told, Announce)
-    assert "circles on" in told.text
+    assert "keeps circling" in told.text
     assert len(flight.agent.left) == 1
     assert flight.for_s(10.0) == []
     flight.tell(LinkRestored(flight.at_us, flight.name))
@@ -478,7 +478,7 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
     flight = Flight(land)
     orbit = flight.orbiting()
     x_m, y_m = land.xy_of_lat_lon(orbit.lat_deg, orbit.lon_deg)
-    state = AgentState(
+    state = State(
         flight.at_us, flight.name, x_m + 150.0, y_m, 700.0, 0.0, 15.0, x_m, y_m, x_m, y_m, -150.0,
         15.0, settled=True,
     )  # fmt: skip

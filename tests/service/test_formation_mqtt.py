@@ -25,12 +25,12 @@ from mission_service.interfaces.mqtt.peer_exchange import (
     encoded,
 )
 from mission_service.peer_messages import (
-    AgentState,
     AnyMessage,
     Difference,
     Digest,
     FireUpdate,
     Leaving,
+    State,
 )
 from tests.patience import PATIENCE_S, until
 
@@ -42,10 +42,8 @@ CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
 LATEST_US = 3_600_000_000
 
 
-def state(sender: str, at_us: int) -> AgentState:
-    return AgentState(
-        at_us, sender, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, -150.0, 17.5, False
-    )
+def state(sender: str, at_us: int) -> State:
+    return State(at_us, sender, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, -150.0, 17.5, False)
 
 
 @pytest.fixture

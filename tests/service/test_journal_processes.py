@@ -94,7 +94,7 @@ def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) ->
     def texts() -> set[bytes]:
         return {each.read_bytes() for each in out.glob("journal*.jsonl")}
 
-    a_run("service.keep.rotate_mb=0.001")
+    a_run("service.journal.rotate_mb=0.001")
     first = texts()
     told = a_run("planner.alpha=1.5")
     assert "journal-1.jsonl" in told
@@ -123,7 +123,7 @@ def test_what_a_run_leaves_is_for_its_user_alone(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
         command = [
-            *arguments(out, "service.keep.state_every_s=1", 'service.http.listen="127.0.0.1:0"'),
+            *arguments(out, "service.journal.state_every_s=1", 'service.http.listen="127.0.0.1:0"'),
             *("--tlog", str(tlog)),
         ]
         with running(command, out) as (there, child):

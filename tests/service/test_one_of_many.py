@@ -27,7 +27,7 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
-from mission_service.peer_messages import AgentState, AnyMessage, Digest, FireUpdate, Leaving
+from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State
 from mission_service.replay.verification import verify
 from mission_service.runtime.gateway import Gateway, MissionClock
 from tests.service.test_gateway import Client, at
@@ -82,9 +82,9 @@ class Flown:
         return len(guidance.formation.members["crane"].agent.peers.rows(10 * S))
 
 
-def state_of(state: AgentState, sender: str, north_m: float) -> AgentState:
+def state_of(state: State, sender: str, north_m: float) -> State:
     assert state.agent_y_m is not None
-    return AgentState(
+    return State(
         state.at_us, sender, state.x_m, state.y_m + north_m, state.altitude_amsl_m, 0.0, 17.0,
         state.agent_x_m, state.agent_y_m + north_m, state.orbit_x_m, state.orbit_y_m + north_m,
         -150.0, 17.5, False,
@@ -94,7 +94,7 @@ def state_of(state: AgentState, sender: str, north_m: float) -> AgentState:
 def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None:
     crane = Flown()
     said = crane.flies(9)
-    states = [message for message in said if isinstance(message, AgentState)]
+    states = [message for message in said if isinstance(message, State)]
     assert {message.sender for message in said} == {"crane"}
     assert len(states) == 1
     assert any(isinstance(message, Digest) for message in said)
@@ -150,7 +150,7 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
     fresh = Core(crane.scenario, landscape_of(crane.scenario))
     path = tmp_path / "journal.jsonl"
     journal = Journal(path, header_of(crane.scenario, fresh.landscape.digest(), ""), durable=False)
-    (state,) = [each for each in crane.flies(9) if isinstance(each, AgentState)]
+    (state,) = [each for each in crane.flies(9) if isinstance(each, State)]
     heard: list[AnyEvent] = [
         PeerMessage(9 * S, "crane", state_of(state, "eagle", 200.0)),
         PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (7,))),

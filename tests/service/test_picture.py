@@ -121,7 +121,7 @@ def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateVi
         (('service.http.listen="0.0.0.0:80"',), "beyond loopback: give tokens"),
         (('service.http.listen="8765"',), "write it as HOST:PORT"),
         (('service.mqtt.password="hunter2"',), 'name where the password is, as "file:PATH"'),
-        (("service.keep.rotate_mb=0",), "service.keep.rotate_mb"),
+        (("service.journal.rotate_mb=0",), "service.journal.rotate_mb"),
         (("service.http.port=1",), "service.http.port: unknown key"),
     ],
 )

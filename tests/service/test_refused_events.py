@@ -150,7 +150,7 @@ def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> No
 FOLDS: dict[str, Callable[[Engine], object]] = {
     "core": lambda service: service.core,
     "record": lambda service: service.record,
-    "picture": lambda service: service.state_view,
+    "state_view": lambda service: service.state_view,
     "_missions": lambda service: service._missions,
 }
 

@@ -27,8 +27,8 @@ SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
 class Dead:
     """An autopilot that is no more."""
 
-    def next_timer(self) -> None:
-        return None
+    def next_timer(self) -> int:
+        return 2**62
 
     def handle_timer(self, now_us: int) -> None:
         return None
@@ -95,7 +95,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         record.news.clear()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sim, "Rig", Mortal)
+        patch.setattr(sim, "SimulatedVehicle", Mortal)
         patch.setattr(sim, "Core", core)
         record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", listen)
     return Run(path, record, world, cores, said)

@@ -65,7 +65,7 @@ def test_with_the_journals_own_settings_it_is_the_same_flight_again(
     run: Path, tmp_path: Path
 ) -> None:
     again = tmp_path / "journal.jsonl"
-    found = what_if(run, ["planner=damped"], tmp_path, "")
+    found = what_if(run, ["planner=islam_hu_damped"], tmp_path, "")
     assert lines(again) == lines(run)
     assert found.recorded == found.what_if
     assert found.recorded["decisions"] > 50

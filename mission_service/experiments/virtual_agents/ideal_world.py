@@ -28,7 +28,7 @@ from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
-from mission_service.peer_messages import AgentState, AnyMessage
+from mission_service.peer_messages import AnyMessage, State
 
 Floats = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Radio:
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""
         receives = self._everybody != sender
-        if isinstance(message, AgentState):
+        if isinstance(message, State):
             off_m = places_m - places_m[sender]
             receives &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
         loss = self._rules.loss_at(at_s)

@@ -31,7 +31,7 @@ from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, PeerTa
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
 from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
-from mission_service.peer_messages import AgentState, AnyMessage, Leaving
+from mission_service.peer_messages import AnyMessage, Leaving, State
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -137,7 +137,7 @@ class Agent:
     def on_message(self, message: AnyMessage) -> None:
         """Apply a message of another UAV."""
         match message:
-            case AgentState():
+            case State():
                 self.peers.update(message)
                 self._lost_peers.update(message)
             case Leaving():
@@ -283,7 +283,7 @@ class Agent:
             return
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
-        state = AgentState(
+        state = State(
             own.at_us,
             self.name,
             own.x_m,

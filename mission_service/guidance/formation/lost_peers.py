@@ -9,14 +9,14 @@ import math
 from msgspec.structs import replace
 
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
-from mission_service.peer_messages import AgentState
+from mission_service.peer_messages import State
 
 SILENT_US = 3_000_000  # a state comes twice a second: no chance, even if a third is lost
 MINDED_FOR_US = 120_000_000
 AGAIN_US = 500_000
 
 
-def along_its_orbit(state: AgentState, at_us: int) -> AgentState:
+def along_its_orbit(state: State, at_us: int) -> State:
     """The state of a vehicle that has flown along its orbit since ``state``, at its airspeed."""
     off_x_m, off_y_m = state.x_m - state.orbit_x_m, state.y_m - state.orbit_y_m
     rate_rad_s = -state.airspeed_m_s / state.orbit_radius_m
@@ -38,10 +38,10 @@ class LostPeers:
     """The last state of each other UAV, and its dead reckoning once messages stop."""
 
     def __init__(self) -> None:
-        self._last: dict[str, AgentState] = {}
+        self._last: dict[str, State] = {}
         self._due_us = 0
 
-    def update(self, state: AgentState) -> None:
+    def update(self, state: State) -> None:
         """Keep a state received."""
         self._last[state.sender] = state
 
@@ -49,7 +49,7 @@ class LostPeers:
         """Drop a UAV that has sent ``Leaving``."""
         self._last.pop(name, None)
 
-    def states(self, at_us: int) -> list[AgentState]:
+    def states(self, at_us: int) -> list[State]:
         """Dead-reckoned states of the lost UAVs, twice a second at most."""
         if at_us < self._due_us:
             return []

@@ -27,7 +27,7 @@ from mission_service.guidance.formation.manual_control import (
 from mission_service.guidance.formation.map_grid import map_grid_of
 from mission_service.guidance.formation.settings import NEVER_M, Airframe, Settings
 from mission_service.guidance.protocol import Decision
-from mission_service.peer_messages import AgentState, AnyMessage, Leaving
+from mission_service.peer_messages import AnyMessage, Leaving, State
 from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
@@ -81,7 +81,7 @@ class FormationMember:
         self.hot_until_s = -math.inf
         self.here: PositionFix | None = None
         self.flies = False
-        self.state: AgentState | None = None  # the last one sent
+        self.state: State | None = None  # the last one sent
         self.manual_control = False  # in the air, and not led by its agent
         self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
         self._formation = formation
@@ -214,7 +214,7 @@ class Formation:
         orbit = expected_orbit(member.recent[0], member.recent[-1], radius_m)
         speed_m_s = math.dist(velocity_m_s, member.wind_m_s)
         place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
-        member.state = AgentState(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
+        member.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
         self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
@@ -255,7 +255,7 @@ class Formation:
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
         member = self.members[name]
-        if isinstance(message, AgentState) and member.here is not None:
+        if isinstance(message, State) and member.here is not None:
             here_m = (member.here.x_m, member.here.y_m)
             if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
                 return
@@ -269,7 +269,7 @@ class Formation:
     def _publish(self, member: FormationMember, at_us: int) -> None:
         """Send the messages of a member's agent to all others."""
         for message in member.agent.messages(at_us):
-            if isinstance(message, AgentState):
+            if isinstance(message, State):
                 member.state = message
             self._send(member, message)
 

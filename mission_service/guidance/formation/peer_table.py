@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.peer_messages import AgentState
+from mission_service.peer_messages import State
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class PeerTable:
         self._rows = np.zeros((8, COLUMNS))
         self._heard_at_us = np.zeros(8, dtype=np.int64)
 
-    def update(self, state: AgentState) -> None:
+    def update(self, state: State) -> None:
         """Store a state, unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:

@@ -31,7 +31,7 @@ from mission_service.interfaces.mqtt.broker_connection import (
 )
 from mission_service.interfaces.mqtt.command_inbox import Inbox
 from mission_service.interfaces.mqtt.site import access_for
-from mission_service.peer_messages import AgentState, AnyMessage, Difference, Digest
+from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 
 if TYPE_CHECKING:
     from mission_service.runtime.peer_listener import PeerListener
@@ -123,7 +123,7 @@ class Outbox:
 
     def put(self, message: AnyMessage) -> None:
         """Add a message; a state or digest replaces an older one of its sender."""
-        if isinstance(message, AgentState):
+        if isinstance(message, State):
             self._states[message.sender] = message
         elif isinstance(message, Digest):
             self._digests[message.sender] = message
@@ -181,8 +181,8 @@ class PeerExchange:
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         ears.tell(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._told_lost = True, False
-        peer_messaging = (self._hear, self._send, self._tell_time, self._find_contact)
-        await together(*(talk(client, ears) for talk in peer_messaging))
+        loops = (self._hear, self._send, self._tell_time, self._find_contact)
+        await together(*(talk(client, ears) for talk in loops))
 
     def _lost(self, why: str, ears: "PeerListener") -> None:
         if not self._told_lost:

@@ -76,7 +76,7 @@ class OpenLoopReplay:
             journal,
             begun["record"],
             self.gateways,
-            state_view=begun["picture"],
+            state_view=begun["state_view"],
         )
         if kept is not None:
             self.service.restore(kept)
@@ -122,5 +122,5 @@ def _begun(what: Replaying, state_view: StateView | None) -> dict[str, Any]:
         "core": Core(scenario, landscape),
         "fire": ObservedFire(scenario, world),
         "record": RunStatistics(tuple(vehicles), mission.start_us),
-        "picture": state_view,
+        "state_view": state_view,
     }

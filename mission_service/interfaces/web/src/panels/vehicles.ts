@@ -140,7 +140,7 @@ export class VehiclesPanel {
     const mission = store.missions.get(vehicle.vehicle);
     return [
       [
-        "AgentState",
+        "State",
         `link ${vehicle.link === "never heard" ? "not connected" : vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
       ],
       ["Order", vehicle.order || null],
