@@ -109,4 +109,4 @@ def reporter(form: str | None, level: str, as_json: bool) -> Callable[[Any, Any]
     from mission_service.runtime.service_log import set_up
 
     set_up(form, level)  # type: ignore[arg-type]  # click has checked it
-    return lambda record, world: record.news.clear()  # the log reads the picture's
+    return lambda record, world: record.news.clear()  # the log reads the state view's
