@@ -72,7 +72,7 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """The items with no yaw asked for at places: NaN, which JSON and so journals have not."""
+    """The items with an undefined yaw at places: NaN, which JSON and thus journals cannot store."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )

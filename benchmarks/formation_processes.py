@@ -249,7 +249,7 @@ async def formation(
         for name in stage.names:
             stage.start(name)
         for name in stage.names:
-            ready = lambda name=name: stage.said(name, "talks to others")  # noqa: E731
+            ready = lambda name=name: stage.said(name, "connected to other processes")  # noqa: E731
             await stage.until(ready, within_s, f"{name} talks")
         stage.start_mocks(speedup)
         await stage.until(lambda: len(stage.present()) == count, within_s, "all fly")

@@ -1,13 +1,14 @@
-"""What operators may ask of a run: one table for all interfaces. Pure.
+"""The requests of operators: one table for all interfaces. Pure.
 
 A request is a JSON object: ``do`` names it, ``by`` names the user, ``station`` the place; further
-keys are its own. One struct states all of a request: its keys with their bounds and help texts, its
-own help text (the docstring, whose first line stands alone), role, HTTP address, whether MQTT takes
+keys are its own. One struct defines a request completely: its keys with bounds and help texts, its
+own help text (the docstring; its first line is the summary), role, HTTP path, whether MQTT accepts
 it, an example, and the event that it becomes. HTTP routes and their description, MQTT commands and
-their schemas, the control socket and the command line are made from these structs.
+their schemas, the control socket and the command line are generated from these structs.
 
-Here is what every guidance accepts (``OF_EVERY_RUN``) and what those accept that steer vehicles by
-missions (``OF_VEHICLES``). The requests of one guidance alone are in its folder.
+This module has the requests that every guidance accepts (``OF_EVERY_RUN``) and those accepted by
+guidances that steer vehicles by missions (``OF_VEHICLES``). Requests of a single guidance are in
+its folder.
 """
 
 from collections.abc import Callable
@@ -20,14 +21,14 @@ from mission_service import events
 from mission_service.errors import RequestError
 
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
-MAX_DURATION_S = 1e7  # times farther away are a mistake
-MAX_LENGTH_M = 10_000.0  # and so are larger circles and longer lines
-MAX_FIRE_LENGTH_M = 500_000.0  # round fires that others have mapped
+MAX_DURATION_S = 1e7  # longer times are taken for an error
+MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are taken for an error
+MAX_FIRE_LENGTH_M = 500_000.0  # the same for outlines of fires mapped by others
 
 WHO = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
 
-# Not blank, and nothing that a terminal would obey. Limits of numbers keep NaN out as well.
+# Not blank, without control characters. Limits of numbers also exclude NaN.
 Name = Annotated[
     str,
     Meta(
@@ -40,7 +41,7 @@ AnyVehicle = Annotated[
 ]
 OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
 Item = Annotated[
-    str, Meta(min_length=1, max_length=200, description="Of the GO list, in its words.")
+    str, Meta(min_length=1, max_length=200, description="An item of the GO list, in its wording.")
 ]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
@@ -49,7 +50,7 @@ Seconds = Annotated[float, Meta(ge=-MAX_DURATION_S, le=MAX_DURATION_S)]
 Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$(?!\n)", description="All 64 digits.")]
 Places = Annotated[
     tuple[tuple[Latitude, Longitude], ...],
-    Meta(min_length=1, max_length=1000, description="Latitude and longitude of each."),
+    Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
 ]
 _MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
@@ -60,19 +61,19 @@ LINE = [[36.3642, -84.1409], [36.3661, -84.1391]]
 class Request(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag=str.lower, tag_field="do"
 ):
-    """Something that an operator asks for.
+    """A request of an operator.
 
     Keys with these names are checked against the run: ``vehicle``; ``item`` (of the GO list);
     ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
-    # Its event, which takes time, user, station and the request's own keys in their order.
+    # The event's type; its fields are time, user, station and the request's own keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
     role: ClassVar[Role]  # that a user needs
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
     operation: ClassVar[str | None] = None  # its id in OpenAPI; None: made from its path
-    # Whether MQTT takes it: not where drops may follow, since a broker identifies no user.
+    # Whether MQTT accepts it: not if drops may follow, because a broker identifies no user.
     over_mqtt: ClassVar[bool] = True
     max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
     example: ClassVar[dict[str, Any]] = {}  # its own keys, with values that are accepted
@@ -86,7 +87,7 @@ class Request(
         return self.makes(*self.user(at_us), *own)
 
     def user(self, at_us: int) -> tuple[int, str, str]:
-        """What all events of users begin with."""
+        """The fields with which all events of operators begin."""
         return at_us, self.by.strip(), self.station
 
 
@@ -109,7 +110,7 @@ class Abort(Request, frozen=True):
 
 
 class FireRequest(Request, frozen=True):
-    """What operators report of the fire."""
+    """A report of an operator about the fire."""
 
     role = "correct"
     path = "/fire/{do}"
@@ -125,7 +126,9 @@ class Correct(FireRequest, frozen=True):
     state: Literal["burned", "burning", "unburned"]
     shape: Literal["point", "line", "polygon"]
     points: Places
-    in_s: Annotated[Seconds, Meta(description="When it is so, from now; negative: it was.")] = 0.0
+    in_s: Annotated[
+        Seconds, Meta(description="Time of the report, from now; negative: in the past.")
+    ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """``Corrected``."""
@@ -148,9 +151,9 @@ class Lit(FireRequest, frozen=True):
     example: ClassVar = {"points": LINE, "ago_s": 20.0}
 
     points: Places
-    ago_s: Annotated[
-        float, Meta(ge=0, le=MAX_DURATION_S, description="When it was lit, before now.")
-    ] = 0.0
+    ago_s: Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since it was lit.")] = (
+        0.0
+    )
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """``Lit``."""
@@ -177,13 +180,13 @@ class Erase(FireRequest, frozen=True):
 
 
 class Undo(FireRequest, frozen=True):
-    """Take the last correction or erasure back."""
+    """Undo the last correction or erasure."""
 
     makes = events.Undone
 
 
 class Redo(FireRequest, frozen=True):
-    """Apply again what was taken back last."""
+    """Apply the last undone correction or erasure again."""
 
     makes = events.Redone
 
@@ -249,7 +252,7 @@ class Start(OrderRequest, frozen=True):
 
 
 class MissionRequest(Request, frozen=True):
-    """What becomes of a vehicle's mission."""
+    """A decision on a vehicle's mission."""
 
     role = "fly"
     path = "/vehicles/{name}/mission/{do}"
@@ -289,7 +292,7 @@ def _settings_event(request: Any, at_us: int) -> events.AnyOperatorEvent:
     return Request.event(request, at_us)
 
 
-# Its keys are those of its event: the table of all settings that may change in flight.
+# Its keys are the fields of its event: all settings that may be changed in flight.
 Settings = cast(
     "type[Request]",
     msgspec.defstruct(
@@ -327,7 +330,7 @@ class Replay(Request, frozen=True):
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """None: only replays accept it, and handle it themselves."""
-        raise RequestError("replay: this run is no replay")
+        raise RequestError("replay: this run is not a replay")
 
 
 OF_EVERY_RUN = (Abort, Correct, Erase, Undo, Redo, Lit, Wind, Present)
@@ -339,7 +342,9 @@ def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
     import shapely
 
     if len(points) < 3:
-        raise RequestError(f"{do}: {len(points)} corners; a polygon takes 3")
+        raise RequestError(f"{do}: {len(points)} corners; a polygon requires 3")
     polygon = shapely.Polygon([(lon, lat) for lat, lon in points])
     if not polygon.is_valid or polygon.area == 0.0:
-        raise RequestError(f"{do}: these corners are no polygon: its sides cross or it has no area")
+        raise RequestError(
+            f"{do}: these corners form no polygon: its sides cross or it has no area"
+        )

@@ -1,4 +1,4 @@
-"""What every client of a vehicle does, with whichever library it talks to the autopilot."""
+"""The interface of every client of a vehicle, independent of its MAVLink library."""
 
 from typing import Protocol
 

@@ -72,7 +72,7 @@ Result = TypeVar("Result")
 
 @dataclass
 class Job:
-    """A transfer asked for."""
+    """A requested transfer."""
 
     transfer_id: int
     action: Literal["upload", "download", "clear"]
@@ -135,7 +135,7 @@ class MavsdkClient:
         self._tasks: list[asyncio.Task[None]] = []
         self._calls: set[asyncio.Task[Any]] = set()
 
-    # What the user asks for -------------------------------------------------------------------
+    # Requests of the user ---------------------------------------------------------------------
 
     @property
     def stack(self) -> Stack | None:
@@ -196,7 +196,7 @@ class MavsdkClient:
 
     def _connected_stack(self) -> Stack:
         if self.stack is None:
-            raise BridgeError("no autopilot was heard yet; wait for Connected")
+            raise BridgeError("no autopilot is connected yet; wait for Connected")
         return self.stack
 
     def _add(self, job: Job) -> int:
@@ -308,7 +308,7 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """The same with the vehicle's remote; to all before that is known."""
+        """The same with the vehicle's remote; before that is known, to all remotes."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]

@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Items as MAVSDK takes them; it wants one of them to be current."""
+    """Items in MAVSDK's form, which requires one of them to be current."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(

@@ -108,7 +108,7 @@ class NativeClient:
         """The last position received."""
         return self._monitor.position
 
-    # What the user asks for -------------------------------------------------------------------
+    # Requests of the user ---------------------------------------------------------------------
 
     def upload(
         self,
@@ -202,7 +202,7 @@ class NativeClient:
 
     def _connected_stack(self) -> Stack:
         if self.stack is None:
-            raise BridgeError("no autopilot was heard yet; wait for Connected")
+            raise BridgeError("no autopilot is connected yet; wait for Connected")
         return self.stack
 
     # Bytes and time -----------------------------------------------------------------------------

@@ -203,6 +203,6 @@ class SharedLink:
 
 
 def is_of_autopilot(message: Message) -> bool:
-    """Whether it is a HEARTBEAT of an autopilot of a kind that is known."""
+    """Whether it is a HEARTBEAT of a supported autopilot."""
     kind: str = message.get_type()
     return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None

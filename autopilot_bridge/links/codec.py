@@ -68,7 +68,7 @@ class Codec:
         return self.decode_frames(frames_of(data))
 
     def decode_frames(self, frames: list[bytes]) -> list[Message]:
-        """The messages in whole frames whose checksums are known to be right."""
+        """The messages in whole frames with checked checksums."""
         messages = [self._message(frame) for frame in frames]
         return [message for message in messages if message is not None]
 

@@ -110,7 +110,7 @@ class Connection:
             raise self._failure
 
     def flush(self) -> None:
-        """Send what the peer has to send, and look at its timer anew."""
+        """Send the peer's outgoing messages, and read its timer again."""
         if self._by_remote is not None:
             for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)
@@ -130,7 +130,7 @@ class Connection:
         wall_us: int,
         signing: Signing | None,
     ) -> None:
-        """Tell a vehicle the key (None: sign no more), then go on with ``signing``.
+        """Send a vehicle the key (None: stop signing), then go on with ``signing``.
 
         The key goes over this link in clear text, twice as it is not acknowledged; it is not
         recorded. A vehicle that signs already listens only to what its old key signs.
@@ -163,7 +163,7 @@ class Connection:
             return
         if self._timer is not None:
             if self._armed_us <= due_us:
-                return  # it looks again then; arming anew for every datagram costs more
+                return  # it is read again then; arming it again for every datagram costs more
             self._timer.cancel()
         self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)

@@ -124,7 +124,7 @@ def is_known(message_id: int) -> bool:
 
 
 def checksum(data: bytes, message_id: int) -> int:
-    """Of a frame of a known message, from behind its marker to the end of its payload."""
+    """The checksum of a frame of a known message, from behind its marker to its payload's end."""
     return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
 
 
@@ -148,10 +148,10 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     message_id = message_id_of(data[at : at + header])
     known = _KNOWN.get(message_id)
     if known is not None and header == 6 and payload > known[0]:
-        return 0  # MAVLink 1 knows no longer variants; saves most checksums of noise
+        return 0  # MAVLink 1 has no longer variants; saves most checksums of noise
     if have < length:
         return None
-    if known is None:  # of another dialect, its checksum unknown: believed between frames only
+    if known is None:  # another dialect, checksum unknown: accepted between frames only
         return length if in_step and (have == length or data[at + length] in STARTS) else 0
     crc = checksum(data[at + 1 : at + end], message_id)
     return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

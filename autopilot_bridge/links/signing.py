@@ -9,7 +9,7 @@ Why not pymavlink 2.4.50's own (``MAVLink.check_signature``, ``decode``):
   the future makes every later genuine one fail;
 - the own timestamp becomes the greatest one received, however wrong the sender's clock: the next
   frames we send then lock out every other station at each vehicle;
-- frames whose signature is *wrong* are shown to the callback that allows unsigned ones;
+- frames with a *wrong* signature are passed to the callback that allows unsigned ones;
 - frames of unknown messages come out unchecked, and signatures are compared with ``!=``.
 Here nothing is stored unless the hash is right, no other clock moves ours, a stream may run ahead
 of it only so far, and a wrong signature is wrong whatever the message.
@@ -251,7 +251,7 @@ class Signing:
         return stamped + self._hash(stamped)
 
     def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
-        """Whether a whole frame with a right checksum may be believed.
+        """Whether a whole frame with a correct checksum is accepted.
 
         Counts it, also among those of its link.
         """

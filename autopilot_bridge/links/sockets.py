@@ -36,7 +36,7 @@ def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> N
 
 
 async def look_up(address: LinkAddress) -> tuple[str, int]:
-    """The address of a host; raises BridgeError when it is not known."""
+    """The address of a host; raises BridgeError if it cannot be resolved."""
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)

@@ -95,7 +95,7 @@ class Udp(asyncio.DatagramProtocol):
         self.called = ""
         self._address = address
         self._listener = listener
-        self._remotes: dict[Where, _Remote] = {}  # the one heard last comes last
+        self._remotes: dict[Where, _Remote] = {}  # in order of the last reception
         self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._socket: socket.socket | None = None
@@ -189,7 +189,7 @@ class Udp(asyncio.DatagramProtocol):
         return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet (ICMP), or no network leads there now."""
+        """Ignore errors of an unused port (ICMP) or an unreachable network."""
         if not isinstance(exc, OSError) or exc.errno not in SILENCE:
             self._listener.failed(exc)
 

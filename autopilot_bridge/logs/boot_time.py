@@ -1,4 +1,4 @@
-"""The time of a flight whose log has stamps of another clock: of a fast or slow simulator.
+"""The time of a flight if the stamps of its log are of another clock: fast or slow simulators.
 
 Stamps of a .tlog are by the recorder's clock. If the autopilots' time since boot runs at another
 rate, the flight's time follows it.

@@ -105,7 +105,7 @@ class DataFlashLog:
             yield Entry(self.system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Name and values of each message of the kinds wanted that has a time."""
+        """Name and values of each message of the wanted kinds that has a time."""
         lengths = [0] * 256
         lengths[FMT] = FMT_BYTES
         kinds: list[_Kind | None] = [None] * 256
@@ -139,7 +139,7 @@ def _next_start(data: bytes, at: int) -> int:
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
     """Of the message that begins here; 0 if none does, or not all of it is there.
 
-    Messages have no checksum: what looks like one in noise is believed only if another follows.
+    Messages have no checksum: bytes that look like a message count only if another one follows.
     """
     if data[at : at + 2] != HEAD or at + 3 > len(data):
         return 0
@@ -198,7 +198,7 @@ class _Flight:
         self.stack: Stack | None = None
         self.armed = False
         self.mode: int | None = None
-        self.mode_name = ""  # not known before the firmware has said what it is
+        self.mode_name = ""  # unknown before the message that names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
         self.by_filter = False  # velocity is the EKF's, not the GPS receiver's
         self.yaw_deg = 0.0

@@ -32,7 +32,7 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionReplaced:
-    """The vehicle has another mission now, whose items the log does not have."""
+    """The vehicle has a new mission, whose items are not in the log."""
 
     at_us: int
 

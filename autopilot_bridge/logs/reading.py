@@ -34,14 +34,14 @@ def open_log(path: Path) -> Log:
         return UlogLog(path)
     if begin.startswith(HEAD):
         return DataFlashLog(path)
-    match path.suffix.lower():  # one whose beginning is damaged
+    match path.suffix.lower():  # a log with a damaged beginning
         case ".tlog":
             return TlogLog(path)
         case ".bin":
             return DataFlashLog(path)
         case ".ulg":
             return UlogLog(path)
-    raise BridgeError(f"{path}: is no log that is known here: {', '.join(SUFFIXES)}")
+    raise BridgeError(f"{path}: not a supported log: {', '.join(SUFFIXES)}")
 
 
 class MergedEntry(NamedTuple):

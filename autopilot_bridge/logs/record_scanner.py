@@ -8,7 +8,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
 PIECE_BYTES = 1 << 19
-LEAP_US = 600_000_000  # no log is silent for so long, but where it begins anew
+LEAP_US = 600_000_000  # no log has a longer gap, except where it begins again
 
 Message = TypeVar("Message")
 Values = dict[str, Any]
@@ -64,8 +64,8 @@ def records(
 
 
 def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
-    """Messages without those whose time leaps away from the others: formats without checksums have
-    such where noise looks like a message. A leap that the next message has made too is none.
+    """Messages without those whose time leaps from the others: noise that looks like a message in
+    formats without checksums. A leap that the next message confirms is accepted.
     """
     latest_us: int | None = None
     held: Message | None = None

@@ -2,9 +2,9 @@
 
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
 ``links/tlog_writer.py`` write them; MAVProxy keeps the number of the link in the lowest two
-bits. Only frames whose checksum is right are believed. Of other dialects' messages the length is,
-if another record follows. Where a simulator was faster or slower than the recorder's clock, time
-goes on as the autopilots' time since boot (``boot_time.py``).
+bits. Only frames with a correct checksum are used. The length of other dialects' messages is
+accepted if another record follows. If a simulator was faster or slower than the recorder's clock,
+the autopilots' time since boot is used (``boot_time.py``).
 """
 
 from collections.abc import Iterator
@@ -67,7 +67,7 @@ WANTED = frozenset(
 
 
 class TlogLog:
-    """A .tlog file. Vehicles are the systems whose component 1 sends."""
+    """A .tlog file. Vehicles are the systems with messages of component 1."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -99,7 +99,7 @@ class TlogLog:
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Frames of messages that are wanted, with their stamps."""
+        """Frames of wanted messages, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD

@@ -1,7 +1,7 @@
 """PX4's ULog (.ulg): messages by topics that are described at the beginning of the file.
 
-Read: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics say
-when that was. Missions' items are not in it.
+Source: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics
+contain the UTC time. The file does not contain missions' items.
 """
 
 import math
@@ -162,7 +162,7 @@ class UlogLog:
 
 
 class _Subscriptions:
-    """Topics by their numbers: the size of all, and how to read the first of those wanted."""
+    """Topics by number: the sizes of all, and the readers of the first instances of wanted ones."""
 
     def __init__(self, wanted: frozenset[str]) -> None:
         self.topics: dict[int, _Topic] = {}
@@ -191,8 +191,8 @@ def _time_of(message: tuple[str, Values]) -> int:
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
     """Of the message that begins here; 0 if none does, or not all of it is there.
 
-    Messages have no checksum: one is believed if it is as long as its kind or topic may be (by the
-    ``sizes`` of topics) and another follows; after damage, if three do.
+    Messages have no checksum: one is accepted if its length fits its kind or topic (by the
+    ``sizes`` of topics) and another follows; after damage, if three follow.
     """
     if data.startswith(MAGIC, at):
         return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
@@ -257,7 +257,7 @@ def _flatten(
     letters: list[str],
     deep: int,
 ) -> bool:
-    """Add a topic's fields, those of topics in it too; whether all are known."""
+    """Add a topic's fields, including nested topics; returns whether all are known."""
     if name not in formats or deep > 5:
         return False
     for field in filter(None, formats[name].split(";")):
@@ -391,9 +391,7 @@ def _battery(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     share = fields["remaining"]
     percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
     voltage_v = round(fields["voltage_v"], 2)
-    current_a = (
-        round(fields["current_a"], 1) if fields["current_a"] >= 0.0 else None
-    )  # -1: not known
+    current_a = round(fields["current_a"], 1) if fields["current_a"] >= 0.0 else None  # -1: unknown
     return flight.news(Battery(at_us, 0, percent, voltage_v, current_a))
 
 

@@ -69,7 +69,7 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "MISSION_ITEM": (Bound("x", -MAX_PARAM, MAX_PARAM), Bound("y", -MAX_PARAM, MAX_PARAM)),
     "STATUSTEXT": (Bound("severity", 0, 7),),
 }
-# What is NaN where it is not known.
+# Fields that are NaN if their value is unknown.
 UNKNOWN: Final = {
     "VFR_HUD": ("airspeed",),  # of PX4 multirotors
     "WIND_COV": ("wind_x", "wind_y"),

@@ -39,7 +39,7 @@ def _bad_frame(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]
         return
     if item.frame == mavlink.MAV_FRAME_MISSION and rules.bare_frame is None:
         reason = "without a frame the altitude is taken as above sea level"
-        yield problem("dangerous", index, item, "frame", reason, "say which altitude is meant")
+        yield problem("dangerous", index, item, "frame", reason, "give the altitude's frame")
         return
     terrain = item.frame in TERRAIN_FRAMES
     reason = "altitudes above terrain are not taken" if terrain else "the frame is not taken"

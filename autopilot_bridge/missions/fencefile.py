@@ -2,7 +2,7 @@
 
 As QGroundControl sends them: fence points in frame GLOBAL at altitude 0, a polygon's vertices
 each with the number of vertices, rally points above home, none of them with autocontinue.
-All functions raise ValueError saying which point is wrong.
+All functions raise ValueError, which names the wrong point.
 """
 
 from typing import Any
@@ -44,7 +44,7 @@ def fence_of(fence: Any) -> Items:
         if fence.get("polygon"):
             raise ValueError(
                 f"geoFence has version {fence.get('version')}; only 2 can be read: "
-                "save the file anew in QGroundControl"
+                "save the file again in QGroundControl"
             )
         return ()
     items: list[MissionItem] = []

@@ -2,7 +2,7 @@
 
 opening --ACK--> moving --all pieces answered--> closing --ACK--> ended
 opening: repeated on timeout with the same number, which makes the autopilot repeat its reply;
-         while another session is open, asked anew after three seconds of silence and after six
+         while another session is open, requested again after three seconds of silence and after six
 moving:  five reads or writes are under way, each sent again when its answer is late
 closing: only now does the autopilot apply what was written
 
@@ -119,7 +119,7 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # Another start than the last program's, whose reply the autopilot may still hold.
+        # Differs from the last program's number, whose reply the autopilot may still hold.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 
@@ -144,7 +144,7 @@ class _FtpTransfer:
         return min(max(usual_us, SHORTEST_WAIT_US), self._timing.timeout_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in a reply and ask on."""
+        """Process a reply and send the next requests."""
         if message.get_type() != "FILE_TRANSFER_PROTOCOL" or self.result is not None:
             return []
         source = (message.get_srcSystem(), message.get_srcComponent())
@@ -218,8 +218,8 @@ class _FtpTransfer:
         elif self._state == "opening":
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
             if busy and self._openings < MAX_OPENINGS:
-                # Somebody's session, living or dead. Another id, because ArduPilot closes a
-                # dead session for a new one only; never closed from here: it may be in use.
+                # A session of another client, active or dead. Use another id, because ArduPilot
+                # closes a dead session only for a new one; not closed here: it may be in use.
                 self.session = next_session(self.session)
                 # Longer each time: two stations that wait alike would keep each other out.
                 self._open_again_us = now_us + BUSY_WAIT_US * self._openings

@@ -23,7 +23,7 @@ ERRORS = {
     INVALID_SESSION: "another session is open",
     NO_SESSIONS: "no session is free",
     END_OF_FILE: "the file ends before",
-    UNKNOWN_COMMAND: "it does not know the request",
+    UNKNOWN_COMMAND: "it does not support the request",
     FILE_EXISTS: "the file exists",
     PROTECTED: "the file is protected",
     NOT_FOUND: "there is no such file",
@@ -34,7 +34,7 @@ ERRORS = {
 class Packet:
     """A request or a reply; ``asked`` is the request's opcode in a reply.
 
-    ``size`` is the number of bytes wanted in a request to read, else that of ``data``.
+    ``size`` is the number of bytes to read in a request to read, else that of ``data``.
     """
 
     seq: int

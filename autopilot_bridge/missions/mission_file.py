@@ -42,8 +42,8 @@ _ALTITUDE_LIMIT_M = 83_000.0
 def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, str] | None:
     """Place and defect of the first item of a mission that ArduPilot would not take, or None.
 
-    To be asked before a file is sent: a file is applied item by item after the old mission is
-    gone, and stops without a word at an item refused.
+    To be called before a file is sent: a file is applied item by item after the old mission was
+    removed, and ends without an error at a refused item.
     """
     for seq, item in enumerate(items):
         if seq >= max_items:
@@ -56,7 +56,7 @@ def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, s
 def _defect(item: MissionItem, count: int) -> str | None:
     place = item.command in _WITH_PLACE
     if not place and item.command not in _WITHOUT_PLACE:
-        return f"command {item.command} is not known to be taken from a file"
+        return f"command {item.command} is not supported in a file"
     params = (item.param1, item.param2, item.param3, item.param4)
     for number, value in enumerate(params, start=1):
         yaw = number == 4 and item.command in _YAW_MAY_BE_NAN and math.isnan(value)
@@ -115,7 +115,7 @@ def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ..
     length = file_length(data, mission_type)
     if len(data) != length:
         raise BridgeError(
-            f"mission file: {len(data)} bytes, the header says {length}; read it again"
+            f"mission file: {len(data)} bytes, but {length} by its header; read it again"
         )
     return tuple(
         _item(data, seq, mission_type) for seq in range((length - HEADER.size) // ITEM.size)
@@ -129,5 +129,5 @@ def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
         raise BridgeError(f"mission file: item {index} is empty; read the file again")
     # ArduPilot numbers the items of missions only.
     if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
-        raise BridgeError(f"mission file: item {index} says it is {seq}; read the file again")
+        raise BridgeError(f"mission file: item {index} has the number {seq}; read the file again")
     return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)

@@ -1,4 +1,4 @@
-"""Checked values of plan files; each function raises ValueError saying what is wrong."""
+"""Checked values of plan files; each function raises ValueError with the reason."""
 
 import math
 from typing import Any

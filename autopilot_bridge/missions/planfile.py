@@ -136,7 +136,7 @@ def _parse(path: Path, text: str) -> Plan:
     if (content.get("version"), mission.get("version")) != (1, 2):
         raise BridgeError(
             f"{path}: plan version {content.get('version')}, mission version "
-            f"{mission.get('version')}; only 1 and 2 can be read: save it anew in QGroundControl"
+            f"{mission.get('version')}; only 1 and 2 can be read: save it again in QGroundControl"
         )
     try:
         return Plan(

@@ -35,7 +35,7 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class TransferTiming:
-    """How long to wait for an answer, and how often to ask again."""
+    """Timeout of an answer, and number of repeated requests."""
 
     timeout_us: int = 1_500_000
     retries: int = 5
@@ -69,7 +69,7 @@ class TransferResult:
     """How a transfer ended.
 
     ``rejected``: the autopilot refused (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
-    it asked for). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
+    it requested). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
     ``cancelled``: its end was requested. ``holds`` is the mission that the vehicle has now, and
     ``items`` are its items where they were read.
     """

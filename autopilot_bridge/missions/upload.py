@@ -2,8 +2,8 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent when asked for, and where the autopilot takes them a few ahead of its
-requests, until it asks for one again: then something got lost, and each is waited for
+sending: items are sent on request, and a few ahead of requests if the autopilot accepts that, until
+it repeats a request: then a message was lost, and each request is awaited
 any --MISSION_ACK--> ended
 sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
@@ -41,10 +41,11 @@ class MissionUpload(Exchange):
         ahead: int = 0,
         plan_id: int | None = None,
     ) -> None:
-        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1).
+        """``items`` are sent unchanged; ``first`` is the one to be flown first (current = 1).
 
-        Up to ``ahead`` items are sent before they are asked for. ``plan_id`` is what the autopilot
-        will call the plan (see ``plan_id.py``), so that a lost acknowledgement is no riddle.
+        Up to ``ahead`` items are sent before their requests. ``plan_id`` is the id that the
+        autopilot will give the plan (see ``plan_id.py``): it confirms an upload whose
+        acknowledgement was lost.
         """
         super().__init__(address, timing)
         self.items = items
@@ -94,7 +95,7 @@ class MissionUpload(Exchange):
         self._tries = 0
         self._doubt = None
         before = -1 if self._requested_seq is None else self._requested_seq
-        if not before < seq <= self._sent + 1:  # asked for again
+        if not before < seq <= self._sent + 1:  # requested again
             self._ahead = 0
             self._sent = seq - 1
         self._requested_seq = seq
@@ -127,7 +128,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot says so of a duplicate and carries on
+            return  # ArduPilot's answer to a duplicate; it goes on
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
@@ -140,7 +141,7 @@ class MissionUpload(Exchange):
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask again, wait on, or give up."""
+        """Repeat the request, wait on, or give up."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
@@ -150,14 +151,14 @@ class MissionUpload(Exchange):
             self.result = self._doubt
             return []
         if self._all_sent and self._plan_id and self._reported_id == self._plan_id:
-            words = "accepted: the acknowledgement got lost, the autopilot tells the plan's id"
+            words = "accepted: the acknowledgement was lost, the autopilot reports the plan's id"
             self.result = TransferResult("accepted", words, items=self.items)
             return []
         self._tries += 1
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= self._timing.retries:
             return [self._count()] if self._state == "counted" else []
-        self.touched = True  # a lost MISSION_COUNT cannot be told from a lost answer to it
+        self.touched = True  # a lost MISSION_COUNT and a lost answer to it look the same
         if self._all_sent:
             self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
         elif self._state == "counted":

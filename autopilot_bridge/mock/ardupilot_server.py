@@ -72,7 +72,7 @@ class ArduPilotServer(MissionServer):
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Answer one message of the tick, ask silent uploaders again, give up on them."""
+        """Answer one message of the tick, repeat requests to silent uploaders, give up on them."""
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):

@@ -38,7 +38,7 @@ class MockAutopilot:
     """One vehicle standing at its home, disarmed; a peer for a ``Connection`` or a ``MemoryLink``.
 
     Args:
-        stack: The autopilot and the kind of vehicle whose behaviour it has.
+        stack: The autopilot and the kind of vehicle that it imitates.
         home: Where it stands.
         system_id: MAVLink system id, 1 to 255.
         airspeed_m_s: Cruise speed in m/s.
@@ -161,7 +161,7 @@ class MockAutopilot:
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Start anew where the vehicle is, disarmed; the lists survive, transfers do not."""
+        """Restart at the vehicle's position, disarmed; lists are kept, transfers are not."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()

@@ -31,7 +31,7 @@ CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """How much wider than asked a plane circles: ArduPlane 4.6 by 10 to 13 m, PX4 not."""
+    """Excess of a plane's circle over the ordered radius: ArduPlane 4.6 10 to 13 m, PX4 none."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 

@@ -59,7 +59,7 @@ class CommandRequest:
 
 
 def command_request_of(message: Message) -> CommandRequest:
-    """What a COMMAND_LONG or COMMAND_INT asks for."""
+    """The request in a COMMAND_LONG or COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)

@@ -98,7 +98,7 @@ class FlightModel(Body):
         self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "FlightModel":
-        """The same vehicle where it is, disarmed, its autopilot started anew."""
+        """The same vehicle at its position, disarmed, with its autopilot restarted."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         fresh = FlightModel(
             self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
@@ -129,7 +129,7 @@ class FlightModel(Body):
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
 
-    # What is asked of it ----------------------------------------------------------------------
+    # Commands ---------------------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
         """Change mode; holding happens where the vehicle is."""
@@ -445,7 +445,7 @@ class FlightModel(Body):
         if not self.glide(target.leg_start, place, ground_m):
             return False
         self._disarm_later(now_s)
-        return self.stack.name == "px4"  # ArduPlane's landing is not told as reached
+        return self.stack.name == "px4"  # ArduPlane does not report its landing as reached
 
     def _down(self, place: Place, now_s: float) -> bool:
         down = self.descend(place)

@@ -26,7 +26,7 @@ ESTIMATOR = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 _PLANE = dict.fromkeys(
     (POSITION, ATTITUDE, VFR_HUD, SYS_STATUS, BATTERY_STATUS, GPS, WIND, SERVOS, FENCE, EKF), 1.0
 )
-_PLANE[LANDED] = 0.0  # only when asked for
+_PLANE[LANDED] = 0.0  # only on request
 _PX4 = {
     **dict.fromkeys((POSITION, ATTITUDE, VFR_HUD), 4.0),
     **dict.fromkeys((SYS_STATUS, BATTERY_STATUS, GPS, WIND_COV, SERVOS, LANDED, ESTIMATOR), 1.0),

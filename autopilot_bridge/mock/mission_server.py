@@ -64,7 +64,7 @@ class MissionServer(ABC):
 
     @abstractmethod
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Late answers and questions asked again."""
+        """Late answers and repeated requests."""
 
     @abstractmethod
     def forget_transfers(self) -> None:
@@ -97,7 +97,7 @@ class MissionServer(ABC):
 
 
 def client_of(message: Message) -> Client:
-    """Who sent it."""
+    """The sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 
@@ -117,7 +117,7 @@ def text(severity: int, words: str) -> Message:
 
 
 def item_in(message: Message) -> MissionItem:
-    """The item of a MISSION_ITEM_INT or of the old MISSION_ITEM, whose place is in degrees."""
+    """The item of a MISSION_ITEM_INT or of the old MISSION_ITEM (with its position in degrees)."""
     item = item_of(message)
     as_is = message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION
     unit = 1.0 if as_is else 1e7

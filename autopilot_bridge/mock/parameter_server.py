@@ -51,7 +51,7 @@ class _Held:
 
 
 class ParameterServer:
-    """The parameters of one mock. What is not known gets no answer."""
+    """The parameters of one mock. Requests for unknown parameters get no answer."""
 
     def __init__(self, stack: Stack) -> None:
         self._bytewise = stack.name == "px4"
@@ -118,7 +118,7 @@ class ParameterServer:
     def _set(self, message: Message) -> list[Message]:
         held = self._held[message.param_id]
         if self._bytewise and message.param_type != held.kind:
-            return []  # PX4 wants the very type
+            return []  # PX4 requires the exact type
         value = decoded_value(message.param_value, held.kind, self._bytewise)
         try:
             encoded_value(value, held.kind, self._bytewise)

@@ -72,7 +72,7 @@ class Payload:
 
     def _gripper(self, number: int, action: int, at_us: int) -> None:
         if self.stack.name == "ardupilot":
-            number = 1  # it has one, whatever is said
+            number = 1  # it has one gripper, whatever the command's number
             self.texts.append((6, "Gripper Grabbed" if action else "Gripper Released"))
         self._note(at_us, "gripper", number, float(action))
 
@@ -106,7 +106,7 @@ class Px4Gripper:
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
         self._stands: int | None = GRAB  # None: it moves
-        self._under_way: tuple[int, Requester, int] | None = None  # action, who asked, its end
+        self._under_way: tuple[int, Requester, int] | None = None  # action, requester, end
 
     def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
         """The answers, each with the ids of its requester."""

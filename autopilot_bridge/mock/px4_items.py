@@ -103,7 +103,7 @@ def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Sha
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """The first item of a mission whose place the fence forbids."""
+    """The first item of a mission at a position that the fence forbids."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):
@@ -118,7 +118,7 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def lacking(items: list[MissionItem], required: int) -> str | None:
-    """What MIS_TKO_LAND_REQ asks for and a mission lacks (0 nothing, 1 takeoff, 2 landing)."""
+    """The item required by MIS_TKO_LAND_REQ that is missing (0 none, 1 takeoff, 2 landing)."""
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

@@ -55,7 +55,7 @@ class Manager:
     state: Literal["idle", "getting", "sending"] = "idle"
     mission_type: int = MISSION
     as_int: bool = True
-    seq: int = 0  # the item wanted next, or to be asked for next
+    seq: int = 0  # the item expected next, or to be requested next
     count: int = 0
     heard_us: int = 0
     asked_us: int = 0
@@ -98,7 +98,7 @@ class Px4Server(MissionServer):
         return due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask silent uploaders again, give up on silent clients, look at a new fence."""
+        """Repeat requests to silent uploaders, give up on silent clients, check a new fence."""
         answers: list[Message] = []
         for manager in self._managers.values():
             if manager.state == "idle" or now_us < self._due_us(manager):
@@ -236,7 +236,7 @@ class Px4Server(MissionServer):
             self.start_at = start_at
             self._look_at_mission()
         if mission_type == FENCE or self._reason is not None:
-            self._check_us = now_us + FENCE_CHECK_US  # and tell of it
+            self._check_us = now_us + FENCE_CHECK_US  # and report it
 
     def _clear(self, manager: Manager, mission_type: int, now_us: int) -> list[Message]:
         if manager.state != "idle":

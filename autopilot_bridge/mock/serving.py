@@ -90,8 +90,8 @@ async def serve(
 ) -> None:
     """Fly a mock or a fleet on a link until cancelled. ``clock`` gives real microseconds.
 
-    ``opened`` is called when the link is open. With ``learns``, a fleet signs with the keys it is
-    told; it makes the signing for one.
+    ``opened`` is called when the link is open. With ``learns``, a fleet signs with the keys that it
+    receives; the function makes the signing for a key.
     """
     began_us = clock()
 

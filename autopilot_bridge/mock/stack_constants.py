@@ -1,6 +1,6 @@
-"""What the mission servers of the two stacks do differently, as data.
+"""Differences between the mission servers of the two stacks, as data.
 
-Seen on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, unless a comment says "read".
+Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, except values marked "read".
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ class StackConstants:
     """One stack on one kind of vehicle."""
 
     tick_us: int  # what arrives is worked on at the next turn of the autopilot's loop
-    rerequest_us: int  # a silent uploader is asked again
+    rerequest_us: int  # the request to a silent uploader is repeated
     gives_up_us: int  # a silent uploader, counted from the last item
     most: tuple[int, int, int]  # items of a mission, a fence, a list of rally points
     mission_names: dict[int, str]  # how "Mission: 2 WP" calls the commands; empty: no texts

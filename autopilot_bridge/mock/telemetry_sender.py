@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """Says what is due after each step of a flight. ``send`` takes any number of messages."""
+    """Sends the messages due after each step of a flight. ``send`` takes any number of them."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class TelemetrySender:
             self.send_current(flight)
 
     def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
-        """MISSION_CURRENT; ``requested`` is the item just asked for, though it be passed over."""
+        """MISSION_CURRENT; ``requested`` is the item just requested, even if it is skipped."""
         total, ids = self._missions.progress()
         self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"

@@ -35,7 +35,7 @@ class Rules:
     """One stack's rules; commands by number."""
 
     frames: frozenset[int]  # of items with a position
-    position: dict[int, str]  # kept, of commands whose position the stack takes
+    position: dict[int, str]  # kept, for commands with a position that the stack accepts
     bare: dict[int, str]  # kept, of commands without one
     bare_frame: int | None  # the one frame that items without position may have
     bare_xyz: dict[int, str]  # which of x, y, z a command without position keeps

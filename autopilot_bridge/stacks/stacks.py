@@ -46,14 +46,16 @@ class Stack:
     vehicle: str
     autopilot: int
     mav_type: int
-    request_message: str  # what the autopilot asks for items with
+    request_message: str  # with which the autopilot requests items
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission whole
     mission_files: bool  # whole missions by MAVFTP
     keeps_target: bool  # flies its old target on after an upload, until the index is set
-    items_ahead: int  # items that may be sent before they are asked for
-    rerequest_us: int  # how soon a silent uploader is asked again
-    cancels_after_us: int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a word
+    items_ahead: int  # items that may be sent before they are requested
+    rerequest_us: int  # delay before a request to a silent uploader is repeated
+    cancels_after_us: (
+        int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a message
+    )
     max_items: int
     mission_mode: int
     hold_mode: int

@@ -35,7 +35,7 @@ class LinkRestored:
 
 @dataclass(frozen=True, slots=True)
 class Rebooted:
-    """The autopilot's time since boot began anew."""
+    """The autopilot's time since boot began again."""
 
     at_us: int
 
@@ -93,7 +93,7 @@ class Status:
     __slots__: tuple[str, ...] = ()
 
     def without_time(self) -> tuple[object, ...]:
-        """The fields whose change is reported."""
+        """The fields of which changes are reported."""
         return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
 
 
@@ -184,7 +184,7 @@ class ItemReached:
 
 @dataclass(frozen=True, slots=True)
 class TransferFinished:
-    """A transfer asked for has ended."""
+    """A requested transfer has ended."""
 
     at_us: int
     transfer_id: int

@@ -1,7 +1,7 @@
 """Commands one after another, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
 
-asked --ACK accepted--> next step; asked --ACK in progress--> working; asked --ACK refuses--> ended
-asked is repeated on timeout, working is not: it is taken, and ends late or never
+sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK refuses--> ended
+sent: repeated on timeout; working: not repeated, because it was accepted and ends late or never
 """
 
 from dataclasses import dataclass

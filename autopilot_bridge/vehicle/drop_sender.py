@@ -1,6 +1,6 @@
 """DropSender, sans-IO: each release is sent once, at once, past all other orders, or not at all.
 
-asked --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
+sent --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
 
 An acknowledgement has only the number of the command, which is the same for release and setting

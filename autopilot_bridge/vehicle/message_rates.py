@@ -1,9 +1,9 @@
-"""Which messages an autopilot shall send how often, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
+"""Requests message rates from an autopilot, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
 
-asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
-when all were asked: what does not arrive is asked for again, a few times; so is what stops
+requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
+after all requests: messages that do not arrive or stop are requested again, a few times
 
-ArduCopter forgets its rates at a restart, and its heartbeat does not show that.
+ArduCopter resets its rates at a restart, and its heartbeat does not show that.
 
 The acknowledgement does not name the message, so one is requested at a time.
 """
@@ -93,7 +93,7 @@ def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) ->
 
 
 class MessageRates:
-    """Asks one vehicle for its messages."""
+    """Requests the messages of one vehicle."""
 
     def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:
         self._own = own
@@ -109,7 +109,7 @@ class MessageRates:
         self._due_us: int | None = None
 
     def begin(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
-        """Ask for everything (anew)."""
+        """Start with the requests, or start again."""
         self._target = target
         self._wanted = rates_for(stack, self._rates_hz)
         self._absent = set()

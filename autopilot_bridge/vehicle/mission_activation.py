@@ -10,8 +10,8 @@ ArduPilot flies on to its old target, and keeps its current item, until it is co
 acknowledges the command; if the acknowledgement is lost, a sequence number that the old current
 item could not have led to proves the same.
 
-asking --acknowledged, or the new item seen--> ended
-asking --the old item seen, on timeout--> asked again; nothing seen: wait, do not ask again
+sent --acknowledged, or the new item seen--> ended
+sent --the old item seen, on timeout--> repeated; nothing seen: wait without repetition
 watching --the list's id, and it is fit--> ended
 either --the list's id, and it stays unfit--> ended, rejected
 either --the id of another list again and again--> ended, failed

@@ -1,7 +1,7 @@
 """Change of flight mode as part of a transfer, sans-IO.
 
-waiting --HEARTBEAT in a mode to be left--> asked --HEARTBEAT in the wanted mode--> ended
-asked --COMMAND_ACK that refuses--> ended
+waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> ended
+sent --COMMAND_ACK that refuses--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
 The command leaves right behind a heartbeat, and is repeated (its acknowledgement may be lost) only

@@ -1,4 +1,4 @@
-"""What is known of one vehicle, folded from the messages of its autopilot, sans-IO."""
+"""The state of one vehicle, folded from the messages of its autopilot, sans-IO."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -61,7 +61,7 @@ class VehicleMonitor:
         self._reach = Reach(max_speed_m_s)
         self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
         self._back_us = 0  # by how much times since boot went back, if they did
-        self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
+        self.undecided_until_us = 0  # until then its clock cannot decide whether it has restarted
         self.used = True  # the last message, at least in part
 
     @property
@@ -82,7 +82,7 @@ class VehicleMonitor:
         return self._received_us + self._heartbeat_timeout_us
 
     def handle_timer(self, now_us: int) -> list[ClientEvent]:
-        """Tell of a link that is lost."""
+        """Report a lost link."""
         due_us = self.next_timer()
         if due_us is None or self._received_us is None or now_us < due_us:
             return []
@@ -94,7 +94,7 @@ class VehicleMonitor:
         return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End alarms whose cause has not been seen for a while."""
+        """End alarms without a recent cause."""
         if not self._alarms:
             return []
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
@@ -211,7 +211,7 @@ class VehicleMonitor:
         self.critical = message.system_status in FAILSAFES
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         changed = (armed, message.custom_mode) != (self.armed, self.custom_mode)
-        if changed or self._restarted:  # after a restart it is reported anew
+        if changed or self._restarted:  # after a restart it is reported again
             self._restarted = False
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)

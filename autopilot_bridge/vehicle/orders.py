@@ -173,10 +173,10 @@ def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m
 
 
 def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
-    """To let go, and to set the dropper back.
+    """The commands to release, and to reset the dropper.
 
-    The first is for sending once: a second one may let go of another. PX4 takes no servos, and says
-    "accepted" to an actuator that no output is set up for.
+    The first must be sent only once: a repetition may release another sphere. PX4 rejects servos,
+    and accepts commands to an actuator without a configured output.
     """
     match dropper.by:
         case "servo" if stack.name == "px4":

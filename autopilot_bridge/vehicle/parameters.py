@@ -1,7 +1,7 @@
 """Parameters of one autopilot, sans-IO: read one, read all, set one (MAVLink parameter protocol).
 
-read one: asked --PARAM_VALUE of that name--> ended; asked again on timeout
-read all: listed --PARAM_VALUE ...-- quiet --> missing indexes asked for, some at a time --> ended
+read one: requested --PARAM_VALUE of that name--> ended; repeated on timeout
+read all: listed --PARAM_VALUE ...-- quiet --> missing indexes requested, some at a time --> ended
 set: sent --PARAM_VALUE of that name--> ended; sent again on timeout
 
 A value travels in a float: PX4 puts the bytes of an int32 there, ArduPilot converts the number.
@@ -138,7 +138,7 @@ class ParameterRead(_ParameterExchange):
         self._name = checked_name(name)
 
     def start(self, now_us: int) -> list[Message]:
-        """Ask for it."""
+        """Send the request."""
         name = self._name.encode()
         return self._again(
             mavlink.MAVLink_param_request_read_message(*self._target, name, -1), now_us
@@ -155,7 +155,7 @@ class ParameterRead(_ParameterExchange):
         return []
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask again or give up."""
+        """Repeat the request or give up."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if not self._no_more(now_us):
@@ -185,7 +185,7 @@ class ParameterSet(_ParameterExchange):
         self._told: Parameter | None = None  # a finite number
 
     def start(self, now_us: int) -> list[Message]:
-        """Ask for its type, which the value has to be sent in."""
+        """Request its type, which is needed to send the value."""
         name = self._name.encode()
         if self._kind is None:
             ask = mavlink.MAVLink_param_request_read_message(*self._target, name, -1)
@@ -251,7 +251,7 @@ class ParametersRead(_ParameterExchange):
         self._asked: set[int] = set()  # one by one, not answered yet
 
     def start(self, now_us: int) -> list[Message]:
-        """Ask for the list."""
+        """Request the list."""
         self._deadline_us = now_us + FIRST_WAIT_US
         return [mavlink.MAVLink_param_request_list_message(*self._target)]
 
@@ -287,13 +287,13 @@ class ParametersRead(_ParameterExchange):
         self.result = ParametersResult(outcome, reason, found)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask for the list again, or for what is missing."""
+        """Request the list again, or the missing parameters."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._no_more(now_us):
             all_of_them = "any" if self._count is None else f"all {self._count}"
             words = f"{len(self._found)} parameters came, not {all_of_them}"
-            self._end("failed", words if self._found else "the autopilot tells no parameters")
+            self._end("failed", words if self._found else "the autopilot reports no parameters")
             return []
         if self._count is None:
             return self.start(now_us)

@@ -40,7 +40,7 @@ MAX_SINCE = 64
 BY_CHANCE = 2
 FITS = 60  # a simulation that fell behind may catch up within a minute
 FIRST_EVERY_US, EVERY_US = 100_000, 1_000_000
-# While the rate is not known, in the first second: the fastest simulation, and a burst of it.
+# Limits in the first second, before the rate is known: the fastest simulation, and its burst.
 FASTEST, BURST_US = 200.0, 30_000_000
 SLOWEST = 0.1  # of any simulation
 REAL = 1.25  # rates below are those of a clock, not of a simulation
@@ -190,7 +190,7 @@ class Reach:
     """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """``speed_m_s``: its maximum, over the ground and vertically; None: not known."""
+        """``speed_m_s``: its maximum, over the ground and vertically; None: unknown."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
         self._anchor: Position | None = None  # of some time ago, so that errors do not add up

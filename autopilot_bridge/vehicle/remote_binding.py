@@ -3,9 +3,9 @@
 A vehicle is bound to the remote (address and port, or connection) on which a HEARTBEAT of its
 autopilot was found first. Messages with its system id from another remote are not used while the
 first one sends, and raise an alarm. After ``timeout_us`` of silence a HEARTBEAT from another remote
-binds the vehicle to that one: an autopilot that was restarted, or whose network changed, has
-another port. That raises an alarm too, unless the link is signed: a checked signature is proof.
-When an earlier remote sends again it outranks later ones, whose messages are not used any more.
+binds the vehicle to that one: after a restart or a change of network an autopilot has another
+port. That raises an alarm too, unless the link is signed: a checked signature is proof. When an
+earlier remote sends again, it takes precedence, and messages of later ones are no longer used.
 
 Whether the first remote is the vehicle's cannot be decided here: if a forger sends before the
 vehicle, the alarm stands until the forger stops. Only a signed link prevents that.
@@ -40,7 +40,7 @@ class RemoteBinding:
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
         """Whether a message with the vehicle's system id from a remote is used.
 
-        ``is_heartbeat``: it is a HEARTBEAT of an autopilot of a kind that is known.
+        ``is_heartbeat``: it is a HEARTBEAT of a supported autopilot.
         """
         if remote != self.remote:
             if not self._may_take_over(remote, now_us):

@@ -158,7 +158,8 @@ ESTIMATOR_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 MESSAGES = frozenset((*_DECODERS, *ESTIMATOR_MESSAGES))
 ToldOnChange = Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
 TOLD_ON_CHANGE = get_args(ToldOnChange)
-# Whose time since boot is the autopilot's own on both stacks; others may be a gimbal's, or 0.
+# Messages with the autopilot's own time since boot on both stacks; in others it may be a gimbal's,
+# or 0.
 TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
@@ -188,7 +189,7 @@ class Telemetry:
         self._has_battery_status = False
 
     def forget(self) -> None:
-        """Begin anew: the autopilot was restarted."""
+        """Start again after a restart of the autopilot."""
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()

@@ -301,7 +301,7 @@ class TransferQueue:
         if to_go_on and longer and not job.old_tail:
             job.old_tail = True
             return self._start_mission(job, state)
-        if to_go_on:  # not applied, or in part: a command it does not know
+        if to_go_on:  # not applied, or in part: an unsupported command
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, state)
         holds: Holds = "the old one" if untouched else "a mixture"

@@ -83,7 +83,7 @@ TRANSITIONS: dict[Action, dict[Phase, tuple[Phase, ...]]] = {
     },
     "clear": {Phase.QUEUED: (Phase.CLEARING,), Phase.CLEARING: (Phase.ENDED,)},
 }
-# The phases of an upload before it is known how the upload itself ended.
+# The phases of an upload before its own result is known.
 UNSENT = (Phase.QUEUED, Phase.WRITING_FILE, *_BY_ITEMS)
 # The phases in which each flag of a transfer may be set.
 FLAG_PHASES: dict[str, tuple[Phase, ...]] = {

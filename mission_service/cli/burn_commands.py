@@ -1,4 +1,4 @@
-"""``mission-service burn``: a live burn, and what may be asked of it."""
+"""``mission-service burn``: commands for a prescribed burn."""
 
 import json
 import time
@@ -30,7 +30,7 @@ def _of_burns() -> dict[str, Any]:
 
 @click.group(cls=Requests, table=_of_burns)
 def burn() -> None:
-    """A prescribed burn under way: what a crew sees, approves, corrects and stops."""
+    """Show, approve, correct and stop a live prescribed burn."""
 
 
 @burn.command()
@@ -67,18 +67,18 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
                     click.echo(json.dumps(told))
                 else:
                     click.clear()
-                    click.echo("\n".join([*describe_status(told), f"{by} at {where} is there"]))
+                    click.echo("\n".join([*describe_status(told), f"{by} at {where} is present"]))
                 time.sleep(every_s)
         except KeyboardInterrupt:
-            click.echo(f"{by} at {where} watches no more", err=True)
+            click.echo(f"{by} at {where} is no longer present", err=True)
 
 
 @burn.command()
 @click.argument("hash_", metavar="HASH")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Approve the plan HASH (at least its first 8 digits): it shows what that is, and asks."""
+    """Approve the plan HASH (at least its first 8 digits), after a summary and a prompt."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient
@@ -90,7 +90,7 @@ def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, 
         click.echo("\n".join(describe_plan(proposed, name)), err=as_json)
         if told["open_items"]:
             items = "; ".join(told["open_items"])
-            raise RequestError(f"the GO list comes first; open: {items}")
+            raise RequestError(f"the GO list must be complete first; open: {items}")
         if not yes and not click.confirm(f"Approve it as {by} at {where}?", err=as_json):
             raise RequestError("not approved")
         print_answer(there.ask(do="approve", by=by, station=where, hash=name), as_json)
@@ -105,7 +105,7 @@ request.add_command(approve)
 @OVERRIDE
 @JSON
 def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Plan the whole burn of CONFIG to its end: lines, loads, spheres, time, fire to come."""
+    """Plan the whole burn of CONFIG to its end: lines, loads, spheres, time, expected fire."""
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 

@@ -1,4 +1,4 @@
-"""The address of an MQTT broker and the beginning of topics."""
+"""The address of an MQTT broker and the prefix of topics."""
 
 import re
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""Which rules ``planner.rule`` may name: ways of flying, looked up when a scenario is checked.
+"""The valid values of ``planner.rule``: ways of flying, looked up when a scenario is checked.
 
-Ways of flying are plug-ins. Those of this package stand in ``guidance/registry.py``; those of
+Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
 other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by their
-address, as plug-ins are: nothing here is imported from the packages that fly.
+address: this module imports nothing from the packages that fly.
 """
 
 import re
@@ -19,11 +19,11 @@ NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package: its table has the sam
 
 
 class Way(Protocol):
-    """What a scenario asks of a way of flying; ``guidance/protocol.py`` has all of it."""
+    """The part of a way of flying that a scenario needs; see ``guidance/way_of_flying.py``."""
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """What ``planner.rule`` may be."""
+        """Its values of ``planner.rule``."""
 
     @property
     def section(self) -> type[BaseModel] | None:
@@ -38,7 +38,7 @@ class Way(Protocol):
         """Whether its vehicles exchange messages with those of other processes."""
 
     def check(self, scenario: Any) -> None:
-        """Raise ValueError for vehicles, or tables, that it cannot fly."""
+        """Raise ValueError if it cannot fly the scenario's vehicles or tables."""
 
 
 @cache
@@ -49,7 +49,7 @@ def own_ways() -> Mapping[str, Way]:
 
 
 def rules() -> list[str]:
-    """All rules there are: those of this package, then those of other packages."""
+    """All rules: those of this package, then those of other packages."""
     others = {each.name for each in entry_points(group=GROUP)} - own_ways().keys()
     return [*own_ways(), *sorted(others)]
 
@@ -82,7 +82,7 @@ def _of_another_package(point: EntryPoint) -> Way:
         raise ValueError(f"{where}: a rule is named in lower case letters, digits and _")
     try:
         way: Way = point.load()
-    except Exception as error:  # whatever another package raises when it is imported
+    except Exception as error:  # an import of another package may raise anything
         raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
     if getattr(way, "rules", ()) != (point.name,):
         raise ValueError(f"{where}: it must be a WayOfFlying whose only rule is {point.name}")

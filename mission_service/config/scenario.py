@@ -1,4 +1,4 @@
-"""The scenario: one TOML file into frozen models that refuse what they do not know."""
+"""Reads a scenario: one TOML file into frozen models that refuse unknown keys."""
 
 import re
 import tomllib
@@ -44,10 +44,10 @@ S = TypeVar("S", bound=Section)
 
 
 class Scenario(Section):
-    """A whole scenario. Mission time 0 is when the clock of the fire starts.
+    """A whole scenario. Mission time 0 is the start of the fire's clock.
 
-    ``time_zero`` is that moment by the calendar, with its UTC offset, for files that are written.
-    ``only`` names the vehicle that this process flies, where others fly the rest.
+    ``time_zero`` is the calendar time of mission time 0, with its UTC offset, for output files.
+    ``only`` names the single vehicle that this process flies, if other processes fly the others.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Scenario(Section):
     duration_s: Positive
     deploy_at_s: NotNegative = 0.0
     clock: Literal["autopilot", "wall"] = "autopilot"
-    fly_in_wind: bool = True  # simulated vehicles, in the fire's own
+    fly_in_wind: bool = True  # simulated vehicles fly in the wind of the fire's weather
     landscape: LandscapeSection = LandscapeSection()
     fire: FireSection = FireSection()
     weather: tuple[WeatherEntry, ...] = ()
@@ -96,12 +96,12 @@ class Scenario(Section):
 
     @property
     def way(self) -> Way:
-        """The way of flying that its rule names."""
+        """The way of flying of its rule."""
         return way_named(self.planner.rule)
 
     @property
     def burn_flown(self) -> BurnSection | None:
-        """The burn, if it is what this scenario flies."""
+        """The burn, if this scenario flies one."""
         return self.burn if self.way.prescribed else None
 
     @property
@@ -140,13 +140,13 @@ def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
 
 
 def _port(link: str) -> str:
-    """The port or serial device of a link, whatever the host."""
+    """The port or serial device of a link, without its host."""
     kind, _, rest = link.partition(":")
     return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
 
 
 def scenario_path(name: str) -> Path:
-    """The file of a scenario: a path, or the name of one that ships with the package."""
+    """The file of a scenario, from its path or the name of a scenario shipped with the package."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -163,7 +163,7 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
 
 
 def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
-    """As ``load_scenario``, with what its table [service] says of how the daemon is run."""
+    """As ``load_scenario``, with the daemon's settings from its table [service]."""
     path = scenario_path(name)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """As ``load_run``, of what stands in a file, or in the header of a journal."""
+    """As ``load_run``, from the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
     for renamed in renamed_keys(data):
@@ -192,25 +192,25 @@ def run_of(
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Check a scenario given as a dictionary; relative paths count from the file."""
+    """Check a scenario given as a dictionary; relative paths start at the file's folder."""
     kind = _with_table_of(data.get("planner"))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
 
 
 def _with_table_of(planner: Any) -> type[Scenario]:
-    """The model of a scenario, with the table that the planner's rule has of its own."""
+    """The model of a scenario, with the own table of the planner's rule."""
     rule = planner.get("rule") if isinstance(planner, dict) else None
     try:
         section = way_named(rule).section if isinstance(rule, str) else None
-    except ValueError:  # the model says so, by its key
+    except ValueError:  # the model reports the invalid rule with its key
         return Scenario
     return Scenario if section is None else _with_table(rule, section)
 
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """The model of a scenario with a further table. Raises ScenarioError for one that it has."""
+    """The model of a scenario with a further table. Raises ScenarioError if it has that table."""
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; name it otherwise")
     needed = any(field.is_required() for field in section.model_fields.values())
@@ -219,9 +219,9 @@ def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """The table that has the name of the scenario's rule; with its defaults, if it is not there.
+    """The table with the name of the scenario's rule; with its defaults, if it is missing.
 
-    Raises ScenarioError if it is not there and has keys without a default.
+    Raises ScenarioError if it is missing and has keys without a default.
     """
     found = getattr(scenario, scenario.planner.rule, None)
     try:
@@ -232,7 +232,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
-    """What stands at these keys of the file."""
+    """The value at these keys of the file."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -240,7 +240,7 @@ def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...]
 
 
 def _in_layers(scenario: Scenario) -> Scenario:
-    """The scenario with an altitude layer for each vehicle whose altitude it does not give."""
+    """The scenario with an altitude layer for each vehicle without ``altitude_agl_m``."""
     vehicles = tuple(
         vehicle
         if "altitude_agl_m" in vehicle.model_fields_set
@@ -253,7 +253,7 @@ def _in_layers(scenario: Scenario) -> Scenario:
 
 
 def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
-    """A section with all its paths counted from the scenario's folder; they must be there."""
+    """A section with its paths made relative to the scenario's folder; the files must exist."""
     if isinstance(section, Path):
         found = (scenario_path.parent / section).resolve()
         if not found.is_file():
@@ -279,7 +279,7 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
 
 
 def with_signing_key(scenario: Scenario, source: str) -> Scenario:
-    """The scenario with the same key for all its vehicles. Raises ScenarioError for no source."""
+    """The scenario with one key for all its vehicles. Raises ScenarioError for a bad source."""
     if re.fullmatch(KEY_SOURCE, source) is None:
         raise ScenarioError("signing key: name where it is, as file:PATH or env:NAME")
     vehicles = tuple(
@@ -289,9 +289,9 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
 
 
 def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -> Scenario:
-    """The scenario for a process that flies only one vehicle, or talks to other processes.
+    """The scenario of a process that flies one vehicle only, or exchanges messages with others.
 
-    Raises ScenarioError for a vehicle that it has not, and for a rule without a word to say.
+    Raises ScenarioError for an unknown vehicle, and for a rule without messages to other processes.
     """
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
@@ -306,13 +306,13 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
 
 
 def flying(scenario: Scenario) -> Scenario:
-    """The scenario itself if vehicles can fly in it; raises ScenarioError saying what it lacks."""
+    """The scenario itself if vehicles can fly in it; else raises ScenarioError with the reason."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
     known = scenario.planner.ignition_known and scenario.burn_flown is None
     if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
         raise ScenarioError(
-            f"{scenario.name}: the planner has to know where the fire is: make the first ignition "
+            f"{scenario.name}: the planner needs the position of the fire: make the first ignition "
             "a point, or set planner.ignition_known = false and reported_lat_deg, reported_lon_deg"
         )
     return scenario
@@ -322,7 +322,7 @@ def _in_words(error: ValidationError) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
-    # What stands where a key is named, perhaps misspelt, may be the key itself.
+    # A value given under the name of a key, perhaps misspelt, may be the secret key itself.
     secret = re.search("key|sign|password|token", key)
     hidden = isinstance(value, dict | list | tuple | BaseModel) or secret
     shown = "" if hidden else f" (got {value!r})"

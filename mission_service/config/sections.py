@@ -1,4 +1,4 @@
-"""The tables of a scenario file: frozen models that refuse what they do not know."""
+"""The tables of a scenario file: frozen models that refuse unknown keys."""
 
 import re
 from datetime import datetime
@@ -21,7 +21,7 @@ Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
-# A name that is no name may be the key itself.
+# An invalid name may be the secret key itself.
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -32,11 +32,11 @@ class Section(BaseModel):
 
 
 class LandscapeSection(Section):
-    """Where the fire burns: the grid that ships with matplotlib, level ground, or rasters.
+    """The landscape of the fire: the grid that ships with matplotlib, level ground, or rasters.
 
-    Level ground ("flat") is of one fuel, ``elevation_m`` high, around ``lat_deg``, ``lon_deg``.
-    Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack whose bands say
-    what they are or are named in ``bands``.
+    Level ground ("flat") has one fuel and the elevation ``elevation_m``, around ``lat_deg``,
+    ``lon_deg``. Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack
+    whose bands have descriptions or are named in ``bands``.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
@@ -64,7 +64,7 @@ class LandscapeSection(Section):
 
     @property
     def layers(self) -> dict[str, Path]:
-        """The file of each layer that has one of its own."""
+        """The files of the layers that have a file of their own."""
         found = {name: getattr(self, name) for name in LAYERS}
         return {name: path for name, path in found.items() if path is not None}
 
@@ -76,7 +76,7 @@ class LandscapeSection(Section):
             raise ValueError('source = "flat" needs lat_deg and lon_deg, its middle')
         if self.source != "files":
             if self.file or self.layers:
-                raise ValueError('rasters are given, so it must say source = "files"')
+                raise ValueError('rasters are given; they require source = "files"')
             self._refuse(RASTER_KEYS)
         elif (self.file is None) == (not self.layers):
             raise ValueError('source = "files" needs either file, or fuel and the other layers')
@@ -114,8 +114,8 @@ class WeatherEntry(FuelMoisture):
 class WeatherFile(FuelMoisture):
     """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's own time.
 
-    Moistures that the file does not have are those given here. With ``conditioned`` the dead ones
-    follow temperature, humidity and rain from these on.
+    Moistures missing in the file are those given here. With ``conditioned`` the moistures of dead
+    fuels start from them and follow temperature, humidity and rain.
     """
 
     path: Path
@@ -124,7 +124,7 @@ class WeatherFile(FuelMoisture):
 
 
 class Ignition(Section):
-    """What starts to burn ``at_s`` seconds of mission time: a point, or the shapes of a file."""
+    """An ignition at mission time ``at_s``: a point, or the shapes of a file."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -140,11 +140,11 @@ class Ignition(Section):
 
 
 class FireSection(Section):
-    """How the fire spreads, and what of it burns already when the model takes over.
+    """The scheme of fire spread, and the area that has burned at the start.
 
-    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of times of
-    arrival. ``p_spread`` and ``update_s`` are those of the probabilistic scheme, which can also
-    begin with a fire of ``initial_cells``, grown from the ignitions by the same rule.
+    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of arrival
+    times. ``p_spread`` and ``update_s`` belong to the probabilistic scheme, which can also start
+    with a fire of ``initial_cells``, grown from the ignitions by the same rule.
     """
 
     scheme: SchemeName = "anyangle"
@@ -170,7 +170,7 @@ class FireSection(Section):
 
 
 class PlannerSection(Section):
-    """What decides: ``rule`` names a way of flying (``rules.py``).
+    """The planner: ``rule`` names a way of flying (``rule_lookup.py``).
 
     Rules that begin with ``team.`` direct all vehicles together, on one map.
     """
@@ -178,7 +178,7 @@ class PlannerSection(Section):
     rule: str = "islam_hu_damped"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
-    # What a team's user wishes; it is told how many vehicles that takes.
+    # The user's wish for a team, which announces the number of vehicles required for it.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
@@ -210,7 +210,7 @@ class PlannerSection(Section):
 
 
 class FormationSection(Section):
-    """The formation of ``rule = "formation"``: table 1 of the paper where nothing else is given.
+    """The formation of ``rule = "formation"``; defaults are those of the paper's table 1.
 
     Its altitude, loiter radius, camera and airspeeds are those of the vehicles.
     """
@@ -220,18 +220,18 @@ class FormationSection(Section):
     safety_radius_m: Positive = 30.0
     neighbourhood_m: Positive = 500.0
     range_m: Positive = 2000.0
-    # The paper's velocity obstacles choose headings, which an autopilot on an orbit is not given.
+    # The paper's velocity obstacles choose headings, which an autopilot in an orbit cannot accept.
     avoidance: Literal["intent", "none"] = "intent"
     vertical_separation_m: Positive | None = (
-        None  # vehicles whose heights differ so need no avoidance
+        None  # vehicles with this height difference need no avoidance
     )
     synchronises: bool = True
-    peer_messaging: bool = False  # to UAVs that other processes fly
+    peer_messaging: bool = False  # with UAVs that other processes fly
 
 
 LatLon = tuple[Latitude, Longitude]
 
-# NWCG PMS 515: what a burn boss asks before an aircraft drops fire. Any open item is a NO-GO.
+# NWCG PMS 515: the burn boss's checklist for aerial ignition. Any open item is a NO-GO.
 GO_ITEMS = (
     "firing plan approved by the burn boss",
     "two remote pilots, or one as the burn plan allows",
@@ -245,7 +245,7 @@ GO_ITEMS = (
 
 
 class Station(Section):
-    """A place from which plans may be approved: who is there is kept away from fire."""
+    """A place from which plans may be approved; a margin keeps fire away from it."""
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     lat_deg: Latitude
@@ -253,7 +253,7 @@ class Station(Section):
 
 
 class Circle(Section):
-    """People or things: nothing is dropped, nothing flown low within ``radius_m``."""
+    """People or things to protect: no drop and no low flight within ``radius_m``."""
 
     name: str
     lat_deg: Latitude
@@ -262,36 +262,36 @@ class Circle(Section):
 
 
 class LitLine(Section):
-    """What the crew has lit by hand: a point or a line, all of it at ``at_s`` of mission time."""
+    """An ignition by the crew: a point or a line, lit as a whole at mission time ``at_s``."""
 
     points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
     at_s: NotNegative = 0.0
 
 
 class Dropper(Section):
-    """What lets go of a sphere: an output that is set, and ``hold_s`` later set back."""
+    """The release of a sphere: an output that is set, and after ``hold_s`` reset."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
     release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; a gripper has none
     rest: Finite = 1100.0
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
-    # Of a sphere as big as a table tennis ball (32 mm) and of 5 g, at a drag coefficient of 0.47.
+    # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
     delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
-        """What ``autopilot_bridge.vehicle.orders.Dropper`` is made of."""
+        """The arguments of ``autopilot_bridge.vehicle.orders.Dropper``."""
         return self.by, self.number, self.release, self.rest, self.hold_s
 
 
 class BurnSection(Section):
-    """The prescribed burn of ``rule = "burn"``: where, how, and what is safe.
+    """The prescribed burn of ``rule = "burn"``: unit, ignition pattern and safety limits.
 
     Corners are (lat, lon). Margins: no drop and no low path where fire is expected within
-    ``time_margin_s``, or nearer than ``distance_margin_m`` (and as much farther downwind of it as
-    the wind goes in ``wind_margin_s``), until ``residence_s`` after the fire has come.
+    ``time_margin_s``, or nearer than ``distance_margin_m`` (downwind farther by the distance that
+    the wind travels in ``wind_margin_s``), until ``residence_s`` after the fire's arrival.
     """
 
     unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
@@ -302,7 +302,7 @@ class BurnSection(Section):
     stations: Annotated[tuple[Station, ...], Field(min_length=1)]
     go_items: tuple[str, ...] = GO_ITEMS
     lit: tuple[LitLine, ...] = ()
-    fuel_model: int = 1  # of the fire simulation; the moistures are the weather's
+    fuel_model: int = 1  # of the fire simulation; moistures are those of the weather
     corrections: Literal["paper", "gaussian"] = "gaussian"
     camera_corrects: bool = True
     line_spacing_m: Positive = 20.0
@@ -316,17 +316,17 @@ class BurnSection(Section):
     distance_margin_m: NotNegative = 10.0
     wind_margin_s: NotNegative = 2.0
     residence_s: NotNegative = 120.0
-    edge_m: NotNegative = 5.0  # drops stay so far inside the unit, and off no-drop areas
+    edge_m: NotNegative = 5.0  # distance of drops from the unit's edge and from no-drop areas
     spheres: Annotated[int, Field(ge=0)] = 450
     max_drops_per_min: Positive = 120.0
     ignition_delay_s: NotNegative = 30.0
-    battery_s: Positive = 1500.0  # of flight a load
+    battery_s: Positive = 1500.0  # flight time per load
     battery_reserve_s: NotNegative = 240.0
     reload_s: NotNegative = 300.0  # on the ground between two loads
     dropper: Dropper = Dropper()
-    max_miss_m: Positive = 4.0  # a sphere that would fall farther off its place is not dropped
-    approval_s: Positive = 600.0  # an approval is good for so long
-    approver_timeout_s: Positive = 15.0  # an approver not heard for so long is gone
+    max_miss_m: Positive = 4.0  # a sphere with a larger predicted miss is not dropped
+    approval_s: Positive = 600.0  # validity of an approval
+    approver_timeout_s: Positive = 15.0  # limit between two reports of an approver's presence
     wind_changes_m_s: Positive = 2.0
     wind_changes_deg: Positive = 30.0
     min_battery_pct: Annotated[float, Field(ge=0, le=90)] = 25.0
@@ -349,11 +349,11 @@ class BurnSection(Section):
 
 
 class MissionSection(Section):
-    """How decisions become missions.
+    """The conversion of decisions to missions.
 
-    With ``approval = "each"`` a mission goes to its vehicle when a person has accepted it. A
-    vehicle whose ``altitude_agl_m`` is not given flies ``layer_m`` higher than the one before it.
-    Vehicles keep ``separation_m`` apart, one above the other.
+    With ``approval = "each"`` a mission is sent to its vehicle after an operator has accepted it. A
+    vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the one before it. The vertical
+    separation of vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -362,7 +362,7 @@ class MissionSection(Section):
     min_upload_interval_s: NotNegative = 4.0
     layer_m: NotNegative = 40.0
     separation_m: Positive = 30.0
-    approval: Literal["none", "each"] = "none"  # each: a person accepts every mission
+    approval: Literal["none", "each"] = "none"  # each: an operator accepts every mission
 
 
 class LinkSection(Section):
@@ -375,7 +375,7 @@ class LinkSection(Section):
 
 
 class VehicleSection(Section):
-    """One vehicle: what it is, what it can do, where its camera looks, how it is reached."""
+    """One vehicle: type, performance, camera and link."""
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     stack: Literal["px4", "ardupilot"] = "px4"
@@ -383,24 +383,24 @@ class VehicleSection(Section):
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
-    signing_key: str | None = None  # where the key is; the journal holds the scenario
-    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # its place, counted from 0
+    signing_key: str | None = None  # source of the key; the key itself would get into the journal
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # default: index from 0
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``max_airspeed_m_s``
+    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, like ``max_airspeed_m_s``
     max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
     min_leg_m: Positive = 90.0
     loiter_radius_m: Positive = 90.0
-    # A disc of this angle; with camera_along_deg, the angle along the track, a rectangle that turns
-    # with the vehicle.
+    # The footprint is a disc of this angle; with camera_along_deg, the angle along the track, it is
+    # a rectangle that turns with the vehicle.
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
-    endurance_s: Positive | None = None  # time in the air; it is sent home before that is over
-    endurance_reserve_s: NotNegative = 120.0  # left when it is home
+    endurance_s: Positive | None = None  # time in the air; the vehicle is recalled before its end
+    endurance_reserve_s: NotNegative = 120.0  # remaining time when it is home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
@@ -416,7 +416,7 @@ class VehicleSection(Section):
     def _key_not_here(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
             raise ValueError(
-                'name where the key is, as "file:PATH" or "env:NAME"; '
-                "the key itself does not belong into a scenario, which is recorded"
+                'give the source of the key, as "file:PATH" or "env:NAME"; '
+                "the key itself must not be in a scenario, which is recorded"
             )
         return source

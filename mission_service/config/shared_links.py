@@ -1,4 +1,4 @@
-"""Which vehicles of a scenario share a link, and whether they can. Pure."""
+"""Groups the vehicles of a scenario by link, and checks shared links. Pure."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from mission_service.errors import ScenarioError
 
 
 def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
-    """The vehicles of each link, in the order in which links are named first.
+    """The vehicles of each link, in the order of each link's first vehicle.
 
     Raises ScenarioError, in one line, for vehicles that cannot share their link.
     """

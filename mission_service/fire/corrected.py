@@ -41,7 +41,7 @@ Begin = Callable[[Burning, WeatherStream], Fire]
 
 
 class CorrectedFire:
-    """Applies operators' reports; ``begin`` starts a fire from what burns at a time."""
+    """Applies operators' reports; ``begin`` starts a fire from the burned area at a time."""
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
         self.log = CorrectionLog()
@@ -50,7 +50,7 @@ class CorrectedFire:
         self._base: Fire | None = None  # without corrections, while there are some
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """The fire, and the one without corrections: what is lit burns in both."""
+        """The fire, and the fire without corrections: ignitions are applied to both."""
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
@@ -59,7 +59,7 @@ class CorrectedFire:
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """The fire from now on; the same object if nothing has changed.
 
-        Raises FireModelError for what cannot be; nothing is changed then.
+        Raises FireModelError for an impossible report; nothing is changed then.
         """
         match event:
             case WindSet():
@@ -86,7 +86,7 @@ class CorrectedFire:
                 return fire
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """A fire with what holds of corrections; the same object where nothing does."""
+        """A fire with the valid corrections; the same object if there are none."""
         spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
         observations = thinned(observations_held(held, self._landscape, spacing_m))
         if not len(observations):
@@ -104,8 +104,7 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """At most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
-    They are enough to correct the fire around them; the cells drawn keep their state all the same
-    (``as_drawn``).
+    They suffice to correct the fire around them; all drawn cells keep their state by ``as_drawn``.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -115,7 +114,7 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning:
-    """What burns of a fire at its time."""
+    """The burned area of a fire at its time."""
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
 
 
@@ -123,7 +122,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """Arrival times (y, x) in which every drawn cell has exactly the state that was drawn.
 
     A fit weighs observations against each other and the model; a drawn cell is certain. Later
-    strokes override earlier ones. Of an area that burns only the edge counts.
+    strokes override earlier ones. Only the edge of a burning area is used.
     """
     found = arrival_s.copy()
     for each in held:

@@ -1,8 +1,8 @@
-"""What flies vehicles: planners, and the guidance that has vehicles fly by them.
+"""The interfaces of planners and of the guidance, which has vehicles fly the planners' decisions.
 
-A planner steers one vehicle. Several vehicles that share a plan each have a seat in the team's
-planner; a seat is a planner too. Planners are pure: no clock, no network, no randomness of their
-own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
+A planner steers one vehicle. Vehicles of a team share a plan: each has a member of the team as its
+planner. Planners are pure: they use no clock, no network and no randomness of their own. Positions
+are float (row, col) of the landscape's grid, row 0 in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ Phase = Literal["approach", "initial circle", "monitor"]
 
 @dataclass(frozen=True)
 class Ground:
-    """Where a fire is watched: the grid, the cell the fire is said to be in, and since when."""
+    """The ground of an observed fire: the grid, the reported cell of the fire, and its start."""
 
     landscape: Landscape
     centre: tuple[float, float]  # row, col
@@ -38,10 +38,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Which way to fly, taken at one cell of the front.
+    """A decision on the flying direction, made at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are what speaks for turning back and for going on,
-    in the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` and ``importance_front`` are the importances of turning back and of going
+    on, in the planner's own unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -52,30 +52,30 @@ class Decision:
 
 
 class Steered(Protocol):
-    """What takes in all that is told of one vehicle."""
+    """Receives the observations, corrections, wind and positions for one vehicle."""
 
     def observe(self, observed: Observed) -> None:
-        """Take in what this vehicle's camera saw."""
+        """Process an observation of this vehicle's camera."""
 
     def correct(self, told: Observed) -> None:
-        """Take in what people say of a window of the fire, whatever was seen there."""
+        """Process an operator's correction of a window; it overrides observations there."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Take in the wind that this vehicle's autopilot measured; from true north."""
+        """Process the wind measured by this vehicle's autopilot; from true north."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever one is taken."""
+        """Process the vehicle's position; returns a decision if one is made."""
 
     def left(self, at_s: float) -> None:
-        """The vehicle is lost, recalled or on the ground: others take over what it watched."""
+        """The vehicle is lost, recalled or on the ground: others take over its part."""
 
 
 class Planner(Steered, Protocol):
-    """Decides for one vehicle which way along the front it flies."""
+    """Decides in which direction one vehicle flies along the front."""
 
     @property
     def phase(self) -> Phase:
-        """Where it stands: still on its way to the fire, on its first lap, or monitoring."""
+        """Its phase: on the way to the fire, on the first lap, or monitoring."""
 
     @property
     def clockwise(self) -> bool:
@@ -83,17 +83,17 @@ class Planner(Steered, Protocol):
 
     @property
     def reversals(self) -> int:
-        """How often it has turned back."""
+        """The number of its turns back."""
 
     def path(self, row: float, col: float) -> Floats:
-        """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
+        """The path ahead: (n, 2) float (row, col) along the front, in flying direction."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """The fire as the planner believes it to be: its front in cells on 360 bearings."""
+        """The estimated fire: its front in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """A vehicle's decision as it is announced and recorded."""
+    """The command that announces and records a vehicle's decision."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,7 +106,7 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """What a planner compares where its vehicle is, cell by cell of the front, for people to see.
+    """The importances that a planner compares at its vehicle's position, for display.
 
     Rows, columns and values are (n,) float, from the vehicle backwards; the sums are of the window
     behind and of the window ahead.
@@ -120,83 +120,83 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """What a guidance waits for: an approval of this plan ("": none), and answers to its list."""
+    """Required inputs: an approval of this plan ("": none), and answers to the GO list."""
 
     plan_hash: str
     answers: bool
 
 
 class Guidance(ABC):
-    """What vehicles do in the air, while they can be counted on; ``planners`` steer them, by name.
+    """Guides vehicles in the air while they are available; ``planners`` steer them, by name.
 
-    Where a way of flying has nothing to do, it inherits a method that does nothing.
+    The default implementations of optional methods do nothing.
     """
 
     planners: Mapping[str, Steered]
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Take note of any event; it has been taken in by ``DecisionEngine`` already."""
+        """Process an event of a vehicle; ``DecisionEngine`` has processed it before."""
         return []
 
     def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """What a person did or said."""
+        """Process a request of an operator."""
         return []
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """What there is to tell at a position."""
+        """Announcements at a position."""
         return []
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """What the vehicle is to do now; it flies, and has time left."""
+        """Commands to a vehicle that flies and has time left."""
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+        """Commands to a vehicle that must fly home; None: its autopilot flies home from here."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
-        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
+        """The path of its first mission: (n, 2) x, y in metres; None: no mission yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
 
     def in_mission(self, name: str) -> bool:
-        """Whether the vehicle, in the air, flies the mission it has on board."""
+        """Whether the vehicle, in the air, flies the mission on board."""
         return True
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """What there is to tell after an event whose other commands leave now."""
+        """Announcements after an event; ``leaving`` are the other commands sent for it."""
         return []
 
-    # For people and programs ------------------------------------------------------------------
+    # For interfaces ---------------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Where it stands; ``complete``: nothing would be lost if it ended now."""
+        """Its status; ``complete``: the run may end now without loss."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission it would be sent now; nothing is changed by asking. None: there is none."""
+        """The mission that would be sent now, or None; changes no state."""
         return None
 
     def compared(self, name: str, here: PositionFix) -> Compared | None:
-        """What its planner compares at a place; None where it compares nothing."""
+        """The importances its planner compares at a position; None if it compares none."""
         return None
 
     def settings(self) -> dict[str, float]:
-        """The settings that may change in flight, as they are now."""
+        """The current values of the settings that may be changed in flight."""
         return {}
 
     def awaited(self) -> Awaited:
-        """What people have to do before it goes on."""
+        """The operators' inputs required before it goes on."""
         return Awaited("", False)
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The fire that it plans by, where that is not the one that is watched."""
+        """The estimated fire used for planning, if it differs from the run's fire."""
         return None
 
 
@@ -210,7 +210,7 @@ class Lock(Protocol):
         """Apply the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why a drop must not be ordered now; None: it may."""
+        """The reason why a drop must not be ordered now; None: it may."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
         """Whether anything in a mission may switch an output."""

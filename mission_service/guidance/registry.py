@@ -1,6 +1,6 @@
-"""The ways of flying of this package, a line for each; those of others are entry points.
+"""The ways of flying of this package, one line each; those of other packages are entry points.
 
-Both are looked up by their rule in ``config/rules.py``.
+Both are looked up by their rule in ``config/rule_lookup.py``.
 """
 
 from typing import TYPE_CHECKING, cast
@@ -21,7 +21,7 @@ WAYS = (FRONT, TEAM, FORMATION, BURN)
 
 
 def way_of(scenario: Scenario) -> WayOfFlying:
-    """The way in which a scenario's vehicles fly."""
+    """The way of flying of a scenario's vehicles."""
     return way_for(scenario.planner.rule)
 
 
@@ -31,6 +31,6 @@ def way_for(rule: str) -> WayOfFlying:
 
 
 def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
-    """The last check of commands, if the scenario's tables need one, whatever its rule is."""
+    """The last check of commands, if the scenario's tables need one, for any rule."""
     locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
     return next((lock for lock in locks if lock is not None), None)

@@ -1,6 +1,7 @@
-"""What a way of flying is, as all others see it; each folder has one in its own ``way.py``.
+"""The interface of a way of flying; each guidance folder has one in its ``way.py``.
 
-Quick to import, as every scenario is checked by it: what flies is imported when it is called.
+Every check of a scenario imports this module, so it imports quickly: the code for flight is
+imported at its first call.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,22 +36,22 @@ class WayOfFlying:
     """A way of flying.
 
     Attributes:
-        rules: what ``planner.rule`` may be.
+        rules: its values of ``planner.rule``.
         guidance: makes the guidance of a run.
-        warm_up: has everything compiled before anybody flies.
+        warm_up: compiles all kernels before the flight.
         section: the model of the table in the scenario that has the rule's name.
         check: raises ValueError for a scenario that cannot be flown.
-        first_mission: the first mission of a vehicle that stands at home.
-        along_front: its planners decide which way to fly, and missions are renewed as the front
-            moves.
-        prescribed: it burns the unit of the table ``[burn]``: people approve each plan, and what
-            they say changes the estimated fire, not what burns.
-        resumes_mission: a vehicle that is told to resume flies the mission on board, not a new one.
+        first_mission: the first mission of a vehicle on the ground at home.
+        along_front: its planners decide on the direction along a front, and missions are renewed
+            as the front moves.
+        prescribed: it burns the unit of the table ``[burn]``: operators approve each plan, and
+            their corrections change the estimated fire, not the simulated one.
+        resumes_mission: after the order resume a vehicle flies the mission on board, not a new one.
         messages_peers: its vehicles exchange messages with those of other processes.
         changes_airspeed: it orders airspeeds up to a vehicle's ``max_airspeed_m_s``.
-        requests: what operators may request beside ``OF_EVERY_RUN``.
+        requests: the requests that it accepts besides ``OF_EVERY_RUN``.
         rates_hz: message rates other than the usual ones, by the message's id.
-        return_height_m: how high above home a return is safe; None: the autopilot's own setting.
+        return_height_m: safe height of a return above home; None: the autopilot's own setting.
         lock: the last check of commands, if the scenario's tables need one.
     """
 

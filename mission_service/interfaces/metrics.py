@@ -1,7 +1,7 @@
-"""Figures of a run for Prometheus, read off the hub when somebody asks. Nothing is counted here.
+"""Figures of a run for Prometheus, read from the run context at each scrape; no counters here.
 
-What only an interface knows (how many read the live stream, whether the broker is there) it gives
-as a function in ``context.gauges``, under the name it has here without the prefix.
+Figures of an interface itself (clients of the live stream, connection to the broker) are functions
+in ``context.gauges``, under their names in ``FIGURES``.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ from mission_service.runtime.clocks import last_written_s, wall_us
 from mission_service.runtime.run_context import RunContext
 
 PREFIX = "mission_service_"
-# Name without the prefix: help, labels. Those that end in _total only grow.
+# Name without the prefix: help, labels. Names that end in _total are counters.
 FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "info": ("Version, scenario and rule; always 1.", ("version", "scenario", "rule")),
     "ready": ("1 while /readyz answers 200.", ()),
@@ -54,21 +54,21 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def metrics_of(context: RunContext) -> tuple[bytes, str]:
-    """The text that Prometheus reads, and its media type."""
+    """The figures in Prometheus' text format, and its media type."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(MetricsCollector(context))
-    ProcessCollector(registry=registry)  # process_cpu_seconds_total and its like
+    ProcessCollector(registry=registry)  # process_cpu_seconds_total and others
     return generate_latest(registry), CONTENT_TYPE_LATEST
 
 
 class MetricsCollector(Collector):
-    """Reads a hub when it is asked."""
+    """Reads the figures from a run context at each scrape."""
 
     def __init__(self, context: RunContext) -> None:
         self._hub = context
 
     def collect(self) -> Iterator[Metric]:
-        """Each figure that there is anything to say of."""
+        """The figures that have values."""
         found = dict(_of_run(self._hub))
         found |= _of_vehicles(self._hub)
         found |= {name: [((), float(value()))] for name, value in self._hub.gauges.items()}
@@ -103,7 +103,7 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
 
 
 def _bytes_of(journal: Path) -> int:
-    """Of the piece that is written and of those before it."""
+    """The size of the journal's current and earlier segments."""
     pieces = [journal, *closed_segments(journal).values()]
     return sum(piece.stat().st_size for piece in pieces if piece.exists())
 

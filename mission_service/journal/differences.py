@@ -1,4 +1,4 @@
-"""How what a replay gives differs from a journal, in words and field by field."""
+"""Describes the differences between the commands of a replay and those of a journal."""
 
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -14,7 +14,7 @@ ABSENT = "(nothing)"
 
 
 def difference_of(entry: Entry, expected: Sequence[AnyCommand]) -> str | None:
-    """What is wrong with a line, if ``expected`` are the commands still to come; or None."""
+    """The difference of a line from ``expected``, the next commands of the replay; or None."""
     where = f"line {entry.line}"
     if entry.is_event:
         return f"{where}: the replay first gives {cut(expected[0])}" if expected else None
@@ -26,7 +26,7 @@ def difference_of(entry: Entry, expected: Sequence[AnyCommand]) -> str | None:
 
 
 def compare(journal: object, replay: object) -> str:
-    """The fields in which two commands differ, in words."""
+    """The fields in which two commands differ, as text."""
     if type(journal) is not type(replay):
         return f"journal has {cut(journal)}, replay gives {cut(replay)}"
     found = fields_that_differ(journal, replay, MAX_FIELDS + 1)
@@ -64,6 +64,6 @@ def _fields(name: str, theirs: Any, ours: Any) -> Iterator[dict[str, Any]]:
 
 
 def cut(value: object, length: int = 160) -> str:
-    """A value in words, not too long."""
+    """A value as text of limited length."""
     text = repr(value)
     return text if len(text) <= length else text[: length - 1] + "…"

@@ -1,9 +1,9 @@
-"""A journal on a disk that may fail: what cannot be written down is not acted on, but an abort.
+"""A journal on a disk that may fail: an event that cannot be written is not handled, except aborts.
 
-While nothing can be written, events of vehicles are not handled (vehicles fly the mission on board,
-which ends in a loiter) and requests of people are answered with an error. What the core has
-answered before, and aborts with what they led to, waits in memory and is written first of all when
-writing works again: so the journal replays as ever.
+While the disk fails, events of vehicles are not handled (vehicles fly the mission on board, which
+ends in a loiter) and requests of operators are answered with an error. Commands already issued, and
+aborts with their commands, are kept in memory and written first when the disk works again, so that
+the journal can be replayed.
 """
 
 import errno
@@ -16,7 +16,7 @@ MAX_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
 
 
 class GuardedJournal:
-    """Writes a journal down. ``trouble`` says in words why that does not work now, or is empty."""
+    """Writes a journal. ``trouble`` is the reason why writing fails at present, or empty."""
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal
@@ -29,7 +29,7 @@ class GuardedJournal:
     def event(self, event: AnyEvent, body: bytes | None = None) -> bool:
         """Journal an event before it is handled; returns whether it may be handled.
 
-        ``body`` is its ``event_body``, where that was computed before. Raises RefusedEventError for
+        ``body`` is its ``event_body``, if that was computed before. Raises RefusedEventError for
         an event that could not be read back.
         """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MAX_WAITING
@@ -46,7 +46,7 @@ class GuardedJournal:
         return self._urgent
 
     def commands(self, commands: list[AnyCommand]) -> bool:
-        """Write down what the last input led to; whether it may be carried out."""
+        """Journal the commands of the last event; returns whether they may be carried out."""
         if not self.trouble:
             try:
                 self.journal.commands(commands)
@@ -57,7 +57,7 @@ class GuardedJournal:
         return self._urgent
 
     def take_back(self) -> None:
-        """Have the last input never have been written: it is refused, and nothing came of it."""
+        """Remove the last event from the journal: it is refused and has had no effect."""
         if self.trouble:  # then only an abort is handled, and it waits
             del self._waiting[self._before_waiting :]
             return
@@ -67,7 +67,7 @@ class GuardedJournal:
             self._failed(error)
 
     def works_again(self) -> bool:
-        """Try to write what has waited; whether there is no trouble any more."""
+        """Try to write the waiting lines; returns whether the journal works again."""
         try:
             self.journal.lines(self._waiting, to_disk=True)
         except OSError as error:
@@ -78,7 +78,7 @@ class GuardedJournal:
         return True
 
     def _failed(self, error: OSError) -> None:
-        if not self.journal.durable:  # a simulation: nobody is in the air
+        if not self.journal.durable:  # a simulation: it may end
             raise error
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         self.trouble = "disk full" if full else f"cannot be written: {error.strerror}"

@@ -1,13 +1,13 @@
-"""The journal: every input before it is handled, every command after. JSON Lines.
+"""The journal: every event before it is handled, every command after. JSON Lines.
 
 The first line is the header (versions, seed, scenario, landscape). Each further line holds one
-event or one command; the last one says that the run ended in order. Every line ends in a checksum
-that runs on from the line before (the header's stands alone), so that a line that was changed,
-lost, added or moved is found and named.
+event or one command; a last line marks the regular end of the run. Every line ends in a checksum
+chained to the line before (the header's stands alone), so that a changed, lost, added or moved line
+is detected and reported.
 
 Each line that is written can be read back: it is decoded before it is written, and refused if the
 result differs (msgspec writes NaN as null) or a value is beyond the limits of its type. A journal
-and its states are readable by their user alone; a symbolic link in their place is refused.
+and its states are readable by their user only; a symbolic link in their place is refused.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ _decode_command = msgspec.json.Decoder(AnyCommand).decode
 
 
 def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[str, Any]:
-    """What a journal says of itself; ``created`` is the wall-clock time in words."""
+    """The header of a journal; ``created`` is the wall-clock time as text."""
     packages = ("numpy", "numba", "pymavlink", "pyproj", "shapely")
     return {
         "format": FORMAT,
@@ -55,7 +55,7 @@ def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[s
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """A place in a journal: after a whole line of a segment, with that line's checksum."""
+    """A position in a journal: after a whole line of a segment, with that line's checksum."""
 
     at_byte: int
     crc: int
@@ -63,11 +63,11 @@ class Rest:
 
 
 class Journal:
-    """Appends to a journal. With ``durable`` (live flight) each turn is with the system at once.
+    """Appends to a journal. ``durable`` (live flight): lines are passed to the system at once.
 
-    Nothing half written stays: what cannot be written whole is taken back, and OSError is raised;
-    the journal is then what it was before, and may be tried again.
-    With ``rest`` it goes on with the journal of a run that was cut off; the header is that one's.
+    No partial line stays: if lines cannot be written completely, they are removed and OSError is
+    raised; the journal is then unchanged, and writing may be tried again.
+    With ``rest`` it continues the journal of a run that was cut off, with its header.
     """
 
     def __init__(
@@ -94,8 +94,8 @@ class Journal:
         """Append an event before it is handled; an operator's is on the disk when this returns.
 
         Args:
-            event: What happened.
-            body: Its ``event_body``, where that was computed before.
+            event: The event.
+            body: Its ``event_body``, if that was computed before.
 
         Raises:
             RefusedEventError: The event could not be read back equal.
@@ -105,7 +105,7 @@ class Journal:
         self.lines([body], to_disk=isinstance(event, OperatorEvent))
 
     def commands(self, commands: list[AnyCommand]) -> None:
-        """Write down what the last input led to."""
+        """Append the commands of the last event."""
         if commands:
             self.lines([command_body(command) for command in commands])
 
@@ -118,7 +118,7 @@ class Journal:
         self._put(lines, crc, to_disk)
 
     def take_back(self, before: Rest) -> None:
-        """Have what was written after a place never have been; nothing may have come of it."""
+        """Remove all lines after a position; they must not have had any effect."""
         unwritten = max(len(self._waiting) - (self.rest.at_byte - before.at_byte), 0)
         del self._waiting[unwritten:]
         self.rest = before
@@ -127,11 +127,11 @@ class Journal:
             self._mend()
 
     def end(self) -> None:
-        """Write down that the run ended in order; nothing may follow."""
+        """Write the last line, the mark of a regular end; no line may follow."""
         self.lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
-        """Write out what is buffered and close the file, once."""
+        """Flush the buffer and close the file, once."""
         if self._file < 0:
             return
         try:
@@ -141,9 +141,9 @@ class Journal:
             self._file = -1
 
     def begin_segment(self) -> Path:
-        """Close this file under a name of its own, and begin the next; returns what was closed.
+        """Close this file under a name of its own and begin the next; returns the closed file.
 
-        On OSError nothing has changed. The caller sees to it that both names reach the disk.
+        On OSError nothing has changed. The caller has to sync both names to the disk.
         """
         number = self.rest.segment + 1
         before = {"previous_bytes": self.rest.at_byte, "previous_crc": f"{self.rest.crc:08x}"}
@@ -188,7 +188,7 @@ class Journal:
         self.rest = after
 
     def _mend(self) -> None:
-        """Take back what was written in part."""
+        """Remove partially written lines."""
         if self._torn:
             os.ftruncate(self._file, self.rest.at_byte)
             self._torn = False
@@ -205,7 +205,7 @@ def _opened(path: Path, new: bool) -> int:
 
 
 def _refuse_live(path: Path) -> None:
-    """Raise JournalError if a live run's journal is there, which is not overwritten."""
+    """Raise JournalError if the file is a live run's journal, which is not overwritten."""
     if not begins_journal(path):
         return
     with path.open("rb") as file:
@@ -219,14 +219,14 @@ def _refuse_live(path: Path) -> None:
 
 def _write(file: int, data: bytes | bytearray) -> None:
     done = 0
-    with memoryview(data) as view:  # let go of on errors too, or the data could not be cleared
+    with memoryview(data) as view:  # released on errors too, so that the data can be cleared
         while done < len(view):
             with view[done:] as rest:
                 done += os.write(file, rest)
 
 
 def begins_journal(path: Path) -> bool:
-    """Whether a file begins as a journal does; False too for what cannot be read."""
+    """Whether a file begins like a journal; False also for a file that cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(len(_HEADER)) == _HEADER
@@ -256,12 +256,12 @@ def _readable(thing: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -
 
 
 def next_path(path: Path) -> Path:
-    """Where the next segment is made of the journal at ``path``."""
+    """The file in which the next segment of the journal at ``path`` is prepared."""
     return path.with_name(f"{path.name}.next")
 
 
 def segment_path(path: Path, number: int) -> Path:
-    """The file of a segment that is closed, of the journal at ``path``."""
+    """The file of a closed segment of the journal at ``path``."""
     return path.with_name(f"{path.stem}-{number:06d}{path.suffix}")
 
 
@@ -272,9 +272,9 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of a journal: an event or a command, and whether its checksum holds.
+    """One line of a journal: an event or a command, and whether its checksum matches.
 
-    Not ``sure``: a line before it was skipped, so the commands may not be those of the core.
+    Not ``sure``: a line before it was skipped, so the core's commands may differ from these.
     """
 
     line: int
@@ -286,7 +286,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A line that is neither an event nor a command, or was altered; ``why`` in words."""
+    """A line that is neither an event nor a command, or was altered; ``why`` is the reason."""
 
     line: int
     why: str
@@ -295,7 +295,8 @@ class Unreadable:
 class SegmentReader:
     """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
 
-    Once all is read, ``rest`` says where it goes on, and ``ended`` whether its run ended in order.
+    After the last line ``rest`` is the position to continue from, ``ended`` whether the run ended
+    regularly.
     """
 
     def __init__(self, path: Path) -> None:
@@ -324,12 +325,12 @@ class SegmentReader:
         return self.after(self.begin)
 
     def after(self, place: Rest) -> Iterator[Entry]:
-        """What follows a place. Raises JournalError for a line that is no event or command."""
+        """Entries after a position. Raises JournalError for a line that is no event or command."""
         for number, body, intact in self.lines(place):
             yield self.entry(number, body, intact)
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
-        """Entries after a place; altered and undecodable lines as ``Unreadable``."""
+        """Entries after a position; altered and undecodable lines as ``Unreadable``."""
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
@@ -341,7 +342,7 @@ class SegmentReader:
                 yield Unreadable(number, str(error))
 
     def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
-        """What follows a place, not decoded: number, body, and whether the checksum holds."""
+        """Lines after a position, not decoded: number, body, and whether the checksum matches."""
         self.rest = place
         self.cut_at_line, self.ended = None, False
         with self.path.open("rb") as file:
@@ -360,7 +361,7 @@ class SegmentReader:
                     yield number, body, intact
 
     def entry(self, number: int, body: bytes, intact: bool) -> Entry:
-        """A line decoded. Raises JournalError for what is none."""
+        """A decoded line. Raises JournalError if it is no event or command."""
         try:
             if body.startswith(_EVENT):
                 return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)
@@ -372,7 +373,7 @@ class SegmentReader:
 
 
 def _lines_in(file: BinaryIO, first_bytes: int) -> int:
-    """Read the first bytes of a file; returns how many lines end in them."""
+    """Read the first bytes of a file; returns the number of line ends in them."""
     count = 0
     while first_bytes > 0 and (piece := file.read(min(first_bytes, 1 << 20))):
         count += piece.count(b"\n")

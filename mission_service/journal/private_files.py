@@ -1,7 +1,7 @@
 """Files that only their user can read: mode 0600, in folders of mode 0700, no symbolic links.
 
 A symbolic link planted in the place of a journal or a state would make the service write to its
-target with the rights of the service's user; so it is refused, and never followed.
+target with the rights of the service's user; it is therefore refused and never followed.
 """
 
 import errno
@@ -22,7 +22,7 @@ def opened(path: Path, flags: int) -> int:
 
 
 def in_words(error: OSError) -> str:
-    """Why a file could not be opened for writing."""
+    """The reason why a file could not be opened for writing."""
     return LINK if error.errno == errno.ELOOP else f"cannot be written: {error.strerror}"
 
 
@@ -34,13 +34,13 @@ def refuse_links(folder: Path, stem: str = "") -> None:
 
 
 def written_by_others(folder: Path) -> bool:
-    """Whether others may write in a folder."""
+    """Whether other users may write in a folder."""
     return bool(folder.stat().st_mode & 0o022)
 
 
 @contextmanager
 def private() -> Iterator[None]:
-    """Within it all files that this process creates are for its user alone (umask 077)."""
+    """A context in which this process creates all files for its user only (umask 077)."""
     before = os.umask(0o077)
     try:
         yield

@@ -1,4 +1,4 @@
-"""A journal to be read again: its segments as one, its scenario, and what it begins with."""
+"""Reads a journal: its segments as one stream, its scenario, and the state at its begin."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,11 +24,11 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 class JournalReader:
     """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
 
-    Where its beginning was deleted, core and fire are those of the state that stands for it.
+    If its beginning was deleted, core and fire are those of the state saved in its place.
     """
 
     def __init__(self, path: Path, alone: bool = False) -> None:
-        """``alone``, or the path of a closed segment: not the segments before this one."""
+        """``alone``, or the path of a closed segment: without the segments before this one."""
         self.path = path
         self._chain = None if alone or journal_of(path) is not None else Chain(path)
         self.readers = [SegmentReader(path)] if self._chain is None else self._chain.readers
@@ -38,12 +38,12 @@ class JournalReader:
 
     @property
     def segment(self) -> int:
-        """Number of the first segment; 1 where all of the journal is there."""
+        """Number of the first segment; 1 if the journal is complete."""
         return self.readers[0].segment
 
     @property
     def last(self) -> SegmentReader:
-        """The last segment; it knows whether it was cut off, once all was read."""
+        """The last segment; after reading all, ``cut_at_line`` is set if it was cut off."""
         return self.readers[-1]
 
     @cached_property
@@ -53,7 +53,7 @@ class JournalReader:
 
     @cached_property
     def landscape(self) -> Landscape:
-        """The landscape; raises JournalError if it is another one than the journal's."""
+        """The landscape; raises JournalError if it differs from the journal's."""
         found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
         if found.digest() != recorded:
             raise JournalError(
@@ -64,14 +64,14 @@ class JournalReader:
         return found
 
     def entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Each line with the segment it is in; raises JournalError where one cannot be read."""
+        """Each line with its segment; raises JournalError at a line that cannot be read."""
         self.at = None
         for found in self._entries():
             self.at = found
             yield found
 
     def _entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Entries without the lines that a restart skipped; those after them are not ``sure``."""
+        """Entries without lines skipped by a restart; the entries after those are not ``sure``."""
         sure = True
         for reader, number, body, intact in self._lines():
             if (reader.segment, number) in self.skipped:
@@ -88,7 +88,7 @@ class JournalReader:
             yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
 
     def _lines_skipped(self) -> dict[tuple[int, int], str]:
-        """The lines that restarts have skipped, by (segment, line), and why."""
+        """The reasons of the lines that restarts have skipped, by (segment, line)."""
         found: dict[tuple[int, int], str] = {}
         try:
             for reader, number, body, intact in self._lines():
@@ -101,7 +101,7 @@ class JournalReader:
         return found
 
     def intact(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """As ``entries``; raises JournalError where a line was altered, too."""
+        """As ``entries``; raises JournalError also at an altered line."""
         for reader, entry in self.entries():
             if not entry.intact:
                 raise JournalError(
@@ -110,7 +110,7 @@ class JournalReader:
             yield reader, entry
 
     def readable(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """As ``entries``, up to what cannot be read: it is ``damaged`` there."""
+        """As ``entries``, up to the first unreadable line, which sets ``damaged``."""
         try:
             yield from self.entries()
         except JournalError:
@@ -118,24 +118,24 @@ class JournalReader:
 
     @property
     def cut_off(self) -> bool:
-        """Whether commands of the last event may be missing; known once all was read."""
+        """Whether commands of the last event may be missing; valid after reading all."""
         killed = bool(self.last.header.get("live")) and not self.last.ended
         return killed or self.damaged or self.last.cut_at_line is not None
 
     def place(self, reader: SegmentReader, entry: Entry) -> str:
-        """A line in words."""
+        """The place of a line, as text."""
         line = f"line {entry.line}"
         return line if len(self.readers) == 1 else f"{reader.path.name}, {line}"
 
     def core(self) -> Core:
-        """The core as it was at the beginning."""
+        """The core in its state at the beginning."""
         if self.segment == 1:
             return Core(self.scenario, self.landscape)
         core: Core = self._state()["core"]
         return core
 
     def fire(self) -> ObservedFire:
-        """The fire as it was at the beginning."""
+        """The fire in its state at the beginning."""
         if self.segment == 1:
             return ObservedFire(self.scenario, world_of(self.scenario, self.landscape))
         fire: ObservedFire = self._state()["fire"]

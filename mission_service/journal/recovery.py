@@ -1,6 +1,7 @@
-"""Going on after a kill: the newest state, and the rest of the journal through it; nothing done.
+"""Resumes a run after a kill: loads the newest state and applies the rest of the journal to it.
 
-Nothing of what was on its way is trusted: ``Resumed`` comes after the last event, and voids all.
+No command is carried out again. Transfers and orders in progress at the kill are uncertain: the
+event ``Resumed`` after the last event ends all of them.
 
 A line that cannot be read or handled ends a restart with an error that names the line. On request
 it is skipped, and ``LinesSkipped`` records that, so that later restarts and replays skip it too.
@@ -30,7 +31,7 @@ from mission_service.journal.private_files import refuse_links
 from mission_service.journal.segments import Chain, closed_segments, complete, move, states
 from mission_service.journal.snapshot import Known, header_of, read
 
-ANEW = "; to begin anew, start with --fresh (the journal is kept under another name)"
+ANEW = "; to begin a new run, start with --fresh (the journal is kept under another name)"
 SKIP = "; --skip-unreadable goes on without that line"
 
 Line = tuple[int, int]  # segment, line
@@ -62,17 +63,17 @@ class _Turn:
 
 
 class Unfinished:
-    """A journal of a run that was cut off, to be gone on with.
+    """The journal of a run that was cut off and is to be resumed.
 
-    ``objects`` is the newest state that can be used, or None: then all is told from the beginning.
-    ``passed_over`` says why newer states could not be; ``skipped`` why lines were, by (segment,
-    line), and ``skips_now`` those of them that the journal does not record yet.
+    ``objects`` is the newest usable state, or None: then the journal is applied from its beginning.
+    ``passed_over`` are the reasons why newer states are unusable; ``skipped`` the reasons of
+    skipped lines by (segment, line), and ``skips_now`` those that the journal does not record yet.
     """
 
     def __init__(
         self, path: Path, chain: Chain, known: Known, skip_unreadable: bool = False
     ) -> None:
-        """Raises JournalError in one line if there is neither a state nor the beginning."""
+        """Raises JournalError in one line if both a usable state and the beginning are missing."""
         self.path = path
         self._chain = chain
         self._skip_unreadable = skip_unreadable
@@ -103,13 +104,13 @@ class Unfinished:
         if chain.readers[0].segment != 1:
             why = "; ".join(self.passed_over) or "there is none"
             raise JournalError(
-                f"{path}: cannot be gone on with: its beginning was deleted, and no state can be "
-                f"used ({why}); go on with the version that wrote it, or start with --fresh and "
-                "report what burns (the journal is kept under another name)"
+                f"{path}: cannot be resumed: its beginning was deleted, and no state can be "
+                f"used ({why}); resume it with the version that wrote it, or start with --fresh "
+                "and report the fire (the journal is kept under another name)"
             )
 
     def rest(self) -> Rest:
-        """Where it goes on; raises JournalError in one line if it is damaged."""
+        """The position to continue from; raises JournalError in one line if it is damaged."""
         unreadable: dict[Line, str] = {}
         for reader, entry in self._chain.trusted(self._place):
             if isinstance(entry, Unreadable):
@@ -130,15 +131,15 @@ class Unfinished:
     def turns(
         self, handle: Callable[[AnyEvent], list[AnyCommand]]
     ) -> Iterator[tuple[AnyEvent, list[AnyCommand]]]:
-        """Each event with the commands that ``handle``, the core's, answers with.
+        """Each event with the commands that ``handle`` (of the core) returns.
 
-        After a line that was skipped the commands are those of the journal, as far as they can be
-        read, up to the ``LinesSkipped`` that says so: they were carried out.
+        After a skipped line, and up to the ``LinesSkipped`` that records it, the commands are those
+        of the journal, as far as they can be read: they were carried out.
 
-        Raises JournalError where the core's are not the journal's, and UnhandledLineError where it
-        fails (``skip_line`` may help then). Afterwards ``last_us`` is the latest mission time in
-        it, and ``missing`` are commands of the last event that the journal lacks: they were not
-        carried out, since commands are journalled first.
+        Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
+        if ``handle`` fails (then ``skip_line`` may help). Afterwards ``last_us`` is the latest
+        mission time, and ``missing`` are commands of the last event that the journal lacks: they
+        were not carried out, because commands are journalled first.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
@@ -174,7 +175,7 @@ class Unfinished:
         )
 
     def skip_line(self, problem: UnhandledLineError) -> None:
-        """Skip the line that cannot be handled; the caller starts over from the state.
+        """Skip the line that cannot be handled; the caller starts again from the state.
 
         Raises the problem unless skipping was requested, or the last event has no command.
         """
@@ -186,7 +187,7 @@ class Unfinished:
         self.skips_now[line] = self.skipped[line] = str(problem).partition(SKIP)[0]
 
     def _compare(self, turn: _Turn, commands: list[AnyCommand]) -> None:
-        """Raise JournalError where the journal's commands are not these."""
+        """Raise JournalError if the journal's commands differ from these."""
         for number, found in enumerate(turn.commands):
             assert found is not None
             reader, entry = found
@@ -237,7 +238,7 @@ def _latest_last(found: tuple[Rest, Path]) -> tuple[int, int]:
 def unfinished(
     path: Path, known: Known, scenario: Scenario, skip_unreadable: bool = False
 ) -> Unfinished | None:
-    """The journal at ``path`` if it is a live run of this very scenario that was cut off.
+    """The journal at ``path`` if it is of a live run of the same scenario that was cut off.
 
     Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
     is damaged.
@@ -263,7 +264,7 @@ def unfinished(
 
 
 def set_aside(path: Path) -> Path | None:
-    """Rename a journal that is in the place of a new one; returns its new path.
+    """Rename a journal in the place of which a new one is to be written; returns its new path.
 
     Only ``keep_mb`` deletes journals. A file without a complete header holds no entry and is
     replaced; segments whose last one was moved away are kept.
@@ -290,19 +291,19 @@ def _taken(path: Path) -> bool:
 
 
 def resumed(last_us: int, down_s: float) -> Resumed:
-    """What is told to core and crew; mission time went on while the service was down."""
+    """The event of a restart; mission time went on while the service was down."""
     down_s = max(0.0, down_s)
     return Resumed(last_us + round(down_s * 1e6), "service", "", round(down_s, 3))
 
 
 def _header_cut(path: Path) -> bool:
-    """Killed before anything happened."""
+    """Whether the run was killed before its header was complete."""
     with path.open("rb") as file:
         return not file.readline().endswith(b"\n")
 
 
 def _ended(path: Path) -> bool:
-    """Whether the last line says so; without reading all."""
+    """Whether the last line marks a regular end; reads only the end of the file."""
     with path.open("rb") as file:
         file.seek(0, 2)
         file.seek(max(0, file.tell() - 200))

@@ -1,4 +1,4 @@
-"""The files of one journal: segments that are closed, the one being written, and states.
+"""The files of one journal: closed segments, the segment being written, and states.
 
 journal.jsonl            being written
 journal-000001.jsonl     closed, oldest first; each but the first goes on from a state:
@@ -32,7 +32,7 @@ def closed_segments(path: Path) -> dict[int, Path]:
 
 
 def journal_of(segment: Path) -> Path | None:
-    """The journal that a closed segment is of; None for what is no closed segment by its name."""
+    """The journal of a closed segment; None if the name is not that of a closed segment."""
     found = re.fullmatch(r"(.+)-\d{6}", segment.stem)
     return None if found is None else segment.with_name(found[1] + segment.suffix)
 
@@ -53,7 +53,7 @@ def earlier_state(path: Path) -> Path:
 
 
 def states(path: Path) -> list[Path]:
-    """All states that are there, the newest first."""
+    """All existing states, the newest first."""
     begins = [begin_state(path, number + 1) for number in reversed(closed_segments(path))]
     oldest = [begin_state(path, number) for number in list(closed_segments(path))[:1]]
     found = [newest_state(path), earlier_state(path), *begins, *oldest]
@@ -61,7 +61,7 @@ def states(path: Path) -> list[Path]:
 
 
 def synced(path: Path) -> None:
-    """Have what was written so far on the disk, with the names beside it."""
+    """Sync a file and its folder to the disk."""
     for place in (path, path.parent):
         file = os.open(place, os.O_RDONLY)
         try:
@@ -71,7 +71,7 @@ def synced(path: Path) -> None:
 
 
 def complete(path: Path) -> None:
-    """End what a kill has interrupted between two segments, and remove what it left half made."""
+    """Complete a change of segments that a kill interrupted, and remove incomplete files."""
     new = next_path(path)
     if new.exists():
         if path.exists():
@@ -100,10 +100,10 @@ def move(path: Path, to: Path) -> None:
 
 
 def trim(path: Path, keep_bytes: int) -> list[Path]:
-    """Delete the oldest segments while all together are larger; returns what was deleted.
+    """Delete the oldest segments while all together exceed ``keep_bytes``; returns those deleted.
 
-    What is left begins with a state, or it could not be replayed: one that was killed before it
-    wrote the state of a segment has none for that.
+    The oldest remaining segment must have a state, or it could not be replayed. A run that was
+    killed before it wrote the state of a segment lacks that state.
     """
     closed, gone = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
@@ -119,9 +119,9 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
 
 
 class Chain:
-    """The segments of a journal, read one after the other as if they were one.
+    """The segments of a journal, read in order as one file.
 
-    Raises JournalError if one cannot be read, is missing, or is not the one that came before.
+    Raises JournalError if one cannot be read, is missing, or does not continue the one before it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -140,23 +140,23 @@ class Chain:
 
     @property
     def begin(self) -> Rest:
-        """Of the oldest segment that is there."""
+        """The position at the beginning of the oldest existing segment."""
         return self.readers[0].begin
 
     def holds(self, place: Rest) -> bool:
-        """Whether a place is in this journal."""
+        """Whether a position is in this journal."""
         for reader in self.readers:
             if reader.segment == place.segment:
                 return place == reader.begin or _line_ends(reader.path, place)
         return False
 
     def after(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Each line after a place, with the segment it is in."""
+        """Each entry after a position, with its segment."""
         for reader, number, body, intact in self.lines(place):
             yield reader, reader.entry(number, body, intact)
 
     def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
-        """As ``after``, not decoded: number, body, and whether the checksum holds."""
+        """As ``after``, not decoded: number, body, and whether the checksum matches."""
         for reader, here in self._places(place):
             for line in reader.lines(here):
                 yield reader, *line
@@ -168,7 +168,7 @@ class Chain:
                 yield reader, entry
 
     def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:
-        """Each segment from a place on, and where in it to begin."""
+        """Each segment from a position on, with the position in it to begin at."""
         before: SegmentReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:
@@ -190,5 +190,5 @@ def _refuse_other(before: SegmentReader, reader: SegmentReader) -> None:
     told = (reader.header["previous_bytes"], reader.header["previous_crc"])
     if before.cut_at_line is not None or told != (before.rest.at_byte, f"{before.rest.crc:08x}"):
         raise JournalError(
-            f"{before.path}: is not whole, or not what {reader.path.name} goes on from"
+            f"{before.path}: is incomplete, or {reader.path.name} does not continue it"
         )

@@ -1,10 +1,11 @@
 """The state of a service in a file: a restart begins there, not at the start of the journal.
 
-First line: JSON (``Header``), with the place in the journal that the state belongs to. The rest is
-one pickle of all objects, so that what they share stays shared, packed. What is rebuilt from the
-scenario (landscape, scenario) is only named in it. A state is read by the very code that wrote it,
-on the same versions of what it computes with, or not at all: then the journal tells the same, only
-slower. It is code to whoever unpickles it: a file that others could have written is refused.
+First line: JSON (``Header``), with the position in the journal that the state belongs to. The rest
+is one compressed pickle of all objects, so that references between them are kept. Objects rebuilt
+from the scenario (landscape, scenario) are stored by name only. A state is read only by the same
+code that wrote it, with the same versions of its libraries; otherwise a restart replays the
+journal, which takes longer. Unpickling executes code: a file that other users could have written is
+refused.
 """
 
 import hashlib
@@ -38,7 +39,7 @@ COMPUTES_WITH = ("msgspec", "numba", "numpy", "pydantic", "pymavlink", "pyproj",
 
 
 class Header(msgspec.Struct, frozen=True):
-    """What a state says of itself; ``parts`` are the lengths of the pickle and its buffers."""
+    """The header of a state; ``parts`` are the lengths of the pickle and its buffers."""
 
     format: int
     code: str
@@ -52,12 +53,12 @@ class Header(msgspec.Struct, frozen=True):
 
     @property
     def rest(self) -> Rest:
-        """Where in the journal it was taken."""
+        """The position in the journal at which it was taken."""
         return Rest(self.at_byte, self.crc, self.segment)
 
 
 class Known:
-    """What a state does not hold but name: it follows from the scenario."""
+    """The objects that a state stores by name only, because they follow from the scenario."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         names = [field.name for field in fields(landscape)]
@@ -93,13 +94,13 @@ def _parts(name: str, thing: object) -> Iterator[tuple[str, object]]:
 
 
 def digest_of(scenario: Scenario) -> str:
-    """Of all that a scenario says."""
+    """The digest of a whole scenario."""
     return hashlib.sha256(scenario.model_dump_json().encode()).hexdigest()
 
 
 @cache
 def code_digest() -> str:
-    """Of the packages' own source, the interpreter, and what they compute with."""
+    """The digest of the packages' source, the interpreter and the numerical libraries."""
     digest = hashlib.sha256()
     here = Path(__file__).parents[2]
     for package in OURS:
@@ -115,10 +116,10 @@ def code_digest() -> str:
 
 
 class Frozen:
-    """Objects as bytes, in which nothing changes any more."""
+    """Objects as bytes: later changes of the objects do not affect them."""
 
     def __init__(self, objects: dict[str, Any], known: Known) -> None:
-        """Takes the time of copying; all else that a file needs can be done elsewhere."""
+        """Pickle the objects, in about the time of a copy; the rest can be done in a thread."""
         pickled, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
         _Pickler(pickled, known, buffers).dump(objects)
         self.parts = [pickled.getvalue(), *(bytes(each.raw()) for each in buffers)]
@@ -126,7 +127,7 @@ class Frozen:
 
 
 class _Pickler(pickle.Pickler):
-    """Names what is known, and keeps arrays that share memory sharing it."""
+    """Pickles the ``Known`` objects by name, and keeps arrays that share memory sharing it."""
 
     def __init__(self, file: io.BytesIO, known: Known, buffers: list[pickle.PickleBuffer]) -> None:
         super().__init__(file, 5, buffer_callback=buffers.append)
@@ -142,11 +143,11 @@ class _Pickler(pickle.Pickler):
 
 
 def _known(name: str) -> Any:
-    raise AssertionError(f"{name}: only a state's own reader knows it")
+    raise AssertionError(f"{name}: only the reader of a state can replace it")
 
 
 class _Unpickler(pickle.Unpickler):
-    """Puts in what is known."""
+    """Replaces names by the ``Known`` objects."""
 
     def __init__(self, file: io.BytesIO, known: Known, buffers: list[bytearray]) -> None:
         super().__init__(file, buffers=buffers)
@@ -186,9 +187,9 @@ def _view(
 
 
 def write(path: Path, frozen: Frozen, rest: Rest) -> None:
-    """Write a state that belongs to a place in the journal, wholly or not at all.
+    """Write a state that belongs to a position in the journal, completely or not at all.
 
-    Raises OSError, and leaves what was there before.
+    Raises OSError, and leaves the previous file unchanged.
     """
     packing = zlib.compressobj(level=1)
     packed = b"".join([*(packing.compress(part) for part in frozen.parts), packing.flush()])
@@ -226,7 +227,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def header_of(path: Path, known: Known) -> Header:
-    """What a state says of itself. Raises StateError if it cannot be used here."""
+    """The header of a state. Raises StateError if the state cannot be used here."""
     try:
         with os.fdopen(opened(path, os.O_RDONLY), "rb") as file:
             _refuse_others(path, os.fstat(file.fileno()))
@@ -247,7 +248,7 @@ def header_of(path: Path, known: Known) -> Header:
 
 def _refuse_others(path: Path, found: os.stat_result) -> None:
     if found.st_uid not in (os.getuid(), 0) or found.st_mode & 0o022:
-        raise StateError(f"{path}: others could have written it; it is not read")
+        raise StateError(f"{path}: other users could have written it; it is not read")
 
 
 def read(path: Path, known: Known) -> dict[str, Any]:
@@ -278,7 +279,7 @@ def copied(objects: dict[str, Any], known: Known) -> dict[str, Any]:
 
 
 def thawed(frozen: Frozen) -> dict[str, Any]:
-    """The objects again, as from a file."""
+    """The objects restored, as from a file."""
     pickled, *buffers = (bytearray(part) for part in frozen.parts)
     objects: dict[str, Any] = _Unpickler(io.BytesIO(pickled), frozen.known, buffers).load()
     return objects

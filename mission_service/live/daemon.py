@@ -288,7 +288,7 @@ def _load_for_corrections() -> None:
 def _begun(
     scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
 ) -> tuple[Core, SimulatedFire, RunStatistics, StateView]:
-    """Core, fire, record and picture: new, or from the latest snapshot of a resumed run."""
+    """Core, fire, record and state view: new, or from the latest snapshot of a resumed run."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
         return kept["core"], kept["fire"].world, kept["record"], kept["state_view"]

@@ -1,4 +1,4 @@
-"""The first mission of a vehicle: to the fire."""
+"""The first mission of a vehicle: from takeoff to the fire."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 def approach_path(scenario: Scenario, landscape: Landscape, start_m: tuple[float, float]) -> Floats:
-    """A straight line from where the vehicle is to where the fire is said to be."""
+    """A straight line from the vehicle's position to the reported position of the fire."""
     return np.array([start_m, fire_position(scenario, landscape)])
 
 

@@ -1,8 +1,8 @@
-"""Decision to mission: a path over the ground becomes items that a vehicle can fly.
+"""Converts a path over the ground to mission items.
 
-Every mission ends in a loiter without end, so that a vehicle that hears nothing more stays where
-it is safe. Altitudes are above mean sea level, high enough that each leg, flown as a straight line
-between its ends, clears the terrain under it by the wished height.
+Every mission ends in an unlimited loiter, so that a vehicle without a link stays at a safe place.
+Altitudes are above mean sea level, high enough that each leg, flown as a straight line between its
+ends, clears the terrain under it by the configured height.
 """
 
 import math
@@ -29,7 +29,7 @@ LeastAltitude = Callable[[Floats], Floats]
 
 
 def no_least(points_m: Floats) -> Floats:
-    """Nothing but terrain under the points (n, 2)."""
+    """No minimum altitude besides the terrain at points (n, 2)."""
     return np.full(len(points_m), -np.inf)
 
 
@@ -42,7 +42,7 @@ def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m:
     """
     if len(path_m) < 3:
         return path_m
-    # To a micrometre: GEOS divides by zero where two points are less than that apart.
+    # Rounded to a micrometre: GEOS divides by zero if two points are closer than that.
     line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
     points[0], points[-1] = path_m[0], path_m[-1]
@@ -72,7 +72,7 @@ def leg_altitudes_m(
     """Altitude above sea level for each point so that all legs clear the terrain under them.
 
     The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
-    ``min_at`` gives the least altitude at points (n, 2), whatever the terrain.
+    ``min_at`` gives the minimum altitude at points (n, 2), independent of the terrain.
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []
@@ -105,17 +105,17 @@ def mission_along(
     min_at: LeastAltitude = no_least,
     start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
-    """The items that fly a path (x, y in metres) and then loiter at its end without end.
+    """The items that fly a path (x, y in metres), with an unlimited loiter at its end.
 
-    The speed comes first (after a takeoff), in every mission: autopilots forget it with the mode.
-    ``landing`` comes behind the loiter, for autopilots that ask for one; ``start_m`` is where the
-    vehicle is, if it is in the air.
+    Each mission sets the speed first (after a takeoff): autopilots reset it on a mode change.
+    ``landing`` follows the loiter, for autopilots that require one; ``start_m`` is the vehicle's
+    position, if it is in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
         points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, min_at
     )
-    if start_m is not None:  # from where it is it climbs to the first point's altitude
+    if start_m is not None:  # it climbs from its position to the first point's altitude
         first = np.linspace(start_m, points[0], 10)
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, min_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))

@@ -1,4 +1,4 @@
-"""How high others may fly near places: an inner loop of ``separation.py``."""
+"""Maximum altitudes of other vehicles near points: an inner loop of ``separation.py``."""
 
 from firemodel.compiled import kernel
 

@@ -1,7 +1,7 @@
-"""Where a plane lands: what PX4 asks every mission of a fixed wing to end with.
+"""The landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
 
-PX4's default for planes (MIS_TKO_LAND_REQ = 2) refuses to fly a mission without a landing. It comes
-behind the endless loiter, so it is flown only when somebody sends the vehicle there.
+With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
+landing follows the unlimited loiter, so it is flown only if an operator sends the vehicle there.
 """
 
 import math
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 GLIDE_DEG = 4.5  # PX4 refuses more than FW_LND_ANG, 5 degrees unless set otherwise
 APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
 CLEARANCE_M = 30.0
-UNCHECKED_M = 300.0  # of the glide, where it must come near the ground
+UNCHECKED_M = 300.0  # last part of the glide, which is necessarily near the ground
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
 
@@ -40,7 +40,7 @@ class Landing:
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None
         self._items: tuple[MissionItem, ...] = ()
-        self._wind_from_deg = math.nan  # that the items are planned for
+        self._wind_from_deg = math.nan  # the wind that the items are planned for
         self.at(scenario.start_s)
 
     def at(self, at_s: float) -> tuple[MissionItem, ...]:
@@ -59,8 +59,8 @@ def landing_of(
 ) -> tuple[MissionItem, ...]:
     """DO_LAND_START, a loiter down to the approach's height, and a landing at home.
 
-    Towards ``landing_course_deg``, or else as nearly into the wind as the terrain leaves
-    ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as the touchdown must be.
+    Its course is ``landing_course_deg``, or else as close to the wind as terrain permits with
+    ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as required for touchdown.
     Raises ScenarioError if no approach is clear.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
@@ -89,7 +89,7 @@ def _glide_m(height_m: float) -> float:
 
 
 def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
-    """Of a clockwise loiter that is left along the course, at the glide's upper end."""
+    """The centre of a clockwise loiter whose exit along the course is the glide's upper end."""
     ahead = _forward(course_deg)
     right = np.array([ahead[1], -ahead[0]])
     return np.asarray(home_m - _glide_m(height_m) * ahead + radius_m * right)
@@ -120,7 +120,7 @@ def _is_clear(
     if not all(landscape.contains(float(x), float(y)) for x, y in points):
         return False
     needed = np.concatenate([heights, np.full(2 * len(turns), height_m)]) - CLEARANCE_M
-    # Near the ground the glide itself is lower than the clearance.
+    # The last part of the glide is lower than the clearance.
     ground = landscape.elevation_at(points[:, 0], points[:, 1]) - home_altitude_m
     return bool(np.all(ground <= np.maximum(needed, 0.0)))
 
@@ -138,7 +138,7 @@ def _items(
             round(float(lat_deg) * 1e7),
             round(float(lon_deg) * 1e7),
             height_m,
-            param1=1.0,  # leave it heading for the landing
+            param1=1.0,  # exit with the heading to the landing
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),

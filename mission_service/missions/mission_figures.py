@@ -1,4 +1,4 @@
-"""A mission in figures, for the person who is to accept it. Pure."""
+"""Figures of a mission for the operator's acceptance. Pure."""
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from mission_service.missions.separation import track_of
 
 
 class Figures(msgspec.Struct):
-    """A mission in figures; heights over the landscape's ground, at the lowest it allows."""
+    """The figures of a mission; heights are the lowest above the landscape's terrain."""
 
     items: int
     length_m: float
@@ -23,7 +23,7 @@ class Figures(msgspec.Struct):
     highest_amsl_m: float
     farthest_from_home_m: float
     outside_landscape: bool
-    problems: list[str]  # what the vehicle's autopilot would not take
+    problems: list[str]  # reasons for which the vehicle's autopilot would reject it
 
 
 def figures_of(
@@ -32,7 +32,7 @@ def figures_of(
     section: VehicleSection,
     start_m: tuple[float, float] | None,
 ) -> Figures:
-    """What a mission leads to; from ``start_m`` (x, y) if the vehicle is in the air."""
+    """The figures of a mission, flown from ``start_m`` (x, y) if the vehicle is in the air."""
     track = track_of(items, landscape, section.loiter_radius_m, start_m)
     x_m, y_m = track.points_m.T
     lowest_m = track.lowest_m - np.asarray(landscape.elevation_at(x_m, y_m))

@@ -1,4 +1,4 @@
-"""Circles over terrain: where they are, how high, and the missions that end in them."""
+"""Circles over terrain: positions, altitudes, and the missions that end in them."""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from mission_service.config.sections import VehicleSection
 Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
-WIDER = 1.3  # ground counts as far out as this share of the radius: circles are flown wider
-CLIMBS_FIRST_M = 100.0  # above all ground on the way to its circle, before it goes there
-BESIDE_M = 150.0  # ground beside a leg that counts
+WIDER = 1.3  # terrain counts up to this multiple of the radius: circles are flown wider
+CLIMBS_FIRST_M = 100.0  # above all terrain on the way to its circle, before it flies there
+BESIDE_M = 150.0  # width of the terrain beside a leg that counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: f
 def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
-    """High enough over all ground within the circle, and on the way to it."""
+    """The altitude that clears all terrain within the circle and on the way to it."""
     reach_m = WIDER * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
@@ -88,7 +88,7 @@ def loiter_mission(
     altitude_m: float,
     landing: tuple[MissionItem, ...],
 ) -> tuple[MissionItem, ...]:
-    """The mission that flies a circle without end; ``landing`` stands behind it."""
+    """The mission that flies a circle without a limit; ``landing`` follows it."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (float(lat_deg), float(lon_deg))
     return (loiter_unlimited(*place, altitude_m, circle.radius_m), *landing)
@@ -100,7 +100,7 @@ def first_mission(
     section: VehicleSection,
     landing: tuple[MissionItem, ...],
 ) -> tuple[MissionItem, ...]:
-    """Take off, climb clear of all ground on the way, fly to the circle and stay there."""
+    """The mission to take off, climb clear of all terrain on the way, and fly the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
     on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, BESIDE_M)
@@ -112,10 +112,10 @@ def first_mission(
 def waiting_place(
     number: int, centre_m: Place, reach_m: float, home_m: Place, apart_m: float
 ) -> Place:
-    """Where the vehicle of this number waits: on the side of the fire that is towards its home.
+    """The waiting position of a vehicle, on the side of the fire that faces its home.
 
-    In rows of eight across the way from home, so that no way leads over the fire, the first row
-    ``reach_m`` from its centre.
+    The positions are rows of eight across the line from home, so that no way leads over the fire;
+    the first row is ``reach_m`` from its centre.
     """
     away_m = max(math.dist(centre_m, home_m), 1.0)
     out = ((home_m[0] - centre_m[0]) / away_m, (home_m[1] - centre_m[1]) / away_m)
@@ -128,7 +128,7 @@ def waiting_place(
 
 
 def pushed_out(place_m: Place, centre_m: Place, reach_m: float) -> Place:
-    """A place that is at least ``reach_m`` from the centre, on the same side of it."""
+    """A position at least ``reach_m`` from the centre, on the same side of it."""
     away_m = math.dist(place_m, centre_m)
     if away_m >= reach_m:
         return place_m

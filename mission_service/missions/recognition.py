@@ -1,4 +1,4 @@
-"""What each vehicle may have on board: told from its missions read back after a restart."""
+"""Recognises the mission on board of each vehicle from the items read back after a restart."""
 
 from collections.abc import Iterable
 
@@ -8,15 +8,15 @@ from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 
-MOST = 4  # missions of which nobody knows which one is on board
+MOST = 4  # missions kept while it is uncertain which one is on board
 
 Items = tuple[MissionItem, ...]
 
 
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
-    """A mission as it goes to an autopilot."""
+    """A mission as it is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
-        return yaw_left_open(items)  # 0 would turn it north
+        return yaw_left_open(items)  # 0 would turn the vehicle north
     return items
 
 
@@ -27,7 +27,7 @@ class MissionsHeld:
         self._may_hold: dict[str, list[UploadMission]] = {}
 
     def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
-        """Take in one event and what it led to."""
+        """Process an event and its commands."""
         match event:
             case UploadFinished(outcome="accepted") | MissionReadBack():
                 known = self._may_hold.get(event.vehicle, [])

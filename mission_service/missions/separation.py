@@ -1,10 +1,11 @@
-"""Keeping vehicles apart: layers one above the other, and who gives way where they fail.
+"""Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
 
-Layers are heights above the terrain under each leg, and two vehicles' legs end in different places:
-over a slope a higher layer may come near a lower one. So a mission is also laid over those of the
-vehicles in lower layers (``Track``, ``heights_below``). Where two are nearly at the same height all
-the same (one layer by the scenario's wish, climbing, on the way home) and come near each other, one
-steps aside, outwards, and loiters there until the other has passed. Metres, x east, y north.
+Layers are heights above the terrain under each leg, and two vehicles' legs end at different points:
+over a slope a higher layer may come near a lower one. A mission is therefore also placed above the
+missions of vehicles in lower layers (``Track``, ``heights_below``). If two vehicles at nearly the
+same altitude (in one layer by the scenario, climbing, on the way home) approach each other, one
+moves aside, away from the fire, and loiters there until the other has passed. Metres, x east, y
+north.
 """
 
 import math
@@ -22,16 +23,16 @@ Floats = NDArray[np.float64]
 
 SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
-NEAR_M = 200.0  # corners cut, loiters, fronts seen at different times
-MARGIN_M = 10.0  # above the separation, for altitudes are not held to the metre
-AHEAD_S = 25.0  # an upload, half a turn, and out of the way
+NEAR_M = 200.0  # for cut corners, loiters, and fronts observed at different times
+MARGIN_M = 10.0  # added to the separation for errors of altitude control
+AHEAD_S = 25.0  # time of an upload, half a turn and the move aside
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM = 17
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Samples (n, 2) of what a mission flies, the lowest and highest it may be there."""
+    """Samples (n, 2) of a mission's track with the lowest and highest altitude at each."""
 
     points_m: Floats
     lowest_m: Floats
@@ -39,7 +40,7 @@ class Track:
     box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
 
     def __post_init__(self) -> None:
-        """With many vehicles nearly all tracks are far from each other: the box tells."""
+        """Compute the box: with many vehicles it excludes most pairs of tracks quickly."""
         object.__setattr__(self, "box_m", box_around(self.points_m))
 
 
@@ -49,9 +50,9 @@ def track_of(
     radius_m: float,
     start_m: tuple[float, float] | None = None,
 ) -> Track:
-    """Where a mission leads, up to its endless loiter and once around that.
+    """The track of a mission, up to its unlimited loiter and once around it.
 
-    From ``start_m`` to its first point the vehicle is at that one's altitude, or will be at once.
+    From ``start_m`` to the first point the vehicle is at that point's altitude, or will be soon.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
     flown = [item for item in items[: last + 1] if has_position(item.command)]
@@ -75,13 +76,13 @@ def track_of(
 
 
 def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
-    """The part of a track that is still to be flown from a place."""
+    """The part of a track that is still to be flown from a position."""
     first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
 def places_of(heres: list[PositionFix]) -> Track:
-    """Where vehicles are now, at least one."""
+    """The positions of vehicles, at least one, as a track."""
     places = np.array([(here.x_m, here.y_m, here.altitude_m) for here in heres])
     return Track(places[:, :2], places[:, 2], places[:, 2])
 
@@ -99,7 +100,7 @@ def box_around(points_m: Floats) -> tuple[float, float, float, float]:
 
 
 def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
-    """For each point (n, 2) how high the tracks near it may be flown; -inf where none is near."""
+    """For each point (n, 2) the highest altitude of the tracks near it; -inf if none is near."""
     found = np.full(len(points_m), -np.inf)
     if not len(points_m):
         return found
@@ -120,14 +121,14 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Whether a mission comes nearer than that to what is flown under it."""
+    """Whether a mission comes nearer than the separation to the tracks under it."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
 def is_near(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether two at about the same height are close, or will be before one could turn away."""
+    """Whether two vehicles at about one altitude are close, or will be before one can turn away."""
     if abs(own.altitude_m - other.altitude_m) >= separation_m:
         return False
     near_m = separation_m + 2.0 * turn_radius_m
@@ -144,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Of two that are near: the one that flies at the other's back, else the later in order."""
+    """Of two near vehicles the one that gives way: the one behind, else the later in order."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0
@@ -154,7 +155,7 @@ def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bo
 def has_passed(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether the way is free for one that gave way; heights change too soon to count."""
+    """Whether a vehicle that gave way may go on; altitudes change too fast to be considered."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     distance_m = math.hypot(east_m, north_m)
     leaves = other.east_m_s * east_m + other.north_m_s * north_m >= 0.0
@@ -165,9 +166,9 @@ def has_passed(
 def place_aside(
     own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], aside_m: float
 ) -> Floats:
-    """Where to wait, (1, 2): a little ahead, and to a side.
+    """The waiting position (1, 2): a little ahead and to one side.
 
-    The side that leads away from the fire, unless the other one comes by there.
+    The side is the one away from the fire, unless the other vehicle passes on that side.
     """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed

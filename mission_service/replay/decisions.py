@@ -1,7 +1,7 @@
-"""Planners alone on a journal: its positions and observations in, decisions out. No missions.
+"""Runs the planners alone on a journal: positions and observations in, decisions out. No missions.
 
-With the journal's own rule they must be the journal's decisions; with another one they are what it
-would have decided in the places where the vehicles were.
+With the journal's own rule the decisions must equal the recorded ones. With another rule they are
+the decisions which that rule takes at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ Timed = tuple[int, DirectionDecision]  # at_us, decision
 
 @dataclass(frozen=True)
 class Decisions:
-    """What was decided, and what the journal has. ``difference`` is for the journal's own rule."""
+    """Decisions found and recorded. ``difference`` is set for the journal's own rule only."""
 
     rule: str
     journal_rule: str
@@ -47,9 +47,9 @@ class Decisions:
 
 
 def decide(path: Path, rule: str | None = None) -> Decisions:
-    """Run the planners of a journal's scenario, or those of another rule, on its events.
+    """Run the planners of a journal's scenario, or those of another rule, on the journal's events.
 
-    Raises JournalError where the journal cannot be read, or a line of it was altered.
+    Raises JournalError if the journal cannot be read or one of its lines was altered.
     """
     journal = JournalReader(path)
     scenario = journal.scenario
@@ -105,14 +105,14 @@ def decisions_alone(
 
 @dataclass
 class _Silent:
-    """Vehicles that are not led, so that nothing they decide is told: held by people, in doubt."""
+    """Vehicles whose decisions are not announced: held by operators, or with an unclear state."""
 
     held: set[str]
     doubted: set[str]
 
 
 def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
-    """What a journal begins with; another rule begins anew there."""
+    """The state with which a journal begins; another rule starts without a state there."""
     if journal.segment == 1:
         return Core(scenario, journal.landscape), _Silent(set(), set())
     core = journal.core()
@@ -128,7 +128,7 @@ def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
 
 
 def _told(event: AnyOperatorEvent, core: Core, silent: _Silent) -> None:
-    """What people say that planners decide by, and whether a vehicle is led at all."""
+    """Apply an operator's request: inputs of the planners, and whether a vehicle is led at all."""
     decision_engine = core.decision_engine
     match event:
         case SettingsChanged():
@@ -162,7 +162,7 @@ def _ordered(
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
-    """The scenario with another rule. Raises MissionServiceError for one that is not there."""
+    """The scenario with another rule. Raises MissionServiceError if there is no such rule."""
     able = [each for each in rules() if way_for(each).along_front]
     if rule not in able:
         raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(able)}")
@@ -173,9 +173,9 @@ def with_rule(scenario: Scenario, rule: str) -> Scenario:
 def first_difference(
     found: list[Timed], recorded: list[Timed], may_lack_one: bool
 ) -> tuple[str | None, list[dict[str, Any]]]:
-    """Where decisions and those recorded part, in words and in fields.
+    """The first difference between found and recorded decisions, as text and as fields.
 
-    A journal that was cut off may lack the last one.
+    A journal that was cut off may lack the last decision.
     """
     for (at_us, ours), (told_us, theirs) in zip(found, recorded, strict=False):
         if at_us != told_us:
@@ -190,7 +190,7 @@ def first_difference(
 
 
 def summary_of(decisions: Decisions) -> dict[str, Any]:
-    """In figures, and every reversal; for JSON."""
+    """Figures and every reversal, as plain data for JSON."""
     names = list(dict.fromkeys(each.vehicle for _, each in decisions.recorded + decisions.found))
     return {
         "rule": decisions.rule,
@@ -219,7 +219,7 @@ def _count(decisions: list[Timed], name: str, reversals: bool = False) -> int:
 
 
 def in_text(summary: dict[str, Any]) -> str:
-    """The summary for people."""
+    """The summary as text for a terminal."""
     lines = [
         f"{each['name']}: {each['decisions']} decisions, {each['reversals']} reversals with "
         f"{summary['rule']} (recorded with {summary['journal_rule']}: "

@@ -1,6 +1,6 @@
-"""Distance error: how far the fire a planner believes in is from the true one (Islam & Hu, VI.E).
+"""Distance error of a planner's estimated front from the true front (Islam & Hu, VI.E).
 
-Both are distances from the ignition on 360 whole-degree bearings, in cells.
+Both fronts are distances from the ignition on 360 whole-degree bearings, in cells.
 """
 
 import numpy as np
@@ -26,11 +26,11 @@ class TrueShape:
         inside &= cols < arrival_s.shape[1]
         along = np.full(rows.shape, np.inf)
         along[inside] = arrival_s[rows[inside], cols[inside]]
-        # When ground at least as far out first burned: rises with the distance.
+        # Time at which ground at least as far out first burned; it rises with the distance.
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
     def at(self, at_s: float) -> Floats:
-        """Distance of the front in cells on 360 bearings, to half a cell."""
+        """Distance of the front in cells on 360 bearings, with a resolution of half a cell."""
         reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
         distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL
         return distance
@@ -38,7 +38,7 @@ class TrueShape:
 
 @compiled
 def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
-    """How many samples along each bearing were reached by a time; rising rows."""
+    """Number of samples along each bearing reached by a time; each row must be sorted."""
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")

@@ -1,7 +1,7 @@
-"""The fire of a journal burned again: each camera must see what it is recorded to have seen.
+"""Simulates the fire of a journal again and compares every recorded camera observation.
 
-On the machine that recorded it that is so to the last cell. On another one floats may differ in
-their last places: a cell on the edge of the fire, or of what a camera sees, may then be the other.
+On the machine that recorded the journal all cells are equal. On another machine floats may differ
+in their last digits: a cell at the edge of the fire or of a camera's footprint may then differ.
 """
 
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ class _Comparison:
     def read(self, reader: SegmentReader, entry: Entry) -> None:
         """Compare the pending observation with the fire if the entry is its position."""
         content = entry.content
-        if not entry.sure:  # it may have burned otherwise
+        if not entry.sure:  # the fire may have differed
             self._pending = None
         match content:
             case Observed(corrects=False) if not entry.sure:
@@ -149,7 +149,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
 
 
 def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
-    """The cells that a slightly wider footprint has and a slightly narrower one has not."""
+    """The cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
         {cell for cell, letter in _letters(fire.seen_from(here, wider)).items() if letter != UNSEEN}
         for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
@@ -158,7 +158,7 @@ def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
 
 
 def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
-    """When the fire comes to a cell; None: not that it is known, or outside the landscape."""
+    """Arrival time of the fire at a cell; None: not yet computed, or outside the landscape."""
     rows, cols = fire.world.landscape.shape
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         return None

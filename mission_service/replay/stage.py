@@ -1,4 +1,4 @@
-"""What one stage of a replay has found."""
+"""The result of one stage of a verification."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,9 +6,9 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stage:
-    """``difference`` is the first one, in words, or None; ``details`` its fields or cells.
+    """The result. ``difference`` describes the first one or is None; ``details``: fields or cells.
 
-    ``counts`` say how much of what was looked at; ``note`` what else there is to know.
+    ``counts`` are the numbers of compared items by kind; ``note`` is additional information.
     """
 
     name: str

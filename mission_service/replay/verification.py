@@ -1,10 +1,10 @@
-"""Replay: a journal verified stage by stage; what one stage finds does not hide the others.
+"""Verifies a journal by replay in independent stages.
 
-file: every line's checksum. fire: what cameras saw, in the fire burned again. planner: decisions on
-the recorded observations. core: all commands, bit for bit.
+file: the checksum of every line. fire: the cameras' observations, in the fire simulated again.
+planner: the decisions on the recorded observations. core: all commands, bit for bit.
 
 A journal of several segments is verified from its beginning, or from the state with which its
-oldest segment begins; a closed segment, named by itself, from the state with which it begins.
+oldest segment begins; a single closed segment from the state with which it begins.
 """
 
 from collections import deque
@@ -26,9 +26,9 @@ from mission_service.replay.stage import Stage
 
 @dataclass(frozen=True)
 class Verification:
-    """What a replay found, stage by stage. ``from_segment`` is 1 where all of the journal is there.
+    """The results of all stages. ``from_segment`` is 1 if the journal is complete.
 
-    ``cut_at_line``: the journal was cut off there, and is verified up to there.
+    ``cut_at_line``: the journal was cut off in this line and is verified up to it.
     """
 
     stages: tuple[Stage, ...]
@@ -38,7 +38,7 @@ class Verification:
 
     @property
     def difference(self) -> str | None:
-        """The first stage's that found one; None when all was reproduced."""
+        """The difference of the first stage that found one; None if all was reproduced."""
         return next((each.difference for each in self.stages if each.difference), None)
 
     @property
@@ -48,21 +48,21 @@ class Verification:
 
     @property
     def events(self) -> int:
-        """Fed into the core."""
+        """The number of events processed by the core."""
         return self._count("events")
 
     @property
     def commands(self) -> int:
-        """Reproduced by the core."""
+        """The number of commands reproduced by the core."""
         return self._count("commands")
 
     @property
     def decisions(self) -> int:
-        """Of these commands, decisions."""
+        """The number of decisions among these commands."""
         return self._count("decisions")
 
     def stage(self, name: str) -> Stage:
-        """What one stage found."""
+        """The result of one stage."""
         return next(each for each in self.stages if each.name == name)
 
     def _count(self, what: str) -> int:
@@ -70,10 +70,10 @@ class Verification:
 
 
 def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verification:
-    """Replay a journal in these stages, or all; ``alone``: not the segments before this one.
+    """Verify a journal in these stages, or all; ``alone``: without the segments before this one.
 
-    Raises JournalError where the journal cannot be read or belongs to another landscape, or where
-    its beginning is gone and the state that stands for it cannot be used.
+    Raises JournalError if the journal cannot be read or belongs to another landscape, or if its
+    beginning was deleted and the state saved in its place cannot be used.
     """
     recorded = JournalReader(path, alone)
     wanted = [name for name in STAGES if name in (stages or STAGES)]
@@ -106,7 +106,7 @@ def _told(stage: Stage) -> dict[str, Any]:
 
 
 def in_text(found: Verification) -> str:
-    """For people: a line a stage, and what differs in it."""
+    """The results as text: one line per stage, and its difference."""
     lines = []
     for each in found.stages:
         counts = ", ".join(f"{count} {what}" for what, count in each.counts.items())
@@ -123,7 +123,7 @@ def in_text(found: Verification) -> str:
 
 
 def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) -> Stage:
-    """What a stage finds; an input that it cannot even take in is a difference too."""
+    """The result of a stage; an input that raises an exception is a difference too."""
     recorded.at = None
     try:
         return stage(recorded)
@@ -138,7 +138,7 @@ def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) 
 
 
 def file_stage(recorded: JournalReader) -> Stage:
-    """Every line's checksum, which runs on from the line before."""
+    """Check the checksum of every line, which is chained to the line before."""
     counts = {"lines": len(recorded.readers), "altered": 0}  # headers were checked already
     difference = None
     try:
@@ -164,7 +164,7 @@ def file_stage(recorded: JournalReader) -> Stage:
 
 
 def planner_stage(recorded: JournalReader) -> Stage:
-    """The planners alone, on the recorded observations, must decide as recorded."""
+    """Compare the planners' decisions on the recorded observations with the journal."""
     rule = recorded.scenario.planner.rule
     if not way_for(rule).along_front:
         return Stage("planner", {}, note=f"rule {rule} takes no such decisions", left_out=True)
@@ -174,7 +174,7 @@ def planner_stage(recorded: JournalReader) -> Stage:
 
 
 def core_stage(recorded: JournalReader) -> Stage:
-    """All inputs through a core must give all commands, bit for bit."""
+    """Compare the commands of a core given all events with the journal, bit for bit."""
     core = recorded.core()
     expected: deque[AnyCommand] = deque()
     counts = {"events": 0, "commands": 0, "decisions": 0}

@@ -1,7 +1,7 @@
-"""A journal's scenario flown again in the simulator with other settings of its planner.
+"""Flies a journal's scenario again in the simulator with other planner settings.
 
-What people said is said again at its mission time. Vehicles are mocks, so even with the journal's
-own settings a live flight is not flown the same again; one of ``sim`` is, to the last bit.
+The operators' requests are repeated at their mission times. Vehicles are mocks, so with unchanged
+settings a live flight is not reproduced exactly; a run of ``sim`` is reproduced bit for bit.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ OF_SIMULATED_CREW = (ChecklistAnswered, OperatorHeartbeat)
 
 @dataclass
 class PastRun:
-    """What a journal tells of its run."""
+    """The content of a journal that the second run needs."""
 
     scenario: Scenario
     record: RunStatistics
@@ -51,7 +51,7 @@ class PastRun:
     people: list[AnyOperatorEvent] = field(default_factory=list)
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        """One turn of it."""
+        """Add an event and its commands."""
         self.fire.past(event, commands)
         self.record.add(event, commands)
         if isinstance(event, OperatorEvent):
@@ -59,10 +59,10 @@ class PastRun:
 
 
 def past_run(journal: JournalReader) -> PastRun:
-    """Fold a whole journal; raises JournalError where it is damaged or its beginning is gone."""
+    """Read a whole journal; raises JournalError if it is damaged or lacks its beginning."""
     if journal.segment != 1:
         raise JournalError(
-            f"{journal.path}: its beginning was deleted, and with it what people said then"
+            f"{journal.path}: its beginning was deleted, with the operators' requests in it"
         )
     scenario = journal.scenario
     names = tuple(section.name for section in scenario.flown)
@@ -84,7 +84,7 @@ def past_run(journal: JournalReader) -> PastRun:
 
 @dataclass(frozen=True)
 class WhatIf:
-    """Settings that were changed, the figures of both runs, and what to know of the second."""
+    """The changed settings, the figures of both runs, and notes on the second run."""
 
     settings: dict[str, Any]
     until_s: float
@@ -96,9 +96,9 @@ class WhatIf:
 def what_if(
     path: Path, words: Sequence[str], out: Path, created: str, progress: Progress = unshown
 ) -> WhatIf:
-    """Fly a journal's scenario again with ``KEY=VALUE`` of its [planner]; the figures of both.
+    """Fly a journal's scenario again with ``KEY=VALUE`` of its [planner]; compare both runs.
 
-    The folder ``out`` gets what ``sim`` leaves. Raises ScenarioError for settings that cannot be,
+    The folder ``out`` gets the files of ``sim``. Raises ScenarioError for invalid settings,
     JournalError for a journal that cannot be flown again.
     """
     journal = JournalReader(path)
@@ -107,14 +107,14 @@ def what_if(
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
         raise ScenarioError(f"{out}: is the journal's own folder; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: of one process of several: they cannot be flown again here")
+        raise JournalError(f"{path}: of one process of several; it cannot be flown again alone")
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:
         raise JournalError(f"{path}: nothing has happened in it")
     notes: list[str] = []
     if scenario.mission.approval == "each":
-        notes.append("missions go to the vehicles without anybody's word")
+        notes.append("missions are sent to the vehicles without acceptance")
         free = scenario.mission.model_copy(update={"approval": "none"})
         scenario = scenario.model_copy(update={"mission": free})
     script = told_again(past.people, changed)
@@ -134,13 +134,13 @@ def what_if(
 
 
 class Script:
-    """People who say what they said, each at its time."""
+    """Repeats the recorded requests of operators, each at its time."""
 
     def __init__(self, events: Sequence[AnyOperatorEvent]) -> None:
         self._events = list(events)
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """What is said by now."""
+        """The requests that are due."""
         count = next(
             (place for place, each in enumerate(self._events) if each.at_us > now_us),
             len(self._events),
@@ -152,7 +152,7 @@ class Script:
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """The journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
 
-    Raises ScenarioError in one line for what there is not.
+    Raises ScenarioError in one line for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()
@@ -174,7 +174,7 @@ def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenari
 def told_again(
     people: Sequence[AnyOperatorEvent], changed: dict[str, Any]
 ) -> list[AnyOperatorEvent]:
-    """What people said, but approvals, and settings of keys that are given."""
+    """The recorded requests without approvals and without settings of the given keys."""
     found: list[AnyOperatorEvent] = []
     for event in people:
         if isinstance(event, NEVER_AGAIN):
@@ -190,7 +190,7 @@ def told_again(
 
 
 def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
-    """What of a run is compared, from its summary."""
+    """The figures that are compared, from a run's summary."""
     vehicles = {each["name"]: _figures(each) for each in summary["vehicles"]}
     names = ("decisions", "reversals", "uploads_accepted")
     return {
@@ -213,7 +213,7 @@ LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (
 
 
 def in_text(found: WhatIf) -> str:
-    """For people: a table of both runs."""
+    """A table of both runs as text."""
     rows = [("", "recorded", "what-if")]
     rows += _rows("", found.recorded, found.what_if)
     for name, figures in found.recorded["vehicles"].items():

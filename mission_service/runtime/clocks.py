@@ -1,4 +1,4 @@
-"""The machine's clocks. Only what is live asks them; all else is told the time."""
+"""The machine's clocks. Only live code reads them; all other code gets the time as an argument."""
 
 import time
 from datetime import UTC, datetime
@@ -16,10 +16,10 @@ def wall_us() -> int:
 
 
 def last_written_s(path: Path) -> float:
-    """When a file was last written to, in seconds since 1970."""
+    """Time of the last write to a file, in seconds since 1970."""
     return path.stat().st_mtime
 
 
 def now_text() -> str:
-    """The date and time, as a journal's header has it."""
+    """The date and time in the format of a journal's header."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""What the service itself looks out for, and raises and clears alarms about. Pure."""
+"""Monitors delays of the event loop and near vehicles; raises and clears their alarms. Pure."""
 
 import math
 
@@ -12,13 +12,13 @@ from mission_service.vehicles.availability import AIRBORNE_M
 
 LATE_US, LATE_SEVERE_US = 500_000, 3_000_000
 NEAR_EVERY_US = 1_000_000
-FRESH_US = 3_000_000  # where a vehicle was longer ago says nothing
+FRESH_US = 3_000_000  # older positions are not compared
 
 
 def near_pairs(
     telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
 ) -> dict[tuple[str, str], float]:
-    """Pairs in the air that are nearer to each other than they should be: metres, in 3-D."""
+    """Pairs in the air nearer to each other than ``separation_m``: 3-D distances in metres."""
     flying = [
         told
         for _, told in sorted(telemetry.items())
@@ -40,10 +40,10 @@ def near_pairs(
 
 
 class HealthMonitor:
-    """Looks around a few times a second."""
+    """Checks delays and distances a few times a second."""
 
     def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
-        """``every_us`` is how often ``look`` is to be called, by the machine's clock."""
+        """``every_us`` is the interval of calls to ``look``, on the machine's clock."""
         self._picture = state_view
         self._separation_m = separation_m
         self._every_us = every_us
@@ -52,7 +52,7 @@ class HealthMonitor:
         self._near: set[str] = set()
 
     def look(self, now_us: int) -> None:
-        """Look around; ``now_us`` is the machine's clock."""
+        """Run all checks; ``now_us`` is the machine's clock."""
         state_view = self._picture
         if self._looked_us is not None:
             late_us = now_us - self._looked_us - self._every_us

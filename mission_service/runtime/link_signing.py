@@ -1,4 +1,4 @@
-"""Signed links of the service: keys by their sources, timestamps that outlive it, refusals told."""
+"""Signed links of the service: keys, timestamps kept over restarts, reports of refused frames."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -9,8 +9,8 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # of single commands: not those of a service that runs at the same time
-TELL_FROM_FRAMES = 10  # fewer are accidents, or another station passing by
+COMMAND_LINK_ID = 255  # of CLI commands; differs from those of a service running at the same time
+TELL_FROM_FRAMES = 10  # fewer refused frames are not reported: errors, or another station nearby
 LEAD_TOLD_S = 60.0
 WORDS = {
     "unsigned": (
@@ -25,7 +25,7 @@ WORDS = {
 
 
 def timestamps_file() -> Path:
-    """Where the timestamp to go on from is kept; makes the folder."""
+    """The file with the last timestamp used; creates its folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(state) / "mission-service"
     try:
@@ -60,7 +60,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """One line on what was refused most, if that was so many frames or more."""
+    """One line on the most frequent cause of refusal, if it has ``from_frames`` or more."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:
@@ -71,12 +71,12 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 
 def unheeded(link: str) -> str:
-    """One line on a link whose vehicle signs while we do not."""
+    """One line on a link whose vehicle signs while this program has no key."""
     return f"frames on {link} are signed, and no signing key is given; it may answer nothing"
 
 
 class SigningRefusals:
-    """What to tell of one vehicle's link: each thing once."""
+    """Reports on the signing of one vehicle's link, each once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link
@@ -85,7 +85,7 @@ class SigningRefusals:
         self._told: set[str] = set()
 
     def news(self, counts: Counts, receives_signed: bool) -> list[str]:
-        """What is new, a line each."""
+        """The new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:
             lines["unheeded"] = unheeded(self._link) if receives_signed else None

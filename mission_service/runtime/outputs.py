@@ -1,4 +1,4 @@
-"""What a run leaves: GeoJSON of fronts and tracks, a PNG map, a summary, a log of drops."""
+"""Writes the results of a run: GeoJSON of fronts and tracks, a PNG map, a summary, drops."""
 
 import csv
 import json
@@ -24,16 +24,16 @@ DROP_COLUMNS = (
 VEHICLE_COLOURS = (
     "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
 )  # fmt: skip
-LEGEND_INSIDE = 4  # vehicles at most; a longer legend would hide the fire
+LEGEND_INSIDE = 4  # maximum number of vehicles; a longer legend would hide the fire
 
 
 def front_times_s(end_s: float) -> list[float]:
-    """Every half hour of mission time, and the end."""
+    """The times of fronts: every half hour of mission time, and the end."""
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
 def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[str, Any]:
-    """The run in figures."""
+    """The figures of the run."""
     closest = record.closest
     return {
         "scenario": scenario.name,
@@ -65,7 +65,7 @@ def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[st
 
 
 def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
-    """What a vehicle that drops spheres has done; nothing for others."""
+    """The figures of a vehicle that drops spheres; empty for others."""
     if not vehicle.plans:
         return {}
     flown = {drop.plan_hash for drop in vehicle.drops}
@@ -77,7 +77,7 @@ def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
 
 
 def write_drops(path: Path, record: RunStatistics) -> None:
-    """The log of drops as CSV: what was ordered and what became of it, against the plan."""
+    """Write the drops as CSV: planned place, order and outcome."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(DROP_COLUMNS)
@@ -146,7 +146,7 @@ def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
 def write_outputs(
     out: Path, scenario: Scenario, record: RunStatistics, fire: Fire
 ) -> dict[str, Any]:
-    """Write everything into ``out``; returns the summary."""
+    """Write all results into ``out``; returns the summary."""
     summary = summary_of(scenario, record, fire)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     tracks = json.dumps(tracks_geojson(record))

@@ -1,4 +1,4 @@
-"""What comes of all that other processes of a formation say."""
+"""Passes messages of other processes of a formation to the engine."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from mission_service.runtime.gateway import MissionClock
 
 
 class PeerListener:
-    """Hands on to the service here what ``formation_mqtt`` has heard."""
+    """Passes the messages that ``peer_exchange`` receives to the engine of this process."""
 
     def __init__(self, service: Engine, clock: MissionClock, clock_us: Callable[[], int]) -> None:
         self._service = service
@@ -17,22 +17,22 @@ class PeerListener:
 
     @property
     def mission_us(self) -> int:
-        """Mission time here."""
+        """Mission time of this process."""
         return self._clock.now_us
 
     def passed(self, mission_us: int) -> None:
-        """Mission time has come so far elsewhere."""
+        """Advance the clock to the mission time of another process."""
         self._clock.others_passed(mission_us, self._clock_us())
 
     def hear(self, message: AnyMessage) -> None:
-        """A vehicle flown elsewhere has said something."""
+        """Handle a message of a vehicle flown by another process."""
         self.passed(message.at_us)
         self._service.hear(message, self._clock.now_us, self._clock_us())
 
     def contact(self, there: bool) -> None:
-        """Others can be talked to, or no longer."""
+        """Handle a change of the connection to the other processes."""
         self._service.contact(there, self._clock.now_us, self._clock_us())
 
     def tell(self, text: str, warning: bool) -> None:
-        """A line for the user."""
+        """Announce a line to the operators."""
         self._service.announce("formation", text, "warning" if warning else "info")

@@ -1,4 +1,4 @@
-"""The play head of a replay: where on the log's clock it is, and how fast it goes. Pure."""
+"""The play head of a replay: its position on the log's clock and its speed. Pure."""
 
 from typing import Literal
 
@@ -11,37 +11,37 @@ Speed = float | Literal["max"]
 
 
 class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
-    """Where a replay is. Times beside ``at_us`` (mission time) are of the log's own clock.
+    """The state of a replay. All times except ``at_us`` (mission time) are on the log's clock.
 
-    Whenever ``jumps`` is another, all is as of another moment: ask for the whole state again.
+    A change of ``jumps`` means that the replay was set to another time: read all states again.
     """
 
     at_us: int
     logs: tuple[str, ...]
     log_begin_us: int
     log_end_us: int
-    log_at_us: int  # while it is seeking, where it will be
+    log_at_us: int  # during a seek, its destination
     begin_us: int  # the mission time of ``log_begin_us``
     speed: Speed
     paused: bool
     seeking: bool
-    ended: bool  # all is told
+    ended: bool  # all entries were played
     jumps: int
 
 
 def checked_speed(speed: Speed) -> Speed:
-    """The speed itself. Raises RequestError for one that is not possible."""
+    """The speed itself. Raises RequestError for a speed out of range."""
     if speed != "max" and not MIN_SPEED <= speed <= MAX_SPEED:
         raise RequestError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g} times, or max")
     return speed
 
 
 class PlayHead:
-    """Goes along the log's clock as the machine's clock does, ``speed`` times as fast.
+    """Advances on the log's clock ``speed`` times as fast as the machine's clock.
 
-    It stands where all has been told: what is due is asked for, and what was done of it is said
-    with ``reached``, so it never runs ahead of a machine that is too slow. ``now_us`` is the
-    machine's clock.
+    Its position is the time up to which all entries were played. ``due_us`` is the time to play
+    to, ``reached`` confirms the time played to, so that it does not run ahead of a machine that is
+    too slow. ``now_us`` is the machine's clock.
     """
 
     def __init__(self, begin_us: int, end_us: int, speed: Speed = 1.0) -> None:
@@ -51,15 +51,15 @@ class PlayHead:
         self.speed: Speed = checked_speed(speed)
         self.paused = False
         self.seek_to_us: int | None = None
-        self._since_us: int | None = None  # it has been at ``at_us``; None: not begun
+        self._since_us: int | None = None  # machine's clock at ``at_us``; None: not begun
 
     @property
     def ended(self) -> bool:
-        """Whether it is at the end, where it pauses by itself."""
+        """Whether it is at the end, where it pauses automatically."""
         return self.at_us >= self.end_us
 
     def due_us(self, now_us: int) -> int:
-        """Up to which time of the log all should have been told by now."""
+        """The log time up to which entries are due."""
         if self.seek_to_us is not None:
             return self.seek_to_us
         if self.paused:
@@ -72,7 +72,7 @@ class PlayHead:
         return min(self.at_us + round(passed_us * self.speed), self.end_us)
 
     def reached(self, at_us: int, now_us: int) -> None:
-        """All is told up to here; at the end it pauses, and where it sought it goes on."""
+        """Confirm that all entries up to a time were played; ends a seek, pauses at the end."""
         self.at_us = min(max(at_us, self.begin_us), self.end_us)
         self._since_us = now_us
         if self.seek_to_us is not None and self.at_us == self.seek_to_us:
@@ -85,7 +85,7 @@ class PlayHead:
         self.paused = True
 
     def resume(self, now_us: int) -> None:
-        """Go on; from the end, from the beginning."""
+        """Go on; at the end, start again from the beginning."""
         if not self.paused:
             return
         self.paused = False
@@ -94,9 +94,9 @@ class PlayHead:
             self.seek(self.begin_us)
 
     def go_at(self, speed: Speed) -> None:
-        """Another speed from now on. Raises RequestError."""
+        """Change the speed. Raises RequestError for a speed out of range."""
         self.speed = checked_speed(speed)
 
     def seek(self, to_us: int) -> None:
-        """Be somewhere else as soon as all is told up to there."""
+        """Go to another time as soon as all entries up to it were played."""
         self.seek_to_us = min(max(to_us, self.begin_us), self.end_us)

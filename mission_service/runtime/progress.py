@@ -1,4 +1,4 @@
-"""What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere."""
+"""Shows the progress of a run: a bar on a terminal, plain lines elsewhere."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ def clock_text(at_us: int) -> str:
 
 
 def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
-    """One line a vehicle: fire size, direction, reversals, uploads."""
+    """One line per vehicle: fire size, direction, reversals, uploads."""
     fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
     for name, vehicle in record.vehicles.items():
@@ -40,14 +40,14 @@ def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
 
 
 class LiveReport:
-    """Prints announcements as they come and a status line every two minutes of mission time."""
+    """Prints each announcement, and a status line every two minutes of mission time."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
         self._next_us = 0
 
     def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
-        """Print what is new."""
+        """Print new announcements and a due status line."""
         for at_us, news in record.news:
             style = "bold yellow" if news.level == "warning" else "cyan"
             text = f"{clock_text(at_us)}  {news.vehicle}: {news.text}"
@@ -106,7 +106,7 @@ class SimProgress:
 
 @contextmanager
 def fire_progress(name: str, from_s: float, to_s: float) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal for a fire by itself; call it with the time the fire has come to."""
+    """A bar on a terminal for a fire simulation; call it with the time simulated so far."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:

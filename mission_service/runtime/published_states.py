@@ -10,7 +10,7 @@ from mission_service.commands import Severity
 
 
 class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
-    """Where a vehicle was last heard to be (WGS84), and how it moved."""
+    """The last received position (WGS84) and velocity of a vehicle."""
 
     at_us: int
     vehicle: str
@@ -25,7 +25,7 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 
 
 class OrbitState(msgspec.Struct):
-    """The circle round a virtual agent that was ordered, anticlockwise with a negative radius.
+    """The ordered circle around a virtual agent, anticlockwise with a negative radius.
 
     The camera covers a ring along it, ``view_width_m`` wide from the vehicle's height over ground.
     """
@@ -38,7 +38,7 @@ class OrbitState(msgspec.Struct):
 
 
 class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
-    """All that is known of a vehicle but where it is and what it flies."""
+    """The status of a vehicle, without its position and mission."""
 
     at_us: int
     vehicle: str
@@ -51,11 +51,11 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     heard_stack: str = ""
     mode: str = ""
     armed: bool = False
-    current_seq: int | None = None  # of the mission on board, the item flown now
+    current_seq: int | None = None  # index of the current item of the mission on board
     battery_pct: float | None = None
     position_good: bool = True
     position_fix: str = ""
-    order: str = ""  # a person's that holds: hold, return
+    order: str = ""  # an operator's order in force: hold, return
     direction: str = ""
     decisions: int = 0
     reversals: int = 0
@@ -75,7 +75,7 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
 
 
 class ItemState(msgspec.Struct):
-    """One item of a mission, as MAVLink carries it; places in degrees where it has one."""
+    """One MAVLink mission item; its position, if it has one, in degrees."""
 
     command: int
     name: str
@@ -87,19 +87,19 @@ class ItemState(msgspec.Struct):
 
 
 class Mission(msgspec.Struct):
-    """One mission and what became of it."""
+    """One mission and its outcome."""
 
     mission_id: int
     at_us: int
     why: str
-    outcome: str  # proposed, sending, accepted, or the bridge's word for what went wrong
+    outcome: str  # proposed, sending, accepted, or the bridge's word for a failure
     reason: str
     mission_hash: str
     items: tuple[ItemState, ...]
 
 
 class MissionState(msgspec.Struct, tag="mission/1", tag_field="schema"):
-    """What a vehicle has on board, what is on its way, and what waits for a person's word."""
+    """The missions of a vehicle: on board, being uploaded, and proposed to the operator."""
 
     at_us: int
     vehicle: str
@@ -109,7 +109,7 @@ class MissionState(msgspec.Struct, tag="mission/1", tag_field="schema"):
 
 
 class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
-    """Something that is wrong until it is cleared."""
+    """A fault, active until it is cleared."""
 
     alarm: str  # its key: link/hawk, broker, journal
     at_us: int
@@ -120,7 +120,7 @@ class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
 
 
 class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
-    """A line for people."""
+    """An announcement to the operators, one line."""
 
     id: int
     at_us: int
@@ -130,7 +130,7 @@ class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
 
 
 class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
-    """One sphere: where it was to fall, and what is known of it."""
+    """One sphere: its planned place and the status of its drop."""
 
     at_us: int
     vehicle: str
@@ -147,7 +147,7 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
 
 
 def item_state(item: MissionItem) -> ItemState:
-    """An item for people and programs that know no MAVLink frames."""
+    """An item in a form that does not depend on MAVLink frames."""
     lat_deg, lon_deg = place_of(item) or (None, None)
     params = tuple(
         0.0 if math.isnan(value) else value

@@ -1,4 +1,4 @@
-"""Requests of operators become events; what they lead to becomes the reply."""
+"""Converts operators' requests to events, and the events' results to replies."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +18,7 @@ KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
 class RequestHandler:
-    """Where requests of people become events: the socket's, or those of another interface."""
+    """Handles the requests of all interfaces: the control socket's, HTTP's and MQTT's."""
 
     def __init__(
         self,
@@ -28,10 +28,10 @@ class RequestHandler:
         scope: RequestScope = ANYWHERE,
         burned_ha: Callable[[], float] | None = None,
     ) -> None:
-        """``tell`` handles an event, and returns what was said in answer to it.
+        """``tell`` handles an event and returns the announcements it caused.
 
-        ``scope``: what requests are checked against. ``burned_ha``: the area burned now, where
-        corrections change it; their replies have the old and the new area.
+        ``scope``: the data that requests are checked against. ``burned_ha``: returns the area
+        burned now, if corrections change it; their replies contain the old and the new area.
         """
         self._tell = tell
         self._status = status
@@ -64,7 +64,7 @@ class RequestHandler:
         return answer
 
     def answer(self, line: bytes) -> Answer:
-        """The answer to one line; never raises for anything that a line may say."""
+        """The answer to one line; no content of a line makes it raise."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -73,5 +73,5 @@ class RequestHandler:
 
 
 def wrong(text: str) -> Answer:
-    """An answer that says why nothing was done."""
+    """The answer to a refused request, with the reason."""
     return {"ok": False, "error": text}

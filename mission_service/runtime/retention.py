@@ -1,6 +1,7 @@
-"""States now and then, the journal in segments, old ones deleted; and what to do on a full disk.
+"""Writes states periodically, divides the journal into segments and deletes old ones.
 
-A state is made on the loop, between two turns; packing and writing it are a thread's affair.
+It also handles a full disk. A state is pickled on the event loop, between two turns; a thread
+compresses and writes it.
 """
 
 import asyncio
@@ -22,12 +23,12 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 LOOK_EVERY_S = 0.5
-# As many bytes of the journal as a restart reads in about a second.
+# The length of journal that a restart reads in about a second.
 STATE_EVERY_BYTES = 4_000_000
 
 
 class Keeping:
-    """Keeps what a restart needs, and no more than the settings allow."""
+    """Keeps the files that a restart needs, within the limits of the settings."""
 
     def __init__(self, service: Engine, known: Known, settings: JournalSection) -> None:
         self._service = service
@@ -35,10 +36,10 @@ class Keeping:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.took_s = 0.0  # for the last state, from its first object to the disk
+        self.took_s = 0.0  # duration of the last state, from pickling to the disk
 
     async def run(self, clock: MissionClock) -> None:
-        """Look after the journal until cancelled."""
+        """Maintain the journal until cancelled."""
         while True:
             self._alarm()
             if self._service.recording.trouble:
@@ -49,7 +50,7 @@ class Keeping:
             await asyncio.sleep(LOOK_EVERY_S)
 
     async def look(self) -> None:
-        """Begin a segment, or write a state, if that is due."""
+        """Begin a segment or write a state, if one is due."""
         journal, settings = self._service.recording.journal, self._settings
         rest, now_us = journal.rest, clock_us()
         if rest.at_byte >= settings.rotate_mb * 1e6:
@@ -96,7 +97,7 @@ class Keeping:
                 self._service.state_view.clear("state")
 
     def _trouble(self, error: OSError) -> None:
-        """A state that is not written costs a restart time, and nothing else."""
+        """Raise an alarm: without the state a restart only takes longer."""
         if self._service.state_view is not None:
             text = f"no state is written ({error.strerror}): a restart will take longer"
             self._service.state_view.alarm("state", text)

@@ -92,7 +92,7 @@ class RunContext:
         bell.set()
 
     async def changed(self, version: int) -> None:
-        """Wait until the picture is newer than this version."""
+        """Wait until the state view is newer than this version."""
         while self.state_view.version <= version:
             await self._bell.wait()
 

@@ -1,4 +1,4 @@
-"""What a run leaves to show: tracks, decisions, uploads. Kept in memory, thinned to 1 Hz."""
+"""Statistics of a run: tracks, decisions, uploads. Kept in memory; positions at 1 Hz at most."""
 
 import math
 from collections import Counter, deque
@@ -31,10 +31,10 @@ from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
 
-MAX_REVERSALS = 5_000  # places kept of each vehicle, the latest; the journal has all
-MAX_REASONS = 100  # different ones, of missions (they may name users); others count as OTHER
+MAX_REVERSALS = 5_000  # latest positions kept for each vehicle; the journal has all
+MAX_REASONS = 100  # distinct reasons of missions (they may name users); others count as OTHER
 OTHER = "other"
-HEARD_WITHIN_US = 2_000_000  # where a vehicle was so long ago says nothing of a pair
+HEARD_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
 
 
 @dataclass
@@ -52,14 +52,14 @@ class VehicleStatistics:
     upload_reasons: Counter[str] = field(default_factory=Counter)
     orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
     here: tuple[int, float, float, float] | None = None
-    plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed, by their hashes
+    plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed plans by hash
     drops: list[DropState] = field(default_factory=list)
     sortie: Sortie = field(default_factory=Sortie)
 
 
 @dataclass(frozen=True, slots=True)
 class ClosestPair:
-    """The least distance (3-D) that two vehicles in the air had."""
+    """The least 3-D distance of two vehicles in the air."""
 
     distance_m: float
     at_us: int
@@ -77,12 +77,12 @@ class RunStatistics:
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
         self.news: list[tuple[int, Announce]] = []
-        self.requests: Counter[str] = Counter()  # of people, by the event's name
+        self.requests: Counter[str] = Counter()  # of operators, by the event's name
         self.restarts = 0  # of the service
-        self.alarms: Counter[str] = Counter()  # raised, by kind; where there is a picture
+        self.alarms: Counter[str] = Counter()  # raised, by kind; with a state view only
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        """Take in one event and what it led to."""
+        """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
         if isinstance(event, Resumed):
             self.restarts += 1
@@ -115,7 +115,7 @@ class RunStatistics:
                 pass
 
     def _compare(self, here: Telemetry) -> None:
-        """Look for the closest pair; the others are taken to have flown straight on."""
+        """Update the closest pair; the positions of others are extrapolated in a straight line."""
         self._in_air.pop(here.vehicle, None)
         if here.altitude_relative_m < AIRBORNE_M:
             return
@@ -157,7 +157,7 @@ class RunStatistics:
 
 
 def _distance_m(here: Telemetry, other: Telemetry, later_s: float) -> float:
-    """Between two vehicles near each other, the second moved on by so many seconds."""
+    """Distance of two vehicles, with the second one extrapolated by ``later_s``."""
     places = (here.lat_deg, here.lon_deg), (other.lat_deg, other.lon_deg)
     north_m, east_m = offset_m(*places)
     north_m += later_s * other.velocity_north_m_s

@@ -1,7 +1,6 @@
-"""The service's log on stderr: text for people, or a JSON object a line for machines.
+"""The service's log on stderr: plain text, or one JSON object per line.
 
-Every line goes through one filter at the very end, tracebacks too: what must not be written
-(``redaction.py``) never is.
+Every line, including tracebacks, passes one final filter that removes secrets (``redaction.py``).
 """
 
 import asyncio
@@ -17,12 +16,12 @@ from mission_service.runtime.run_context import RunContext
 
 Form = Literal["text", "json"]
 LOG_EVERY_S = 0.2
-# What every record has; the rest was given as ``extra``.
+# The attributes of every record; all others were given as ``extra``.
 _USUAL = {*logging.makeLogRecord({}).__dict__, "message", "asctime", "taskName", "color_message"}
 
 
 class _Formatter(logging.Formatter):
-    """One line a record, whatever is in it."""
+    """Formats each record as one line."""
 
     def __init__(self, form: Form) -> None:
         super().__init__("%(asctime)s %(levelname)-7s %(name)s: %(message)s")
@@ -47,7 +46,7 @@ class _Formatter(logging.Formatter):
 
 
 def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = None) -> None:
-    """Have all loggers of the process write to stderr."""
+    """Set up all loggers of the process to write to stderr."""
     handler = logging.StreamHandler(sys.stderr if stream is None else stream)
     handler.setFormatter(_Formatter(form))
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
@@ -56,19 +55,19 @@ def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = Non
 
 
 async def news_to_log(context: RunContext) -> None:
-    """A door of the daemon: what people are told, and alarms, are in the log too."""
+    """Copies announcements and alarms to the log; a service task of the daemon."""
     told = LogFollower()
     try:
         while True:
             told.catch_up(context)
             await context.changed(context.state_view.version)
-            await asyncio.sleep(LOG_EVERY_S)  # what comes at once is written at once
+            await asyncio.sleep(LOG_EVERY_S)  # collects lines of the same time
     finally:
         told.catch_up(context)
 
 
 class LogFollower:
-    """How far the log has followed the picture."""
+    """The last announcement and alarm of the state view that the log has."""
 
     def __init__(self) -> None:
         self._log = logging.getLogger("mission_service.news")
@@ -76,7 +75,7 @@ class LogFollower:
         self._alarms: dict[str, str] = {}
 
     def catch_up(self, context: RunContext) -> None:
-        """Write down what is new."""
+        """Log new announcements and changed alarms."""
         state_view = context.state_view
         for line in state_view.news_after(self._last_id):
             self._last_id = line.id

@@ -36,7 +36,7 @@ class Sortie:
 
     sent: int = 0
     accepted: int = 0
-    flown: int = 0  # missions of which an item was reached
+    flown: int = 0  # missions with at least one item reached
     takeoffs: int = 0
     landings: int = 0
     in_air_us: int = 0
@@ -49,11 +49,11 @@ class Sortie:
     announcements: Counter[str] = field(default_factory=Counter)
     _mode: str = ""
     _in_air: bool = False
-    _unflown: bool = False  # a mission was accepted of which no item was reached yet
+    _unflown: bool = False  # a mission was accepted and none of its items reached yet
     _here: Telemetry | None = None
 
     def happened(self, event: VehicleEvent) -> None:
-        """Take in an event."""
+        """Process an event."""
         match event:
             case Telemetry():
                 self._moved(event)
@@ -75,7 +75,7 @@ class Sortie:
                 pass
 
     def commanded(self, command: AnyCommand) -> None:
-        """Take in a command."""
+        """Process a command."""
         match command:
             case UploadMission():
                 self.sent += 1
@@ -87,7 +87,7 @@ class Sortie:
                 pass
 
     def figures(self) -> dict[str, Any]:
-        """For a summary as JSON."""
+        """The figures as plain data for the JSON summary."""
         return {
             "missions": {"sent": self.sent, "accepted": self.accepted, "flown": self.flown},
             "takeoffs": self.takeoffs,

@@ -11,7 +11,7 @@ AIRSPEED_CHANGED_M_S = 0.5
 # Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both go on in their mission at full
 # throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
 FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
-SLOWER_THAN_US = 10_000_000  # than the mean of this time before
+SLOWER_THAN_US = 10_000_000  # duration of the mean to compare with
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
@@ -25,12 +25,12 @@ class SpeedReports:
         self._reported_m_s = math.nan
         self._newest: deque[tuple[int, float]] = deque()  # mission time, airspeed
         self._thrust_sufficient = True
-        self._otherwise_since_us: int | None = None  # than reported
+        self._otherwise_since_us: int | None = None  # since when it differs from the report
 
     def of(
         self, speed: Speed, name: str, now_us: int
     ) -> list[AirspeedMeasured | ThrustStatusChanged]:
-        """What has changed with a VFR_HUD of a vehicle at mission time ``now_us``."""
+        """The changes found in a VFR_HUD of a vehicle at mission time ``now_us``."""
         found = (self._airspeed(speed, name, now_us), self._thrust(speed, name, now_us))
         return [each for each in found if each is not None]
 
@@ -51,7 +51,7 @@ class SpeedReports:
         return AirspeedMeasured(now_us, name, mean_m_s)
 
     def _is_slower(self, airspeed_m_s: float | None, now_us: int) -> bool:
-        """Whether it has lost airspeed; so taken where none is measured."""
+        """Whether it has lost airspeed; True also if none is measured."""
         if airspeed_m_s is None:
             return True
         while self._newest and self._newest[0][0] < now_us - SLOWER_THAN_US:
@@ -63,7 +63,7 @@ class SpeedReports:
         return airspeed_m_s <= math.fsum(before_m_s) / len(before_m_s) - SLOWER_M_S
 
     def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
-        """Whether it sinks at full throttle, if that has changed."""
+        """Whether thrust is sufficient (no sinking at full throttle), if that has changed."""
         sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
         slower = self._is_slower(speed.airspeed_m_s, now_us)
         if self._thrust_sufficient and not slower:

@@ -1,8 +1,8 @@
-"""What all interfaces show of a run: events and commands folded into plain states. Pure.
+"""The state view: events and commands of a run folded into the states that interfaces show. Pure.
 
 HTTP, MQTT, metrics and feeds read this and keep no state of their own. Each part has a key
-(``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that whoever reads
-slowly misses what has passed and never what is. States are flat JSON with units in their keys.
+(``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow reader
+misses intermediate states but never the current one. States are flat JSON with units in their keys.
 """
 
 import math
@@ -74,7 +74,7 @@ MAX_NEWS = 500
 MAX_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
-# What alarms that follow from the flight begin with; others are of the service itself.
+# Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
@@ -82,7 +82,7 @@ OF_FLIGHT = (
 
 
 def questioned(commands: Iterable[AnyCommand]) -> set[str]:
-    """The vehicles whose order was not carried out: it is to be confirmed first."""
+    """The vehicles whose order was not carried out, because it must be confirmed first."""
     lines = [command for command in commands if isinstance(command, Announce)]
     return {line.vehicle for line in lines if line.text.startswith(CONFIRM)}
 
@@ -92,7 +92,7 @@ def _of_flight(alarm: str) -> bool:
 
 
 class StateView:
-    """The states of a run. ``take`` folds in what happened; ``version`` grows with each change."""
+    """The states of a run. ``take`` folds in an event; ``version`` grows with each change."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape, at_us: int) -> None:
         self.at_us = at_us
@@ -116,10 +116,10 @@ class StateView:
         self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
         self.news: deque[Announcement] = deque(maxlen=MAX_NEWS)
         self.news_id = 0
-        self.told_before = 0  # the last line of before the service was down
+        self.told_before = 0  # the last announcement from before a restart
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
-        self.fire_version = 1  # grows when people change the fire
+        self.fire_version = 1  # grows when operators change the fire
         self.wind_told: WindSet | None = None
         self.telemetry_count = 0
         self.observations = 0
@@ -134,10 +134,10 @@ class StateView:
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
 
-    # What comes in ----------------------------------------------------------------------------
+    # Input ------------------------------------------------------------------------------------
 
     def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
-        """Take in one event and what it led to."""
+        """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
         commands = list(commands)
         if isinstance(event, OperatorEvent):
@@ -154,7 +154,7 @@ class StateView:
             self._touch("fire")
 
     def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
-        """Raise an alarm, or renew its words."""
+        """Raise an alarm, or update its text."""
         before = self.alarms.get(key)
         if before is not None and (before.text, before.severity) == (text, severity):
             return
@@ -165,7 +165,7 @@ class StateView:
         self._touch("alarms")
 
     def clear(self, key: str) -> None:
-        """What was wrong is so no more."""
+        """Clear an alarm."""
         alarm = self.alarms.pop(key, None)
         if alarm is not None:
             alarm.cleared_at_us = self.at_us
@@ -173,40 +173,40 @@ class StateView:
             self._touch("alarms")
 
     def clear_all_but(self, *keys: str) -> None:
-        """Who raised the others raises them again, if they are still so."""
+        """Clear all other alarms; their sources raise them again if the cause persists."""
         for key in [key for key in self.alarms if key not in keys]:
             self.clear(key)
 
     def tell(self, vehicle: str, text: str, level: str = "info") -> None:
-        """A line for people."""
-        self.news_id = self.version + 1  # so that it also says since when it is news
+        """Add an announcement to the operators."""
+        self.news_id = self.version + 1  # the id is also the version of the change
         self.news.append(Announcement(self.news_id, self.at_us, vehicle, level, text))
         self._touch("news")
 
     def news_after(self, line_id: int) -> list[Announcement]:
-        """Lines after one, for who hands them on; none that were told before a restart."""
+        """Announcements after ``line_id``, for forwarding; none from before a restart."""
         return [line for line in self.news if line.id > max(line_id, self.told_before)]
 
     def fire_changed(self) -> None:
-        """People have changed what is known of the fire."""
+        """Note that an operator has changed the fire."""
         self.fire_version += 1
         self._touch("fire")
 
     def tell_replay(self) -> None:
-        """The replay is somewhere else, or goes otherwise."""
+        """Note that the position or the speed of the replay has changed."""
         self._touch("replay")
 
     def take_the_place_of(self, before: "StateView") -> None:
-        """Be shown instead of another, of another moment: for readers all of it is new.
+        """Replace another view, of another time: for readers all states have changed.
 
-        Lines for people that are in it were told before, or will never be.
+        Its announcements count as already forwarded.
         """
         self.version = max(self.version, before.version)
         self.fire_version = max(self.fire_version, before.fire_version) + 1
         of_service = {key: alarm for key, alarm in before.alarms.items() if not _of_flight(key)}
         self.alarms = {key: alarm for key, alarm in self.alarms.items() if _of_flight(key)}
         self.alarms |= of_service
-        self._touch("replay")  # first of all: who reads it asks for everything again
+        self._touch("replay")  # first: its readers then read all states again
         self._touch(*(self.changed.keys() - {"replay"}))
         self.news_id = self.told_before = self.version
 
@@ -216,7 +216,7 @@ class StateView:
             self.changed[key] = self.version
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
-        """What an operator did; ``not_ordered``: vehicles whose order is to be confirmed first."""
+        """Process a request; ``not_ordered``: vehicles whose order must be confirmed first."""
         if isinstance(event, OperatorHeartbeat):
             return
         self._touch("burn")
@@ -227,7 +227,7 @@ class StateView:
             case OrderGiven():
                 self._ordered(event, not_ordered)
             case Aborted():
-                self.alarm("abort", f"aborted by {event.by or 'somebody'}", "severe")
+                self.alarm("abort", f"aborted by {event.by or 'an operator'}", "severe")
                 for vehicle in self.vehicles.values():
                     self._order(vehicle, "hold")
             case SettingsChanged():
@@ -467,10 +467,10 @@ class StateView:
         DropFinished: _dropped,
     }
 
-    # What goes out ----------------------------------------------------------------------------
+    # Output -----------------------------------------------------------------------------------
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
-        """The fire in figures; its shape is asked for elsewhere."""
+        """The figures of the fire; its shape has a request of its own."""
         told = self.wind_told
         return {
             "schema": "fire/1",

@@ -1,6 +1,6 @@
-"""The service's pulse: how late the event loop is, and what systemd is told (sd_notify(3)).
+"""Measures the delay of the event loop and notifies systemd (sd_notify(3)).
 
-Without systemd (no NOTIFY_SOCKET) only the first is done.
+Without systemd (no NOTIFY_SOCKET) only the delay is measured.
 """
 
 import asyncio
@@ -12,11 +12,11 @@ from collections.abc import Callable
 from mission_service.runtime.run_context import RunContext
 
 BEAT_S = 1.0
-LAG_OF_BEATS = 15  # as long as Prometheus waits between two visits
+LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
 def tell_systemd(state: str) -> bool:
-    """Send lines such as READY=1; whether systemd listens. Never raises for one that is gone."""
+    """Send lines such as READY=1; returns whether that succeeded. Never raises."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
@@ -32,7 +32,7 @@ def tell_systemd(state: str) -> bool:
 
 
 def watchdog_s() -> float | None:
-    """How often systemd wants to hear from this process; None if it does not."""
+    """The interval of notifications that systemd requires; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     pid = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or int(microseconds) == 0 or pid != str(os.getpid()):
@@ -49,7 +49,7 @@ def status_of(context: RunContext) -> str:
 
 
 async def pulse(context: RunContext, tell: Callable[[str], bool] = tell_systemd) -> None:
-    """A door of the daemon: beats from the event loop until cancelled, so that a hang is seen."""
+    """Notify systemd from the event loop until cancelled, so that it detects a blocked loop."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
     context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)

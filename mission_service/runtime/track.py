@@ -1,18 +1,18 @@
-"""Where a vehicle was, at most so many points however long it flies: then every other one goes."""
+"""The track of a vehicle in bounded memory: when it is full, every second point is removed."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
 
-MAX_POINTS = 8_192  # 256 KiB; two hours and a quarter a second apart
+MAX_POINTS = 8_192  # 256 KiB; two hours and a quarter at one point per second
 EVERY_US = 1_000_000
 
 Point = tuple[int, float, float, float]
 
 
 class Track(Sequence[Point]):
-    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m), a second apart, later two, four ..."""
+    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m), one second apart, later two, four ..."""
 
     def __init__(self) -> None:
         self._points = np.empty((64, 4))  # microseconds are exact in it for centuries
@@ -20,7 +20,7 @@ class Track(Sequence[Point]):
         self._every_us = EVERY_US
 
     def add(self, point: Point) -> None:
-        """Take in where it is now, if the last point is long enough ago."""
+        """Add the current position if the interval since the last point has passed."""
         if self._count and point[0] - self._points[self._count - 1, 0] < self._every_us:
             return
         if self._count == MAX_POINTS:

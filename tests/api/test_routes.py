@@ -429,7 +429,7 @@ def test_older_pieces_of_the_journal_can_be_read(tmp_path: Path) -> None:
         assert old.headers["x-segment"] == "1"
         assert old.content == whole
         assert (await http.get(f"{V1}/journal/file?segment=1")).content == whole
-        assert "no piece 3" in await refused(http, 404, "GET", "/journal?segment=3")
+        assert "segment 3" in await refused(http, 404, "GET", "/journal?segment=3")
 
     asked(world, ask)
 

@@ -103,7 +103,7 @@ async def flies_and_is_sent_elsewhere(backend: str, name: str) -> None:
     with mock_process(port, name, speedup=SPEEDUP):
         async with station(backend, port) as here:
             vehicle = here.vehicle
-            with pytest.raises(BridgeError, match="no autopilot was heard"):
+            with pytest.raises(BridgeError, match="no autopilot is connected"):
                 vehicle.command("start mission", clock_us())
             with pytest.raises(BridgeError, match="no vehicle command"):
                 vehicle.command("loop", clock_us())

@@ -427,7 +427,7 @@ def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
     empty = tmp_path / "empty.bin"
     empty.write_bytes(b"")
     for path, words in (
-        (other, "is no log that is known here: .tlog, .bin, .ulg"),
+        (other, "not a supported log: .tlog, .bin, .ulg"),
         (empty, "is empty"),
         (tmp_path / "none.tlog", "cannot be read: No such file"),
     ):

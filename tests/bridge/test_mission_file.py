@@ -67,7 +67,7 @@ def test_a_file_cut_short_or_too_long_is_refused(sent: Any, data: Any) -> None:
         (2, b"\x01", "mission type 1"),
         (4, b"\x01", "options 1"),
         (6, b"\x02", "start 2"),
-        (10 + 38 + 28, b"\x07", "item 1 says it is 7"),
+        (10 + 38 + 28, b"\x07", "item 1 has the number 7"),
         (10 + 38 + 30, b"\0\0", "item 1 is empty"),
     ],
 )

@@ -269,7 +269,7 @@ def test_an_order_that_leaves_the_mode_ends_when_the_restart_is_recognised() -> 
 
 def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
     pair = Pair(mock_of(COPTER))
-    with pytest.raises(BridgeError, match="no autopilot was heard"):
+    with pytest.raises(BridgeError, match="no autopilot is connected"):
         pair.client.command("arm", 0)
     pair.mock.positions = False
     pair.run_for(3.0)

@@ -135,7 +135,7 @@ def test_a_silent_autopilot_ends_the_reading() -> None:
     pair = pair_of(COPTER)
     pair.up = MemoryLink(loss=1.0)
     result = result_of(pair, pair.client.read_parameters(pair.now_us))
-    assert (result.outcome, result.reason) == ("failed", "the autopilot tells no parameters")
+    assert (result.outcome, result.reason) == ("failed", "the autopilot reports no parameters")
 
 
 @pytest.mark.parametrize("name", ["", "A" * 17, "WÄRME"])

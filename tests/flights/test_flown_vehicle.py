@@ -96,4 +96,4 @@ def test_what_is_no_log_gets_one_line_and_exit_code_1(tmp_path: Path) -> None:
         result = call("log", *words)
         assert result.exit_code == 1
         assert result.stderr.count("\n") == 1
-        assert "is no log that is known here" in result.stderr
+        assert "not a supported log" in result.stderr

@@ -240,7 +240,7 @@ def test_vehicles_are_those_that_flew(tmp_path: Path) -> None:
 def test_logs_that_know_the_date_are_not_joined_with_others(log: Path, tmp_path: Path) -> None:
     other = tmp_path / "kite.ulg"
     other.write_bytes(ulg_flight())
-    with pytest.raises(FlightError, match=r"round\.bin: knows no UTC"):
+    with pytest.raises(FlightError, match=r"round\.bin: has no UTC time"):
         flight_of([str(other), str(log)])
 
 

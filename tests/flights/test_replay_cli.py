@@ -112,7 +112,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
         (("LOG", "--to", "inf"), 2, "give seconds, 0 or more"),
         (("LOG", "--at", "-50"), 2, "give seconds, 0 or more"),
         (("nowhere.tlog",), 1, "nowhere.tlog"),
-        (("notes.txt",), 1, "is no log that is known here"),
+        (("notes.txt",), 1, "not a supported log"),
     ],
 )
 def test_what_cannot_be_is_told_in_one_line(

@@ -152,7 +152,7 @@ def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
     assert record["current_unix_ms"] == 1_785_600_000_000
     notes = "\n".join(found.notes)
     assert "of 2026-07-25T17:20Z, its record was changed 2026-08-01T16:00Z" in notes
-    assert "its record says 1.5 acres, its outline has 48." in notes
+    assert "its record has 1.5 acres, its outline 48." in notes
     assert "feature 3 is a LineString without area: left out" in notes
     assert "feature 4 has no polygon: left out" in notes
     assert "1 features are not on the landscape: left out" in notes
@@ -206,7 +206,7 @@ def test_zipped_shapefiles_with_names_cut_off(tmp_path: Path, crs: str) -> None:
 
 
 def test_a_national_file_is_refused_with_what_to_do() -> None:
-    with pytest.raises(FireModelError, match=r"us.json: 8000001 bytes; .* send this fire alone"):
+    with pytest.raises(FireModelError, match=r"us.json: 8000001 bytes; .* send this fire only"):
         read(b" " * (LARGEST_BYTES + 1), "us.json")
 
 
@@ -247,10 +247,10 @@ SHP = struct.pack(">8i", 9994, 0, 0, 0, 0, 0, 50, 0)
     [
         (
             geojson(*[polygon(SQUARE)] * 31),
-            "31 features; 30 at most are taken: send this fire alone",
+            "31 features; 30 at most are accepted: send this fire only",
         ),
-        (geojson(polygon(ring_of(400))), "401 vertices; 400 at most are taken"),
-        (b"{" + b" " * 30_000, "30001 bytes; 30000 at most are taken"),
+        (geojson(polygon(ring_of(400))), "401 vertices; 400 at most are accepted"),
+        (b"{" + b" " * 30_000, "30001 bytes; 30000 at most are accepted"),
     ],
 )
 def test_files_that_are_too_large_are_told_what_to_do(
@@ -287,10 +287,10 @@ def test_files_that_are_too_large_are_told_what_to_do(
          "feature 1 reaches from .* not longitude and latitude"),
         (geojson(polygon([[10, 50], [11, 50], [11, 51], [10, 50]])), "lies outside the landscape"),
         (geojson(polygon(SQUARE), crs={"properties": {"name": "+proj=x +nadgrids=/etc/passwd"}}),
-         "its crs member is not understood"),
-        (geojson(polygon(SQUARE), crs={"properties": {"name": "EPSG:999999"}}), "is not known"),
+         "its crs member is invalid"),
+        (geojson(polygon(SQUARE), crs={"properties": {"name": "EPSG:999999"}}), "is unknown"),
         (geojson(polygon(comb(2_000))), "its lines cross or overlap too often"),
-        (geojson(polygon(SCRIBBLE)), "feature 1 is not valid .*; draw it anew"),
+        (geojson(polygon(SCRIBBLE)), "feature 1 is not valid .*; draw it again"),
         (VRT, r"is XML but no KML \(OGRVRTDataSource\)"),
         (b"<kml", "is not well-formed XML"),
         (b"<x:kml/>", "is not well-formed XML"),

@@ -111,7 +111,7 @@ def test_nobody_is_present_by_a_message() -> None:
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1e400}', "cannot be read"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": ' + b"9" * 5000 + b"}", "h"),
         (b'{"id": "ab", "by": "a", "sent_at_unix_us": 1, "schema": "command/2"}', "command/2"),
-        (b'{"x": "' + b"x" * MAX_BYTES + b'"}', "at most 65536 are taken"),
+        (b'{"x": "' + b"x" * MAX_BYTES + b'"}', "at most 65536 are accepted"),
     ],
 )
 def test_what_cannot_be_read_is_answered_with_what_is_wrong(payload: bytes, words: str) -> None:

@@ -175,7 +175,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *WHO, "--yes")
     assert (result.exit_code, run.told) == (1, [])
-    assert "the GO list comes first; open: weather" in result.stderr
+    assert "the GO list must be complete first; open: weather" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.Monk
     result = run.call("watch", *WHO)
     assert result.exit_code == 0
     assert run.told == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3
-    assert "ann at alpha is there" in result.output
+    assert "ann at alpha is present" in result.output
 
 
 def test_without_a_run_there_is_one_clear_line(tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     damaged = path.read_bytes().replace(b'"by":"ann"', b'"by":"bob"')
     path.write_bytes(damaged)
     with pytest.raises(
-        JournalError, match=r"line \d+ was altered.*to begin anew, start with --fresh"
+        JournalError, match=r"line \d+ was altered.*to begin a new run, start with --fresh"
     ):
         run(burned, tmp_path, None, killed=False)
     assert path.read_bytes() == damaged

@@ -161,11 +161,11 @@ NAN = float("nan")
         ({"do": "lit", "points": [[0, NAN]]}, "lit: Expected `float` "),
         ({"do": "lit", "points": [[0, 0]] * 1001}, "lit: "),
         ({"do": "lit", "points": [[0, 0]], "ago_s": -1}, "lit: "),
-        ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon takes 3"),
+        ({"do": "unit", "points": CORNERS[:2]}, "unit: 2 corners; a polygon requires 3"),
         ({"do": "unit", "points": [[0, 0], [0.01, 0.01], [0, 0.02], [0.02, 0]]}, "its sides cross"),
         (
             {"do": "unit", "points": [[0, 0], [0.01, 0.01], [0.02, 0.02]]},
-            "unit: these corners are no polygon",
+            "unit: these corners form no polygon",
         ),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
@@ -508,7 +508,7 @@ def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
 
         await asyncio.to_thread(talk)
 
-    with pytest.raises(ControlError, match="no run of a burn there"):
+    with pytest.raises(ControlError, match="no run there"):
         ControlClient(tmp_path)
     served(tmp_path, client)
 
@@ -536,7 +536,7 @@ def test_what_a_killed_run_has_left_is_replaced(tmp_path: Path) -> None:
 def test_what_is_no_socket_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / NAME
     path.write_text("mine", encoding="utf-8")
-    with pytest.raises(ControlError, match="in the way of the control socket"), claimed(path):
+    with pytest.raises(ControlError, match="has the name of the control socket"), claimed(path):
         pass
     assert path.read_text(encoding="utf-8") == "mine"
 

@@ -129,7 +129,7 @@ def test_lines_that_are_missing_between_two_segments_are_found(kept: Kept, tmp_p
     first.write_bytes(b"".join(lines[:-1]))
     found = verify(path)
     assert found.differing == ["file"]
-    assert "journal-000001.jsonl: is not whole, or not what journal-" in str(found.difference)
+    assert "journal-000001.jsonl: is incomplete, or journal-" in str(found.difference)
     segment_path(path, 2).unlink()
     with pytest.raises(JournalError, match=r"journal-000002\.jsonl: is missing"):
         Chain(path)
@@ -225,7 +225,7 @@ def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_pa
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     ours = newest_state(kept.again(tmp_path))
     ours.chmod(0o660)
-    with pytest.raises(StateError, match="others could have written it"):
+    with pytest.raises(StateError, match="other users could have written it"):
         read(ours, kept.known)
     ours.chmod(0o600)
     other = kept.scenario.model_copy(update={"seed": 7})

@@ -1,4 +1,4 @@
-"""What operators may ask of a prescribed burn. Pure."""
+"""The requests of operators to a prescribed burn. Pure."""
 
 from typing import Annotated, ClassVar
 
@@ -25,7 +25,7 @@ Spacing = Annotated[Annotated[float, Meta(ge=1, le=1000)] | None, Meta(descripti
 
 
 class BurnRequest(Request, frozen=True):
-    """Whoever may let spheres fall also says who is there, what the unit is and what is GO."""
+    """A request for the role that permits drops: approval, presence, burn unit, GO list."""
 
     role: ClassVar[Role] = "approve"
     path = "/burn/{do}"
@@ -44,7 +44,7 @@ class Plan(BurnRequest, frozen=True):
 
 
 class HashRequest(BurnRequest, frozen=True):
-    """About the proposed plan of a hash."""
+    """A decision on the proposed plan of a hash."""
 
     example: ClassVar = {"hash": HASH}
 
@@ -65,7 +65,7 @@ class Reject(HashRequest, frozen=True):
 
 
 class Go(BurnRequest, frozen=True):
-    """GO to an item of the list."""
+    """Set an item of the list to GO."""
 
     over_mqtt = False
     example: ClassVar = {"item": "weather is within the prescription"}
@@ -78,7 +78,7 @@ class Go(BurnRequest, frozen=True):
 
 
 class NoGo(BurnRequest, frozen=True, tag="no-go"):
-    """NO-GO to an item: nothing is dropped until it has its GO and a new approval."""
+    """Set an item to NO-GO: no drop until the item is GO and a plan is newly approved."""
 
     example: ClassVar = Go.example
 

@@ -1,11 +1,11 @@
-"""Flight in a formation: orbits that move with virtual agents, loiters where these have settled.
+"""Flight in a formation: orbits that move with virtual agents, and loiters at settled agents.
 
-A vehicle flies to the fire and loiters by a mission, so that whatever fails, it ends there. On its
-way its agent takes over: the stack's own orbit command follows the virtual agent. Once that has
-settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when the agent
-moves on, orbit commands take over again. Meanwhile the mission on board is renewed now and then, so
-that it ends in a circle not far away. Orders are few: one under way at a time, and each kind so
-often.
+A vehicle flies to the fire and loiters by a mission, which remains its fallback after any failure.
+On the way its agent takes over: the stack's orbit command follows the virtual agent. When the agent
+has settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when the
+agent moves on, orbit commands take over again. Meanwhile the mission on board is renewed at
+intervals, so that it ends in a circle nearby. The number of orders is limited: one at a time, and
+a minimum interval for each kind.
 """
 
 import math
@@ -60,7 +60,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, say
 Floats = NDArray[np.float64]
 
 ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
-# Where others are near, what is flown must be what its agent has said and checked.
+# Near other vehicles the flown orbit must be the one that its agent has sent and checked.
 NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
 RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
@@ -70,17 +70,17 @@ SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # from here its autopilot flies home
-UNANSWERED_S = 30.0  # an order that nobody speaks of any more
-TAKES_EFFECT_S = 15.0  # a change of mode so soon after an orbit was ordered comes from it
+UNANSWERED_S = 30.0  # an order without an acknowledgement expires after this time
+TAKES_EFFECT_S = 15.0  # a change of mode within this time after an orbit order is its effect
 # The mode in which a stack flies orbits that were ordered.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
 
 @dataclass
 class Led:
-    """What is known of the way one vehicle flies, and was ordered."""
+    """The orders to one vehicle and its reported flight."""
 
-    leads: bool = False  # it flies by its mission or our orbits, not by somebody's hand
+    leads: bool = False  # it flies its mission or ordered orbits, not under manual control
     taken_over: bool = False
     mode: str = ""
     order: str = ""  # under way
@@ -94,19 +94,19 @@ class Led:
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
     goes_home_until_s: float = math.inf  # led by its agent, at most until then
-    sending: Circle | None = None  # what a mission under way ends in
-    loiter: Circle | None = None  # what the mission on board ends in
+    sending: Circle | None = None  # the end of the mission being uploaded
+    loiter: Circle | None = None  # the end of the mission on board
 
 
 def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
-    """How far from the fire's centre a vehicle's circle is clear of all fire that is known."""
+    """Distance from the fire's centre at which a vehicle's circle is clear of all known fire."""
     return formation.reach_m + 3.0 * section.loiter_radius_m
 
 
 def waits_at(
     scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
 ) -> Place:
-    """Where a vehicle's first mission ends: each has a place of its own at the fire's edge."""
+    """The end of a vehicle's first mission: a separate place at the fire's edge for each."""
     number = [each.name for each in scenario.vehicles].index(section.name)
     reach_m = clear_of_fire_m(formation, section)
     apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
@@ -124,7 +124,7 @@ def mission_to_place(
 
 
 class FormationFlight(Guidance):
-    """Leads each vehicle as its agent means it to fly."""
+    """Guides each vehicle along the orbit of its agent."""
 
     def __init__(
         self,
@@ -140,21 +140,21 @@ class FormationFlight(Guidance):
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
-        self._in_contact = not scenario.formation.peer_messaging  # else it circles on where it is
+        self._in_contact = not scenario.formation.peer_messaging  # else vehicles keep their circles
 
-    # What comes in ----------------------------------------------------------------------------
+    # Input ------------------------------------------------------------------------------------
 
     def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """After the service was down no order is under way, and what is flown is told anew."""
+        """After a restart of the service: drop pending orders; agents send their orbits again."""
         if isinstance(event, Resumed):
             for led in self._led.values():
-                if led.order == "orbit":  # it may have come, and change the mode yet
+                if led.order == "orbit":  # it may have arrived, and still change the mode
                     led.orbit_at_s = event.at_us / 1e6
                 led.order, led.circle, led.airspeed_m_s = "", None, None
         return []
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Take note of outcomes, modes, restarts; say what is to be said."""
+        """Process results, modes and restarts; returns announcements and messages."""
         led, at_s = self._led[vehicle.name], event.at_us / 1e6
         commands: list[AnyCommand] = []
         match event:
@@ -189,20 +189,20 @@ class FormationFlight(Guidance):
         return [*commands, *self.formation.outgoing()]
 
     def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
-        """Whether it is in the air, and neither its agent nor its mission leads it."""
+        """Whether it is in the air, and controlled neither by its agent nor by its mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.here is None:
             return False
         return bool(vehicle.ordered) or availability.recalled or not led.leads
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
-        """What is not of this map is left out, and told once of each who says it."""
+        """Deliver a message; one that does not fit the map is dropped, announced once a sender."""
         try:
             self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
             if message.sender not in self._not_understood:
                 self._not_understood.add(message.sender)
-                return [say(vehicle, f"left out: {error}", warning=True)]
+                return [say(vehicle, f"message dropped: {error}", warning=True)]
         return []
 
     def _finished(self, led: Led, event: CommandFinished, at_s: float) -> None:
@@ -226,8 +226,8 @@ class FormationFlight(Guidance):
             self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
             return
         if event.mode == led.mode and led.leads and event.mode != "mission":
-            return  # reported again after the service was down
-        if event.mode != led.mode:  # both stacks forget the speed with the mode
+            return  # reported again after a restart of the service
+        if event.mode != led.mode:  # both stacks reset the speed with the mode
             led.mode, led.airspeed_m_s = event.mode, None
         if event.mode == "mission":
             led.leads = True
@@ -248,7 +248,7 @@ class FormationFlight(Guidance):
     # Missions ---------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
-        """To the edge of the fire; in the air to the nearest place clear of it."""
+        """The path to the edge of the fire; in the air to the nearest place clear of it."""
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
             reach_m = clear_of_fire_m(self.formation, section)
@@ -268,7 +268,7 @@ class FormationFlight(Guidance):
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
 
     def _begin_again(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """The first mission for one that was in the air when this service began, and refused it."""
+        """Send the first mission again to a vehicle in the air at the start that refused it."""
         if here.at_s < vehicle.not_before_s:
             return []
         path_m = self.first_path(vehicle, here)
@@ -276,7 +276,7 @@ class FormationFlight(Guidance):
         return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
 
     def _renew(self, vehicle: Vehicle, led: Led, here: PositionFix) -> list[AnyCommand]:
-        """The circle that is flown becomes the mission's loiter, if that is due."""
+        """Renew the mission with the flown circle as its loiter, if that is due."""
         circle = led.circle
         if circle is None or vehicle.awaits_mission or led.mode == "mission":
             return []
@@ -304,7 +304,7 @@ class FormationFlight(Guidance):
     # Orders -----------------------------------------------------------------------------------
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Follow the agent; nothing before the vehicle is well on its way by its mission."""
+        """Follow the agent, once the vehicle has flown far enough on its mission."""
         led = self._led[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
             return self._begin_again(vehicle, here)
@@ -339,7 +339,7 @@ class FormationFlight(Guidance):
         return [*commands, *self._renew(vehicle, led, here)]
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Led by its agent, which minds the others, until it is near home."""
+        """Guide it home by its agent, which avoids other vehicles, until it is near home."""
         led = self._led[vehicle.name]
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
@@ -354,7 +354,7 @@ class FormationFlight(Guidance):
         return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None
 
     def _takes_over(self, vehicle: Vehicle, led: Led, here: PositionFix) -> bool:
-        """Whether it is clear of its home and of the ground."""
+        """Whether it is clear of its home and of the terrain."""
         place_m: Place = (here.x_m, here.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
             return False
@@ -394,7 +394,7 @@ class FormationFlight(Guidance):
         return since_s is not None and here.at_s - since_s >= SETTLED_FOR_S
 
     def _start_due(self, led: Led, here: PositionFix) -> bool:
-        """Whether the mission on board now ends in the circle that is flown by an order."""
+        """Whether the mission on board now ends in the circle that is flown by order."""
         ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
@@ -403,11 +403,11 @@ class FormationFlight(Guidance):
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.min_airspeed_m_s, section.max_airspeed_m_s
-        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # to climb takes speed
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb requires airspeed
             least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
-        # In another mode at once: there it flies as fast as it likes.
+        # After a change of mode at once: the stack has reset the speed.
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
         if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []

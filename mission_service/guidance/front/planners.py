@@ -1,4 +1,4 @@
-"""What every planner along a front is made of, from the scenario."""
+"""Arguments of all planners along a front, derived from the scenario."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -11,20 +11,20 @@ TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """Where the fire of a scenario is said to be."""
+    """The ground with the reported position of a scenario's fire."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
-    # An ignition is known as a cell; so is the centre the angles are counted from.
+    # The ignition is given as a cell; the centre of bearings is rounded to a cell as well.
     centre = (float(round(float(row))), float(round(float(col))))
     burns_from_s = scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
     return Ground(landscape, centre, burns_from_s)
 
 
 def turn_back_s(section: VehicleSection) -> float:
-    """What turning back costs a vehicle."""
+    """The time that a vehicle needs to turn back."""
     return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
 
 
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
-    """How far paths reach, and where they begin."""
+    """Length and begin of paths, in cells."""
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)

@@ -1,4 +1,4 @@
-"""The application of one run: all routes, behind the guard."""
+"""The HTTP application of one run: all routes, behind the guard."""
 
 import asyncio
 from collections.abc import Callable
@@ -185,7 +185,7 @@ def _say_errors(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
-        return error_answer(500, "the service has a defect; its log says more")
+        return error_answer(500, "internal error of the service; see its log")
 
     async def known(request: Request, error: Exception) -> Response:
         return error_answer(422, str(error))

@@ -1,4 +1,4 @@
-"""Where a prescribed burn stands."""
+"""The route of a prescribed burn's state."""
 
 from fastapi import APIRouter, Response
 
@@ -11,9 +11,9 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     """``/burn``."""
     shown = json({"schema": "burn/1", "at_us": 1830000000, "plan_hash": ""}, what="A burn.")
 
-    @routes.get(f"{V1}/burn", **route("look", "Where a burn stands.", shown))
+    @routes.get(f"{V1}/burn", **route("look", "State of the burn.", shown))
     async def burn() -> Response:
         found = api.context.burn()
         if found is None:
-            raise ApiError(404, "this run is no burn")
+            raise ApiError(404, "this run is not a burn")
         return answer(found)

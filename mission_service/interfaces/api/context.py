@@ -61,7 +61,7 @@ class ApiContext:
         wanted = await asked(request)
         for key in ("do", *named):
             if key in wanted:
-                raise ApiError(422, f"{do}: unknown key {key}: the address says it")
+                raise ApiError(422, f"{do}: unknown key {key}: it is in the path")
         return answer(self.request_handler(request.state.who, {**wanted, **named, "do": do}))
 
     def abort(self, who: User, query_string: bytes) -> dict[str, Any]:
@@ -98,10 +98,10 @@ class ApiContext:
         """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
         by = wanted.get("by", who.name)
         if self.tokens.named and by != who.name:
-            raise ApiError(403, f"this token is {who.name}'s, nobody else's")
+            raise ApiError(403, f"this token is valid only with by = {who.name}")
         station = wanted.get("station") or who.station or self._only_station()
         if who.station and station != who.station:
-            raise ApiError(403, f"this token is for station {who.station} alone")
+            raise ApiError(403, f"this token is valid only for station {who.station}")
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:

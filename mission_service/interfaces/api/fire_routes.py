@@ -44,7 +44,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/fire/front",
-        **route("look", "The area burned at a time.", json(examples.FRONT, GEOJSON)),
+        **route("look", "Burned area at a time.", json(examples.FRONT, GEOJSON)),
     )
     async def front(at_s: Seconds = None, in_s: Seconds = None) -> Response:
         if at_s is not None and in_s is not None:
@@ -63,7 +63,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/fire/contours",
-        **route("look", "Where it is expected in so many minutes.", json(examples.FRONTS, GEOJSON)),
+        **route("look", "Expected fronts after the given minutes.", json(examples.FRONTS, GEOJSON)),
     )
     async def contours(
         in_min: Annotated[list[Minutes], Query(max_length=12)] = [30.0, 60.0],  # noqa: B006
@@ -84,7 +84,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/fire/uncertainty",
         **route(
             "look",
-            "Where it has burned then with a probability of 10, 50 and 90 %.",
+            "Areas burned at a time with a probability of 10, 50 and 90 %.",
             json(examples.FRONTS, GEOJSON),
         ),
     )
@@ -97,7 +97,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/fire/perimeters.geojson",
-        **route("look", "Its perimeter with the names of WFIGS.", json(examples.FRONTS, GEOJSON)),
+        **route("look", "Perimeter with the field names of WFIGS.", json(examples.FRONTS, GEOJSON)),
     )
     async def perimeters(at_s: Seconds = None) -> Response:
         when_s = now_s() if at_s is None else at_s
@@ -145,7 +145,7 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/fire/arrival.json",
-        **route("look", "Where the overlay lies, and its colours.", json(legend)),
+        **route("look", "Position and colours of the overlay.", json(legend)),
     )
     async def arrival_json(until_s: Seconds = None) -> Response:
         when_s, found = await until(until_s)
@@ -160,7 +160,7 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/terrain/{{z}}/{{x}}/{{y}}.png",
-        **route("look", "Elevation, encoded as Terrarium does.", file("image/png")),
+        **route("look", "Elevation in the Terrarium encoding.", file("image/png")),
     )
     async def tile(z: int, x: int, y: int) -> Response:
         found = None
@@ -176,7 +176,7 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(
-        f"{V1}/fire/corrections", **route("look", "What people have said of the fire.", shown)
+        f"{V1}/fire/corrections", **route("look", "Corrections of the fire by operators.", shown)
     )
     async def corrections() -> Response:
         return answer(api.context.fire()["corrections"])
@@ -187,7 +187,10 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
     @routes.post(
         f"{V1}/fire/perimeter",
         **route(
-            "correct", "The fire is as this file has it now; told by its content.", taken, drawn
+            "correct",
+            "Correct the fire to the perimeter in this file; the format is detected.",
+            taken,
+            drawn,
         ),
     )
     async def perimeter(
@@ -203,14 +206,14 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
                 told.append(api.request_handler(request.state.who, each))
             except ApiError as error:
                 place = f"outline {len(told) + 1} of {len(found.wanted)}"
-                words = f"{place}: {error}; those before it were taken"
+                words = f"{place}: {error}; those before it were applied"
                 raise ApiError(error.status, words if told else str(error)) from None
             await asyncio.sleep(0)  # other tasks run between two requests
         return answer({"perimeter": found.perimeter, "told": told})
 
     @routes.get(
         f"{V1}/weather",
-        **route("look", "The weather that is reckoned with now.", json({"wind_from_deg": 225.0})),
+        **route("look", "The current weather of the fire model.", json({"wind_from_deg": 225.0})),
     )
     async def weather() -> Response:
         context = api.context

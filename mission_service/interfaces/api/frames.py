@@ -18,11 +18,11 @@ class Frames:
 
     @property
     def version(self) -> int:
-        """The version of the picture."""
+        """The version of the state view."""
         return self._hub.state_view.version
 
     async def changed(self, since: int) -> None:
-        """Wait until the picture is newer than ``since``."""
+        """Wait until the state view is newer than ``since``."""
         await self._hub.changed(since)
 
     def frames(self, since: int) -> bytes:
@@ -35,7 +35,7 @@ class Frames:
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        if key == "news":  # only lines after ``since``: not the same for all
+        if key == "news":  # only announcements after ``since``: differs between clients
             lines = [line for line in self._hub.state_view.news if line.id > since]
             return _event("news", version, lines)
         kept = self._kept.get(key)

@@ -12,11 +12,11 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     """Add ``/healthz`` and ``/readyz``, without a token, and ``/metrics``."""
     healthy = struct(Health, {"ok": True, "not_ready": []})
 
-    @routes.get("/healthz", **route(None, "Whether the service lives.", healthy))
+    @routes.get("/healthz", **route(None, "Liveness of the service.", healthy))
     async def healthz() -> Response:
         return Response(encode(Health(True)), media_type="application/json")
 
-    @routes.get("/readyz", **route(None, "Whether it does its work, or what it lacks.", healthy))
+    @routes.get("/readyz", **route(None, "Readiness of the service, or what it lacks.", healthy))
     async def readyz() -> Response:
         lacks = api.context.ready()
         if api.context.stopping:

@@ -20,7 +20,7 @@ MAX_LINES, MAX_BYTES = 5000, 1 << 20
 PART_BYTES = 1 << 18
 LARGEST = 2**53
 Segment = Annotated[
-    int | None, Query(ge=1, le=LARGEST, description="Which piece; default: the newest.")
+    int | None, Query(ge=1, le=LARGEST, description="Number of the segment; default: the newest.")
 ]
 
 
@@ -33,8 +33,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/journal",
         **route(
             "look",
-            "Lines after a line (1: the header) of a piece; X-Segment says which it is, "
-            "X-Last-Line the number of the last line.",
+            "Lines after a line (1: the header) of a segment; X-Segment is the segment's number, "
+            "X-Last-Line that of the last line.",
             lines,
         ),
     )
@@ -49,7 +49,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         told = {"x-last-line": str(last), "x-segment": str(number)}
         return Response(found, headers=told, media_type=LINES)
 
-    @routes.get(f"{V1}/journal/file", **route("look", "A piece as a file.", lines))
+    @routes.get(f"{V1}/journal/file", **route("look", "A segment as a file.", lines))
     async def journal_file(segment: Segment = None) -> Response:
         number, file = _opened(api, segment)
         size = os.fstat(file.fileno()).st_size
@@ -71,7 +71,9 @@ def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
     try:
         return number, (path if number == newest else segment_path(path, number)).open("rb")
     except (FileNotFoundError, OverflowError):
-        raise ApiError(404, f"there is no piece {number} of the journal any more") from None
+        raise ApiError(
+            404, f"segment {number} of the journal does not exist or was deleted"
+        ) from None
 
 
 async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:

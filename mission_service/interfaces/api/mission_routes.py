@@ -1,4 +1,4 @@
-"""Missions: what is on board and what would be sent now."""
+"""Routes of missions: those on board and proposed, and the one that would be sent now."""
 
 import tempfile
 from functools import partial
@@ -34,7 +34,9 @@ def items_of(mission: Mission) -> Items:
         for item in mission.items
     )
     if mission_hash(items) != mission.mission_hash:
-        raise ApiError(409, "this mission has items that only MAVLink can tell; download it there")
+        raise ApiError(
+            409, "this mission has items that a .plan file cannot contain; download it over MAVLink"
+        )
     return items
 
 
@@ -49,7 +51,7 @@ def preview_of(context: RunContext, name: str) -> Preview:
     if items is None:
         rule = context.scenario.planner.rule
         raise ApiError(
-            409, f"{name}: there is nothing to fly yet, or the rule {rule} has no missions"
+            409, f"{name}: no mission can be planned yet, or the rule {rule} has no missions"
         )
     shown = tuple(item_state(item) for item in items)
     difference = difference_of(() if on_board is None else on_board.items, shown)
@@ -80,7 +82,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/vehicles/{{name}}/mission",
         **route(
             "look",
-            "What is on board, on its way, and waits for a word.",
+            "Missions on board, in transfer, and proposed.",
             struct(MissionState),
         ),
     )
@@ -92,13 +94,13 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/mission.plan",
-        **route("look", "What is on board, as a .plan file.", plan),
+        **route("look", "The mission on board as a .plan file.", plan),
     )
     async def mission_plan(name: str) -> Response:
         api.vehicle(name)
         on_board = api.context.state_view.missions[name].on_board
         if on_board is None:
-            raise ApiError(404, f"{name}: no mission is known to be on board")
+            raise ApiError(404, f"{name}: the mission on board is unknown")
         content = await api.aside(partial(plan_file, items_of(on_board), api.context, name))
         named = {"content-disposition": f'attachment; filename="{name}.plan"'}
         return Response(content, headers=named, media_type="application/json")
@@ -107,7 +109,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/vehicles/{{name}}/mission/preview",
         **route(
             "fly",
-            "What waits for a word or would be sent now, its figures, what it changes.",
+            "The mission that would be sent now, its figures, and its differences from the mission "
+            "on board.",
             struct(Preview),
         ),
     )

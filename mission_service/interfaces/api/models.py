@@ -1,4 +1,4 @@
-"""Responses of the API, besides the states of the picture."""
+"""Responses of the API, besides the states of the state view."""
 
 from typing import Any
 

@@ -17,17 +17,17 @@ from mission_service.requests import Role
 V1 = "/api/v1"
 REF = "#/components/schemas/{name}"
 REFUSALS = {
-    400: "The request cannot be read.",
-    401: "No token, or one that is not valid.",
-    403: "The token has not the role, or the page is of another origin.",
-    404: "There is no such thing.",
-    408: "The body did not come in time.",
-    409: "Not in this kind of run.",
+    400: "Malformed request.",
+    401: "No valid token.",
+    403: "Missing role, or a page of another origin.",
+    404: "No such resource.",
+    408: "The body arrived too slowly.",
+    409: "Not available in this kind of run, or not yet.",
     413: "Too large.",
-    422: "Understood, and wrong: the line says what.",
-    429: "Too often; Retry-After says when again.",
-    503: "Not now: too many at once, or not ready.",
-    507: "It cannot be written down (the disk is full, say), so it was not done.",
+    422: "Well-formed but invalid; the line contains the reason.",
+    429: "Too many requests; Retry-After gives the waiting time.",
+    503: "Not ready, or too many concurrent requests.",
+    507: "The journal cannot be written (the disk is full), so the request was not carried out.",
 }
 ERROR = {
     "application/json": {
@@ -37,8 +37,11 @@ ERROR = {
 }
 COMMON = {status: {"description": text, "content": ERROR} for status, text in REFUSALS.items()}
 WHO = {
-    "by": {"type": "string", "description": "Who asks, where the token is nobody's own."},
-    "station": {"type": "string", "description": "From where; default: the token's, or the only."},
+    "by": {"type": "string", "description": "Name of the user, if the token does not fix it."},
+    "station": {
+        "type": "string",
+        "description": "Station of the user; default: the token's, or the only one.",
+    },
 }
 
 
@@ -55,7 +58,7 @@ class RequiredRole:
         if who is None:
             raise ApiError(401, "a token is needed", {"www-authenticate": "Bearer"})
         if not who.may(self.role):
-            raise ApiError(403, f"this takes the role {self.role}; {who.name} has it not")
+            raise ApiError(403, f"this requires the role {self.role}, which {who.name} lacks")
 
 
 def route(

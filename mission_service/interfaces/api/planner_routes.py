@@ -18,8 +18,8 @@ def planner_of(context: RunContext) -> dict[str, Any]:
 
 def add(routes: APIRouter, api: ApiContext) -> None:
     """Add ``/planner``."""
-    shown = json(examples.PLANNER, what="The table [planner] of the scenario, as it is.")
+    shown = json(examples.PLANNER, what="The current table [planner] of the scenario.")
 
-    @routes.get(f"{V1}/planner", **route("look", "The planners' settings now.", shown))
+    @routes.get(f"{V1}/planner", **route("look", "Current settings of the planners.", shown))
     async def planner() -> Response:
         return answer(planner_of(api.context))

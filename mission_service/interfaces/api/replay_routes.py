@@ -15,12 +15,12 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     def state() -> ReplayState:
         if api.context.replay is None:
-            raise ApiError(404, "this run is no replay")
+            raise ApiError(404, "this run is not a replay")
         return api.context.replay()
 
     shown = struct(ReplayState)
 
-    @routes.get(f"{V1}/replay", **route("look", "Where a replay is, and how fast.", shown))
+    @routes.get(f"{V1}/replay", **route("look", "Time and speed of the replay.", shown))
     async def replay() -> Response:
         return answer(state())
 

@@ -1,4 +1,4 @@
-"""A route for each request that becomes an event, made from the table of requests."""
+"""Routes of all requests that become events, generated from the table of requests."""
 
 from collections.abc import Awaitable, Callable
 
@@ -18,7 +18,7 @@ ALL = "all"  # in place of a vehicle's name, where a request may be for all of t
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Routes with their bodies; without that of an abort, which the guard carries out."""
+    """Add the routes of all requests except the abort, which the guard carries out."""
     for do, kind in REQUESTS.items():
         if do == ABORT:
             continue

@@ -51,7 +51,7 @@ async def asked(request: Request) -> dict[str, Any]:
     try:
         found = msgspec.json.decode(body)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ApiError(400, f"the body is no JSON: {error}") from None
+        raise ApiError(400, f"the body is not JSON: {error}") from None
     if not isinstance(found, dict):
         raise ApiError(422, 'the body is a JSON object, as {"by": "Anna"}')
     return found

@@ -78,7 +78,7 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
     # closed the connection, this write fails, and asyncio discards the unread request.
     context.num_tickets = 0
     try:
-        # Without this, OpenSSL asks for the password of a key on the terminal.
+        # Without this, OpenSSL would prompt for the password of a key on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -111,7 +111,7 @@ async def serving(
         timeout_graceful_shutdown=STOP_WITHIN_S,
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
-    # It warns of each request that is not HTTP: such requests could fill the disk.
+    # uvicorn warns of each request that is not HTTP: such requests could fill the disk.
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     server = _Server(config, listening, tls)
     running = asyncio.create_task(server.serve())
@@ -249,7 +249,7 @@ class Connection(H11Protocol):
         if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
             self.transport.close()
             return
-        body = error_body("this is no HTTP request, or its headers are too long")
+        body = error_body("this is not an HTTP request, or its headers are too long")
         lines = [b"HTTP/1.1 400 Bad Request", b"content-type: application/json"]
         lines += [b"content-length: %d" % len(body), b"connection: close"]
         lines += [b"cache-control: no-store"]

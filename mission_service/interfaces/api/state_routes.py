@@ -16,14 +16,16 @@ from mission_service.runtime.published_states import Announcement
 
 LARGEST = 2**53
 BY, STATION = WHO["by"]["description"], WHO["station"]["description"]
-Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that is known already.")]
+Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the client has.")]
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
     """Add ``/state``, ``/live``, ``/news`` and ``/abort``."""
     land = land_of(api.context)
 
-    @routes.get(f"{V1}/state", **route("look", "Everything for a new page.", struct(FullState)))
+    @routes.get(
+        f"{V1}/state", **route("look", "Complete state for a new client.", struct(FullState))
+    )
     async def state(request: Request) -> Response:
         context, who = api.context, request.state.who
         state_view = context.state_view
@@ -53,7 +55,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/live",
-        **route("look", "What changes from now on, as server-sent events.", stream),
+        **route("look", "Changes from now on, as server-sent events.", stream),
         response_model=None,
     )
     async def live(request: Request, since: Since = 0) -> Response:
@@ -65,7 +67,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/news",
-        **route("look", "Lines for people, the latest 500.", structs(Announcement)),
+        **route("look", "The latest 500 announcements.", structs(Announcement)),
     )
     async def news(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
         return answer([line for line in api.context.state_view.news if line.id > after])

@@ -1,4 +1,4 @@
-"""Vehicles: where they are and where they were."""
+"""Routes of vehicles: their states and tracks."""
 
 from typing import Annotated
 
@@ -33,11 +33,11 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/track",
-        **route("look", "Where it was, once a second.", json(examples.TRACK, GEOJSON)),
+        **route("look", "Track of the vehicle, once a second.", json(examples.TRACK, GEOJSON)),
     )
     async def track(
         name: str,
-        after_us: Annotated[int, Query(description="Only what is later.")] = -(2**53),
+        after_us: Annotated[int, Query(description="Only points after this time.")] = -(2**53),
         limit: Annotated[int, Query(ge=2, le=MAX_POINTS)] = 3600,
     ) -> Response:
         api.vehicle(name)
@@ -49,7 +49,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/vehicles/{{name}}/importance",
         **route(
             "look",
-            "What speaks for turning back and for going on, cell by cell of the believed front.",
+            "Importance of each cell of the estimated front, behind and ahead of the vehicle.",
             struct(Importance),
         ),
     )

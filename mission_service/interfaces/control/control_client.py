@@ -1,4 +1,4 @@
-"""The other end of the control socket, for the command line and tests."""
+"""The client of the control socket, for the command line and tests."""
 
 import socket
 from pathlib import Path
@@ -61,11 +61,11 @@ class ControlClient:
 def _why(error: OSError) -> str:
     match error:
         case FileNotFoundError():
-            return "no run of a burn there; is mission-service run going on with this --out?"
+            return "no run there; is mission-service run active with this --out?"
         case ConnectionRefusedError():
-            return "the run that made it was killed; start it again to go on with the burn"
+            return "the run that made it was killed; start it again to resume it"
         case PermissionError():
-            return "not yours: only the user who runs the service may control it"
+            return "no permission: only the user that runs the service may control it"
         case TimeoutError():
             return f"the run does not answer within {ANSWER_WITHIN_S:g} s"
         case _:

@@ -1,8 +1,8 @@
 """The control socket of a live run, ``OUT/control.sock``: JSON lines in, one line back for each.
 
-Only the user who runs the service may open it (mode 0600). A request that cannot be understood is
-answered with what is wrong with it, and nothing is done; an abort is taken from anybody, whatever
-else it says, and even when all places are taken.
+Only the user that runs the service may open it (mode 0600). An invalid request is answered with the
+error and has no effect; an abort is accepted from every client, whatever its content, even if the
+limit of clients is reached.
 """
 
 import asyncio
@@ -24,22 +24,22 @@ MAX_WAITING = 64  # beyond MAX_CLIENTS only an abort is accepted; beyond this on
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_OWED = 100  # waiting lines at which reading pauses
-FRESH_S = 2.0  # lines sent so shortly before a client closes are carried out
+FRESH_S = 2.0  # lines sent this long before a client closes are still carried out
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[socket.socket]:
-    """The socket at ``path``, listened to by us alone; removed at the end.
+    """The listening socket at ``path``; removed at the end of the context.
 
-    One that a killed run has left is replaced. Raises ControlError if a run answers there, if
-    something else has that name, or if it cannot be made.
+    A socket left by a killed run is replaced. Raises ControlError if another run answers there, if
+    another kind of file has that name, or if the socket cannot be made.
     """
     _refuse_long(path)
     _clear(path)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        # Nobody can connect before it listens, and by then its mode is set.
+        # Clients can connect only after ``listen``, when its mode is set.
         listening.bind(str(path))
         path.chmod(0o600)
         listening.listen(MAX_WAITING)
@@ -67,7 +67,7 @@ def _refuse_long(path: Path) -> None:
 
 
 def _clear(path: Path) -> None:
-    """Remove what a killed run has left."""
+    """Remove the socket that a killed run has left."""
     try:
         mode = path.lstat().st_mode
     except FileNotFoundError:
@@ -75,7 +75,7 @@ def _clear(path: Path) -> None:
     except OSError as error:
         raise ControlError(f"{path}: cannot be made: {error.strerror}") from None
     if not stat.S_ISSOCK(mode):
-        raise ControlError(f"{path}: is in the way of the control socket; move it away")
+        raise ControlError(f"{path}: has the name of the control socket; move it away")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:
@@ -84,7 +84,7 @@ def _clear(path: Path) -> None:
             path.unlink(missing_ok=True)
             return
         except OSError as error:
-            raise ControlError(f"{path}: cannot be looked at: {error.strerror}") from None
+            raise ControlError(f"{path}: cannot be checked: {error.strerror}") from None
     raise ControlError(f"{path}: another run answers there; end it first, or choose another --out")
 
 
@@ -110,7 +110,7 @@ class _Clients:
         self.there: dict[_Client, None] = {}
 
     def come(self, client: "_Client") -> bool:
-        """Add a client; True if there was no place for it, so that it may only abort."""
+        """Add a client; True if the limit is reached, so that it may only abort."""
         late = len(self.there) >= MAX_CLIENTS
         if len(self.there) >= MAX_WAITING:
             next(each for each in self.there if each.late).cut()
@@ -130,7 +130,9 @@ class _Client(asyncio.Protocol):
         self._clients = clients
         self._loop = asyncio.get_running_loop()
         self._rest = b""
-        self._owed: deque[bytes | Answer] = deque()  # lines that wait, answers that wait for them
+        self._owed: deque[bytes | Answer] = (
+            deque()
+        )  # waiting lines, and answers to be sent after them
         self._read_s = 0.0
         self._after_abort = False  # the end of its line may come yet
         self._turn_comes = self._unread = self._ended = self._gone = False
@@ -173,7 +175,7 @@ class _Client(asyncio.Protocol):
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """The last line needs no end. The connection stays until all is answered."""
+        """Accept the last line without an end; the connection stays until all is answered."""
         if self._rest:
             self._take(self._rest)
         self._ended = True
@@ -241,7 +243,7 @@ class _Client(asyncio.Protocol):
 
 
 def _is_abort(line: bytes) -> bool:
-    if b"abort" not in line:  # spares reading most lines twice
+    if b"abort" not in line:  # avoids decoding most lines twice
         return False
     try:
         request = msgspec.json.decode(line)

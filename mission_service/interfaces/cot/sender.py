@@ -104,7 +104,7 @@ class CotSender:
     ) -> None:
         self._hub, self._settings, self._site, self._tls = context, settings, site, tls
         self._forecasts = forecasts_of(context)
-        self._sent: dict[str, int] = {}  # version of the picture, by vehicle
+        self._sent: dict[str, int] = {}  # version of the state view, by vehicle
 
     async def run(self) -> None:
         """Send until cancelled; connect again after a failure."""

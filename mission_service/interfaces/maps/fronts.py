@@ -21,8 +21,8 @@ def burned_area(
 ) -> Any:
     """Area burned at a time, shapely MultiPolygon in the landscape's CRS.
 
-    Arrival times (y, x), infinity where fire never comes; those after ``at_s`` say where between
-    two cells the front is. ``start_area`` is that of a fire taken over (``Fire.start_area``).
+    Arrival times (y, x), infinity where fire never arrives; times after ``at_s`` interpolate the
+    front between two cells. ``start_area`` is that of a fire taken over (``Fire.start_area``).
     """
     return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
 
@@ -36,9 +36,9 @@ def front_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """One Feature: the area burned at a time (see ``burned_area``), with ``props`` besides.
+    """One Feature: the area burned at a time (see ``burned_area``), with further ``props``.
 
-    Without coordinates where nothing has burned.
+    Without coordinates if nothing has burned.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     return _feature(area, landscape, at_s, now_s, props)
@@ -53,7 +53,7 @@ def contours_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection of ``front_geojson`` at each time, latest first: to be drawn in order."""
+    """A FeatureCollection of ``front_geojson`` at each time, latest first, for drawing in order."""
     return _collection(
         [
             front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)
@@ -70,9 +70,10 @@ def probability_geojson(
     levels: Sequence[float] = LEVELS,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection: where it has burned by a time with each probability or a higher one.
+    """A FeatureCollection: for each probability the area burned at a time with at least it.
 
-    The least first (the largest area): to be drawn in order. Shares (y, x) from 0 to 1.
+    The least probability (the largest area) comes first, for drawing in order. Probabilities (y, x)
+    are from 0 to 1.
     """
     features = []
     for level in sorted(set(levels)):

@@ -1,7 +1,7 @@
-"""Whether shapes are so tangled that GEOS, which nobody can interrupt, would be at them for hours.
+"""Limits for shapes on which GEOS, which cannot be interrupted, would compute for hours.
 
-Its time goes with the pairs of segments that are near each other: a comb of 50,000 long teeth takes
-48 s to be called valid, a scribble of 300 points 3 s to be repaired.
+Its time grows with the number of pairs of near segments: validating a comb of 50,000 long teeth
+takes 48 s, repairing a scribble of 300 points 3 s.
 """
 
 from collections.abc import Sequence
@@ -10,15 +10,15 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-MAX_PAIRS = 3_000_000  # of a whole file; perimeters as they are have some four a vertex
+MAX_PAIRS = 3_000_000  # of a whole file; real perimeters have about four per vertex
 MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # of one shape that is not valid
-AT_ONCE = 16  # segments, so that pairs found together stay few
+AT_ONCE = 16  # segments per query, to limit the pairs that one query returns
 
 
 def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
-    """How many pairs of segments of all rings have boxes that meet (each twice, and itself).
+    """The number of pairs of segments whose boxes meet (each pair twice, and with itself).
 
-    Counted only until there are more than ``most``.
+    Counting stops above ``most``.
     """
     rings = shapely.get_rings(shapely.get_parts(shapely.get_parts(list(shapes))))
     places, of_ring = shapely.get_coordinates(rings, return_index=True)
@@ -36,5 +36,5 @@ def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
 
 
 def max_repaired(shape: BaseGeometry) -> int:
-    """How many pairs a shape may have to be repaired."""
+    """The maximum number of pairs of a shape that is repaired."""
     return MAX_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))

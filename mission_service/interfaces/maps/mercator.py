@@ -1,4 +1,4 @@
-"""Web Mercator (EPSG:3857), in which browsers draw maps, and a landscape's grid in it."""
+"""Conversion between Web Mercator (EPSG:3857), used by browser maps, and a landscape's grid."""
 
 import math
 from typing import Any
@@ -10,8 +10,8 @@ from firemodel.landscape.landscape import Landscape
 
 RADIUS_M = 6378137.0  # EPSG:3857 is on a sphere
 WORLD_M = 2.0 * math.pi * RADIUS_M
-# The projections are worked out at so many places along each side and drawn straight between: over
-# 100 km that is wrong by 2 m, and by less than a thousandth of a pixel of 256.
+# The projections are computed at this number of points along each side and interpolated linearly:
+# over 100 km the error is 2 m, less than a thousandth of a tile of 256 pixels.
 NODES = 33
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ def outline_of(landscape: Landscape) -> Floats:
 
 
 def mercator_box(landscape: Landscape) -> Box:
-    """What the landscape reaches over, in metres of Web Mercator."""
+    """The extent of the landscape, in metres of Web Mercator."""
     x_m, y_m = mercator_of(*outline_of(landscape).T)
     return float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max())
 
@@ -53,7 +53,7 @@ def bounds_deg(box: Box) -> list[float]:
 
 
 def cell_mercator_m(landscape: Landscape) -> float:
-    """How long a cell's side is in Web Mercator, in the middle of the landscape."""
+    """Length of a cell's side in Web Mercator, at the middle of the landscape."""
     rows, cols = landscape.shape
     lat, _ = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     return landscape.cell_size_m / math.cos(math.radians(lat))
@@ -64,7 +64,7 @@ def grid_positions(
 ) -> tuple[Floats, Floats]:
     """Float rows and columns of the landscape's grid, each (height, width).
 
-    They are those of the centres of a box's pixels; the first row of pixels is the northern one.
+    The positions are the centres of a box's pixels; the first row of pixels is the northernmost.
     """
     west, south, east, north = box
     x_m = np.linspace(west, east, NODES)
@@ -76,7 +76,7 @@ def grid_positions(
 
 
 def _between(values: Floats, pixels: int) -> Floats:
-    """Values at NODES along the first axis, in the middle of each of so many pixels."""
+    """Interpolate values at NODES along the first axis to the centres of ``pixels`` pixels."""
     at = (np.arange(pixels) + 0.5) / pixels * (NODES - 1)
     low = np.minimum(at.astype(np.int64), NODES - 2)
     share = (at - low)[:, None]

@@ -1,4 +1,4 @@
-"""Transparent pictures of the fire to lay over a map in Web Mercator."""
+"""Transparent images of the fire as overlays of a map in Web Mercator."""
 
 import io
 import math
@@ -21,7 +21,7 @@ PIXELS_A_CELL = 2.0  # so that cells keep their edges when warped
 MAX_PIXELS = 2048  # along a side
 OPAQUE = 185  # of 255
 COLOURS = 250
-# matplotlib's inferno without its black end, which looks like shadow: nine places of it.
+# Nine colours of matplotlib's inferno without its black end, which looks like shadow.
 INFERNO = (
     (30, 12, 69),
     (76, 12, 107),
@@ -46,10 +46,10 @@ class _Frame(NamedTuple):
 
 
 def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s: float) -> bytes:
-    """When fire comes, as a transparent PNG in the landscape's ``overlay_frame``.
+    """Arrival times as a transparent PNG in the landscape's ``overlay_frame``.
 
-    Arrival times (y, x). Colours run from ``from_s`` (and before) to ``until_s``; what burns later
-    or never is clear. ``arrival_scale`` is their legend.
+    Arrival times (y, x). Colours range from ``from_s`` (and before) to ``until_s``; cells that burn
+    later or never are transparent. ``arrival_scale`` is the legend.
     """
     share = (arrival_s - from_s) / max(until_s - from_s, 1e-9)
     place = 1 + np.clip(share, 0.0, 1.0) * (COLOURS - 1)
@@ -58,7 +58,7 @@ def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s:
 
 
 def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
-    """The legend of ``arrival_png``: times and their colours, straight between."""
+    """The legend of ``arrival_png``: times and colours, for linear interpolation."""
     last = len(INFERNO) - 1
     return [
         {"at_s": from_s + (until_s - from_s) * place / last, "colour": _hex(colour)}
@@ -67,9 +67,9 @@ def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
 
 
 def overlay_frame(landscape: Landscape) -> dict[str, Any]:
-    """Where pictures lie: corners as MapLibre's image source takes them (NW, NE, SE, SW), bounds.
+    """The position of overlays: bounds, and corners (NW, NE, SE, SW) for MapLibre's image source.
 
-    All in degrees, [lon, lat]; besides, how many pixels they have.
+    All are in degrees, [lon, lat]; also contains the size in pixels.
     """
     frame = _frame(landscape)
     west, south, east, north = bounds_deg(frame.box)
@@ -87,7 +87,7 @@ def _frame(landscape: Landscape) -> _Frame:
     pixel_m = max(
         cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MAX_PIXELS
     )
-    # Whole pixels: what is left over goes to the south and the east.
+    # Whole pixels: the fraction left over extends the frame to the south and the east.
     width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)
     box = west, north - height * pixel_m, west + width * pixel_m, north
     row, col = np.rint(grid_positions(landscape, box, width, height)).astype(np.int32)
@@ -98,7 +98,7 @@ def _frame(landscape: Landscape) -> _Frame:
 
 
 def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape) -> bytes:
-    """Levels (y, x): 0 is clear, 1 the first colour."""
+    """Levels (y, x) as PNG: 0 is transparent, 1 the first colour."""
     from PIL import Image
 
     pixels = np.append(levels.ravel(), np.uint8(0))[_frame(landscape).cells]
@@ -111,7 +111,7 @@ def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape)
 
 
 def _colour(share: float) -> Colour:
-    """From INFERNO, 0 to 1, straight between its places."""
+    """A colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
     at = share * (len(INFERNO) - 1)
     low = min(int(at), len(INFERNO) - 2)
     return _mixed(INFERNO[low], INFERNO[low + 1], at - low)

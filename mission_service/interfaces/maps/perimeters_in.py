@@ -1,4 +1,4 @@
-"""Perimeters that others drew: where, and what their records say of when and how."""
+"""Reads perimeters of other organisations: polygons, and their records of time and method."""
 
 import math
 import re
@@ -24,8 +24,8 @@ from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84
 
 __all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
 
-# What is told of each feature, and the names it has in WFIGS (there with poly_ or attr_ before it),
-# in FIRIS and in KML. Shapefiles cut names off at ten letters.
+# The attributes of a feature, and their names in WFIGS (there with the prefix poly_ or attr_), in
+# FIRIS and in KML. Shapefiles cut names off after ten characters.
 FIELDS = {
     "incident_name": ("IncidentName", "incident_name", "name"),
     "feature_category": ("FeatureCategory", "type"),
@@ -40,7 +40,7 @@ FIELDS = {
 }
 CUT = 10
 PREFIXES = ("", "poly_", "attr_")
-FAR_APART_MS = 24 * 3600 * 1000  # of two times of one record
+FAR_APART_MS = 24 * 3600 * 1000  # notable difference of two times of one record
 AREAS_DIFFER = 0.1
 SMALL_SHARE = 0.001
 LONGEST_TEXT = 200
@@ -50,16 +50,16 @@ Record = dict[str, Any]
 
 
 class Perimeter(NamedTuple):
-    """What others drew of a fire."""
+    """A perimeter of a fire from another organisation."""
 
     area: Any  # shapely MultiPolygon, WGS84 longitude and latitude: all features together
     area_ha: float
     vertices: int
-    records: list[Record]  # one a feature with the keys of FIELDS, None where it says nothing
-    notes: list[str]  # what is odd about it, each one line
+    records: list[Record]  # one per feature with the keys of FIELDS, None for a missing value
+    notes: list[str]  # irregularities, one line each
 
     def geojson(self) -> dict[str, Any]:
-        """A Feature with all that is known as properties."""
+        """A Feature with all attributes as properties."""
         return {
             "type": "Feature",
             "properties": {
@@ -72,7 +72,7 @@ class Perimeter(NamedTuple):
         }
 
     def rings(self) -> list[list[tuple[float, float]]]:
-        """Its outer rings as (lat, lon), the last point not the first again."""
+        """Its outer rings as (lat, lon); the first point is not repeated at the end."""
         return [
             [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]] for polygon in self.area.geoms
         ]
@@ -81,8 +81,8 @@ class Perimeter(NamedTuple):
 def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimeter:
     """A perimeter from the bytes of a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploads``).
 
-    Features that are no polygons or not on the landscape are left out, and those not valid are
-    repaired; ``notes`` tell of each. Raises FireModelError, one line, naming file and feature.
+    Features that are not polygons or not on the landscape are left out, invalid ones are repaired;
+    each is listed in ``notes``. Raises FireModelError with one line that names file and feature.
     """
     return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
 
@@ -137,13 +137,13 @@ def _place(area: BaseGeometry) -> str:
 
 
 def _printable(file_name: str) -> str:
-    """A file's name for messages: no folders, nothing that could be taken for more than a name."""
+    """A file's name for messages, without folders and control characters."""
     name = re.split(r"[/\\]", file_name)[-1]
     return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"
 
 
 def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
-    """The polygons of one feature, valid, None if it has none; and what is odd about them."""
+    """The valid polygons of one feature, None if it has none; and notes on irregularities."""
     shape, where = drawn.shape, f"feature {number}"
     if shape.is_empty:
         return None, [f"{where} has no polygon: left out"]
@@ -153,7 +153,7 @@ def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | N
     else:
         reason = shapely.is_valid_reason(shape)
         if pairs_near([shape], max_repaired(shape)) > max_repaired(shape):
-            raise FireModelError(f"{name}: {where} is not valid ({reason}); draw it anew")
+            raise FireModelError(f"{name}: {where} is not valid ({reason}); draw it again")
         shape = shapely.make_valid(shape, method="structure", keep_collapsed=False)
         repaired = [f"{where} was not valid and has been repaired ({reason})"]
         if not shape.is_empty:
@@ -180,7 +180,7 @@ def _record(drawn: Drawn) -> Record:
 
 
 def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
-    """The first that is there of the names, written in any of the ways there are."""
+    """The first attribute found of these names, in any of their spellings."""
     lower = {key.lower(): value for key, value in attributes.items()}
     for name in names:
         for prefix in PREFIXES:
@@ -202,7 +202,7 @@ def _number(value: Any) -> float | None:
 
 
 def _unix_ms(value: Any) -> int | None:
-    """Milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date; else None."""
+    """Milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date, or None."""
     if value is None or isinstance(value, bool):
         return None
     if isinstance(value, np.datetime64):
@@ -228,19 +228,19 @@ def _utc(unix_ms: int) -> str:
 
 
 def _odd_record(record: Record, area: BaseGeometry, number: int) -> list[str]:
-    """What one record says against itself."""
+    """Contradictions within one record."""
     notes = []
     drawn_ms, current_ms = record["polygon_unix_ms"], record["current_unix_ms"]
     if drawn_ms and current_ms and abs(drawn_ms - current_ms) > FAR_APART_MS:
         notes.append(
-            f"feature {number}: its polygon is said to be of {_utc(drawn_ms)}, its record "
+            f"feature {number}: its polygon is dated {_utc(drawn_ms)}, its record "
             f"was changed {_utc(current_ms)}; the outline may be of either time"
         )
     acres = area_m2(area) / M2_PER_ACRE
     said = record["gis_acres"]
     if said is not None and abs(said - acres) > AREAS_DIFFER * max(acres, said):
         notes.append(
-            f"feature {number}: its record says {said:.1f} acres, its outline has {acres:.1f}; one "
+            f"feature {number}: its record has {said:.1f} acres, its outline {acres:.1f}; one "
             "of them is older"
         )
     return notes

@@ -1,4 +1,4 @@
-"""The fire's perimeter for others: field names of WFIGS, and that nobody approved it."""
+"""The fire's perimeter for other organisations: field names of WFIGS, marked as not approved."""
 
 from datetime import datetime
 from typing import Any
@@ -12,7 +12,7 @@ from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 from mission_service.interfaces.maps.fronts import burned_area
 
 SOURCE = "mission-service"
-STATUS = "Proposed"  # not "Approved": that is for people to say
+STATUS = "Proposed"  # "Approved" requires a person's decision
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def perimeter_geojson(
 ) -> dict[str, Any]:
     """A FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
 
-    Properties are those of the US interagency perimeters (WFIGS, there with ``poly_`` before them);
+    Properties are those of the US interagency perimeters (WFIGS, there with the prefix ``poly_``);
     times in ms since 1970 UTC. ``time_zero`` is 0 s by the calendar; without it PolygonDateTime is
     None. ``written_unix_ms`` is now.
     """

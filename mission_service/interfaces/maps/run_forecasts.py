@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
-    """Of the fire that burns; in a burn of the one that its plans are made on."""
+    """The forecasts of the run's fire; in a burn those of the estimated fire used by its plans."""
     if context.believed is not None:
         from mission_service.fire.estimated_forecast import (
-            EstimatedForecasts,  # not for all who start
+            EstimatedForecasts,  # imported only if needed
         )
 
         def believed() -> "EstimatedFire":
@@ -34,7 +34,7 @@ async def front_now(
     context: "RunContext", forecasts: "Forecasts | EstimatedForecasts"
 ) -> dict[str, Any]:
     """The area burned now, a GeoJSON Feature with ``at_us``; drawn in a thread."""
-    # What burns may be a moment behind the clock.
+    # The simulated fire may lag slightly behind the clock.
     at_us = min(context.clock.now_us, round(context.world.fire.time_s * 1e6))
     at_s = at_us / 1e6
     found = await forecasts.arrival(at_s)

@@ -20,11 +20,11 @@ from mission_service.interfaces.maps.mercator import (
 )
 
 TILE = 256  # pixels
-MAX_BYTES = 24_000_000  # of tiles kept, though each were as large as it can be
+MAX_BYTES = 24_000_000  # of the cached tiles, each counted with its largest possible size
 LARGEST_TILE_BYTES = 3 * TILE * TILE + 4096
-SMALLEST_SHARE = 1 / 4  # of a tile that the landscape fills at least, at the lowest zoom
+SMALLEST_SHARE = 1 / 4  # least share of a tile that the landscape fills, at the lowest zoom
 HIGHEST_ZOOM = 22
-SOON_CELLS = 1.0  # so far off the landscape its edge is seen through 2 x 2 cells, then 4 x 4, ...
+SOON_CELLS = 1.0  # from this distance beyond its edge means of 2 x 2 cells are used, then 4 x 4
 TERRARIUM_ZERO_M = 32768
 
 Heights = NDArray[np.float32]
@@ -33,7 +33,7 @@ Heights = NDArray[np.float32]
 class TerrainTiles:
     """A landscape's elevation at ``/terrain/z/x/y.png``: z as in web maps, y from the north.
 
-    Tiles made are kept, the least used leave first. May be called from several threads.
+    Tiles are cached; the least recently used are dropped first. Thread-safe.
     """
 
     def __init__(self, landscape: Landscape) -> None:
@@ -48,10 +48,10 @@ class TerrainTiles:
         self._made = lru_cache(maxsize=MAX_BYTES // LARGEST_TILE_BYTES)(self._make)
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
-        """A PNG of 256 x 256; None where there is none: off the landscape, or at other zooms.
+        """A PNG of 256 x 256; None off the landscape and at other zoom levels.
 
-        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape that of its edge goes on,
-        the further away the smoother, so that no hillshade shows ridges where nothing is known.
+        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape its edge is extended, the
+        smoother the farther away, so that the hillshade shows no ridges outside the data.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None
@@ -96,7 +96,7 @@ def tile_box(z: int, x: int, y: int) -> Box:
 
 
 def halved(heights: Heights) -> list[Heights]:
-    """Heights (y, x), and the means of 2 x 2, of 4 x 4, ... of them, for lower zooms."""
+    """Heights (y, x), and their means over 2 x 2, 4 x 4, ... cells, for lower zoom levels."""
     found = [heights]
     while min(found[-1].shape) > 2:
         rows, cols = found[-1].shape
@@ -108,7 +108,7 @@ def halved(heights: Heights) -> list[Heights]:
 def cells_off(
     row: NDArray[np.float64], col: NDArray[np.float64], shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """How far off the grid's outermost centres places are, in cells; 0 between them."""
+    """Distance of positions from the grid's outermost cell centres, in cells; 0 inside."""
     rows, cols = shape
     down = np.maximum(np.maximum(-row, row - (rows - 1)), 0.0)
     across = np.maximum(np.maximum(-col, col - (cols - 1)), 0.0)
@@ -119,7 +119,7 @@ def cells_off(
 def halved_at(
     levels: list[Heights], level: int, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights of one of the levels of ``halved`` at places in the grid of the first."""
+    """Heights of one level of ``halved`` at positions in the grid of the first level."""
     part = 0.5**level
     return between(levels[level], (row + 0.5) * part - 0.5, (col + 0.5) * part - 0.5)
 
@@ -130,7 +130,7 @@ def blurred(
     row: NDArray[np.float64],
     col: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Heights from float levels of ``halved``, one a place: straight between two levels."""
+    """Heights from float levels of ``halved``, one per position, interpolated linearly."""
     level = np.minimum(level, len(levels) - 1.0)
     low = np.minimum(level.astype(np.int32), max(len(levels) - 2, 0))
     found = np.empty(level.shape)
@@ -146,7 +146,7 @@ def blurred(
 def between(
     heights: Heights, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights at float rows and columns (bilinear); outside the grid that of its edge."""
+    """Heights at float rows and columns (bilinear); outside the grid the heights of its edge."""
     rows, cols = heights.shape
     row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     top = np.minimum(row.astype(np.int32), max(rows - 2, 0))
@@ -161,12 +161,12 @@ def between(
 
 
 def terrarium_png(heights: NDArray[np.floating]) -> bytes:
-    """Heights (y, x) in m as a Terrarium PNG, to 1/256 m."""
+    """Heights (y, x) in m as a Terrarium PNG, with a resolution of 1/256 m."""
     from PIL import Image
 
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, in which longer matches are sought in vain.
+    # The lowest bits are noise, in which a search for longer matches is useless.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

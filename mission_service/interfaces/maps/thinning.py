@@ -18,7 +18,7 @@ def thinned(ring: Ring, most: int) -> Ring:
     found = min_areas_removed(ring, most)
     if shapely.Polygon(found).is_valid:
         return found
-    # Sides cross. Simplified with its topology kept, which takes long and is done on few corners.
+    # Sides cross: simplify with topology preserved, which is slow, on few corners.
     few = shapely.Polygon(min_areas_removed(ring, TRIED * most))
     parts = shapely.get_parts(shapely.make_valid(few, method="structure", keep_collapsed=False))
     largest = shapely.Polygon(max(parts, key=lambda part: part.area).exterior)
@@ -47,12 +47,12 @@ def min_areas_removed(ring: Ring, most: int) -> Ring:
     while left > max(most, 3):
         smallest, corner = heapq.heappop(heap)
         if not there[corner] or smallest != areas[corner]:
-            continue  # it has gone, or is another since
+            continue  # the corner was removed, or its area has changed
         there[corner] = False
         left -= 1
         one, other = before[corner], after[corner]
         after[one], before[other] = other, one
         for each in (one, other):
-            areas[each] = max(area(each), smallest)  # never less than what went before
+            areas[each] = max(area(each), smallest)  # never less than the area removed before
             heapq.heappush(heap, (areas[each], each))
     return [place for place, stays in zip(ring, there, strict=True) if stays]

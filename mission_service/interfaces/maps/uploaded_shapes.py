@@ -1,7 +1,7 @@
-"""Shapes and their attributes from a file's bytes, sent by anybody: nothing of it is trusted.
+"""Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
 
-GeoJSON and KML are read here and never by GDAL, which would also take files that name others. Of
-archives only the bytes of few members are used, never their paths.
+GeoJSON and KML are parsed here and never passed to GDAL, which would also follow references to
+other files. Of archives only the bytes of few members are used, never their paths.
 """
 
 import io
@@ -31,27 +31,27 @@ WGS84 = "EPSG:4326"
 # Names of longitude and latitude in the crs member of older GeoJSON; NAD83 is within 2 m of it.
 LON_LAT = re.compile(r"(urn:ogc:def:crs:OGC:.*:CRS84|(urn:ogc:def:crs:)?EPSG:+(4326|4269))$")
 EPSG = re.compile(r"(?:urn:ogc:def:crs:)?EPSG:+(\d{4,6})$")
-SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # what a .shp begins with; its types of polygons
+SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # first number of a .shp; its types of polygons
 SHAPEFILE_PARTS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 
 
 class Drawn(NamedTuple):
-    """One feature: longitude and latitude."""
+    """One feature; its shape is in longitude and latitude."""
 
     shape: BaseGeometry
     attributes: dict[str, Any]
 
 
 def features_in(data: bytes, name: str) -> list[Drawn]:
-    """All features of a GeoJSON, KML, KMZ or zipped Shapefile, told by what is in it.
+    """All features of a GeoJSON, KML, KMZ or zipped Shapefile; the format is detected.
 
-    Shapes as they are: perhaps empty, not valid, or no polygons. ``name`` is for messages. Raises
-    FireModelError, one line, for what is too large or cannot be read.
+    Shapes are not checked: they may be empty, invalid, or no polygons. ``name`` is for messages.
+    Raises FireModelError with one line for a file that is too large or cannot be read.
     """
     if len(data) > LARGEST_BYTES:
         raise FireModelError(
-            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are taken: send this fire alone, "
-            "or fewer vertices"
+            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are accepted: send this fire "
+            "only, or fewer vertices"
         )
     start = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:4]
     if start.startswith(b"PK"):
@@ -75,12 +75,12 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
 def _check_count(count: int, most: int, what: str, name: str) -> None:
     if count > most:
         raise FireModelError(
-            f"{name}: {count} {what}; {most} at most are taken: send this fire alone, simplified"
+            f"{name}: {count} {what}; {most} at most are accepted: send this fire only, simplified"
         )
 
 
 def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
-    """What an archive holds of use, by file name in lower case (without folders)."""
+    """The usable members of an archive, by file name in lower case (without folders)."""
     found: dict[str, bytes] = {}
     left = MAX_UNPACKED_BYTES
     try:
@@ -95,7 +95,7 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
                     raise FireModelError(
                         f"{name}: {inside} is encrypted or packed in an unusual way; zip it plainly"
                     )
-                # Sizes in an archive may be false: so much is read and no more.
+                # Sizes in an archive may be false: limit the bytes that are read.
                 with archive.open(member) as file:
                     found.setdefault(inside, file.read(left + 1))
                 left -= len(found[inside])
@@ -152,7 +152,7 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
         raise FireModelError(
             f"{name}: {stem}.shp is of type {kind}, not of polygons; send the perimeter's polygons"
         )
-    # Packed anew, under names of ours, so that GDAL sees nothing but these.
+    # Packed again under fixed names, so that GDAL reads only these files.
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         for suffix in SHAPEFILE_PARTS:
@@ -160,7 +160,7 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
                 archive.writestr(f"perimeter{suffix}", members[stem + suffix])
     shapes, crs, records = records_of(packed.getvalue(), name)
     if crs is None:
-        raise FireModelError(f"{name}: {stem}.prj names no CRS that is known; export it in WGS84")
+        raise FireModelError(f"{name}: {stem}.prj names an unknown CRS; export it in WGS84")
     return [
         Drawn(_in_wgs84(shape, crs, name), record)
         for shape, record in zip(shapes, records, strict=True)
@@ -211,7 +211,7 @@ def _geometry(geometry: Any, where: str) -> BaseGeometry:
 
 
 def _crs_of(content: dict[str, Any], name: str) -> str | None:
-    """The CRS of older GeoJSON that says so, None for longitude and latitude."""
+    """The CRS of the crs member of older GeoJSON; None for longitude and latitude."""
     member = content.get("crs")
     if member is None:
         return None
@@ -221,7 +221,7 @@ def _crs_of(content: dict[str, Any], name: str) -> str | None:
         return None
     if not (isinstance(said, str) and (code := EPSG.match(said))):
         raise FireModelError(
-            f"{name}: its crs member is not understood ({json.dumps(member)[:80]}); export it in "
+            f"{name}: its crs member is invalid ({json.dumps(member)[:80]}); export it in "
             "longitude and latitude (RFC 7946)"
         )
     return f"EPSG:{code[1]}"
@@ -232,7 +232,7 @@ def _in_wgs84(shape: BaseGeometry, crs: str, name: str) -> BaseGeometry:
         return into_crs(shape, crs, WGS84)
     except ProjError as error:
         raise FireModelError(
-            f"{name}: CRS {crs[:40]} is not known ({_one_line(error)}); export it in WGS84"
+            f"{name}: CRS {crs[:40]} is unknown ({_one_line(error)}); export it in WGS84"
         ) from None
 
 
@@ -248,7 +248,7 @@ def _from_kml(data: bytes, name: str) -> list[Drawn]:
 
 
 def _check_xml(data: bytes, name: str) -> None:
-    """Refuse what XML can do to its readers: entities of all kinds need a document type."""
+    """Refuse attacks by XML entities (all kinds need a document type) and by deep nesting."""
     depth = 0
 
     def begins(_name: str, _attributes: dict[str, str]) -> None:
@@ -280,7 +280,7 @@ def _local(element: Any) -> str:
 
 
 def _all(element: Any, tag: str) -> list[Any]:
-    """All elements of a name below, whatever the namespace: KML has had several."""
+    """All descendants with a tag, in any namespace: KML has had several."""
     return [below for below in element.iter() if _local(below) == tag]
 
 
@@ -290,7 +290,7 @@ def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
     for polygon in _all(placemark, "Polygon"):
         outer = [_ring(ring, where) for ring in _rings(polygon, "outerBoundaryIs")]
         if len(outer) != 1:
-            raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it anew")
+            raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it again")
         inner = [_ring(ring, where) for ring in _rings(polygon, "innerBoundaryIs")]
         polygons.append(shapely.Polygon(outer[0], inner))
     return shapely.MultiPolygon(polygons)
@@ -311,7 +311,7 @@ def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:
                 f"{where}: {text[:40]!r} is not lon,lat; export it again"
             ) from None
     if len(found) < 3:
-        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it anew")
+        raise FireModelError(f"{where} has an outline of {len(found)} points; draw it again")
     return found
 
 

@@ -30,8 +30,8 @@ TAKE_S = 15.0  # limit for publishing: longer than the detection of a lost broke
 STEADY_S = 5.0  # only a longer connection resets the interval between attempts
 RECEIVE_BYTES = 32_768  # a larger buffer would only hold old messages
 REFUSED = {
-    132: "it knows no MQTT 5",
-    133: "it takes no client of this name",
+    132: "it does not support MQTT 5",
+    133: "it rejects this client identifier",
     134: "user or password is wrong",
     135: "user or password is wrong, or this user may not connect",
     138: "it has banned this client",
@@ -63,7 +63,7 @@ def tls_of(
         raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
     if certificate is not None:
         try:
-            # Without a password, OpenSSL asks for a passphrase on the terminal.
+            # Without a password, OpenSSL would prompt for a passphrase on the terminal.
             context.load_cert_chain(certificate, key, password=lambda: b"")
         except OSError as error:
             text = f"{certificate}, {key or 'no key file'}: no certificate and key: {_why(error)}"

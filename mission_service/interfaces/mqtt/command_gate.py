@@ -46,7 +46,7 @@ class _Answered:
 
 
 class CommandGate:
-    """Passes valid commands to ``ask``, the request handler, and keeps the replies.
+    """Passes valid commands to ``ask`` (of the request handler) and keeps the replies.
 
     ``MAX_REMEMBERED`` replies are kept: as many as the rate limit allows in ``REMEMBERED_S``.
     """
@@ -146,7 +146,7 @@ class CommandGate:
 def _refuse_names(name: str) -> None:
     if name in ALL_REQUESTS and not ALL_REQUESTS[name].over_mqtt:
         raise _RefusedError(
-            "never over MQTT, which knows no person; use the map or the control socket"
+            "not accepted over MQTT, which identifies no user; use the map or the control socket"
         )
     if name not in TAKEN:
         raise _RefusedError(f"no such command; there are {', '.join(TAKEN)}")
@@ -155,7 +155,7 @@ def _refuse_names(name: str) -> None:
 def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
     """Decode a command; returns it and the request for the request handler."""
     if len(payload) > MAX_BYTES:
-        raise _RefusedError(f"{len(payload)} bytes; at most {MAX_BYTES} are taken")
+        raise _RefusedError(f"{len(payload)} bytes; at most {MAX_BYTES} are accepted")
     try:
         found = msgspec.json.decode(payload)
         if isinstance(found, dict):
@@ -164,7 +164,7 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise _RefusedError(f"cannot be read: {error}") from None
     if "do" in found:
-        raise _RefusedError("unknown key do: the topic says what is to be done")
+        raise _RefusedError("unknown key do: the topic names the command")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
     # Without the prefix, a command would count as presence at a station that approves plans.
     station = f"{DOOR}:{command.station}" if command.station else DOOR
@@ -187,5 +187,5 @@ def _refuse_old(command: Command, unix_us: int) -> None:
         when = "ago" if age_us > 0 else "in the future"
         raise _RefusedError(
             f"sent {abs(age_us) / 1e6:.0f} s {when} by sent_at_unix_us; at most "
-            f"{OLD_US / 1e6:.0f} s are taken: is a clock wrong?"
+            f"{OLD_US / 1e6:.0f} s are accepted: is a clock wrong?"
         )

@@ -1,4 +1,4 @@
-"""Messages that have come from a broker and are still to be handled."""
+"""Queue of messages that were received from a broker and not handled yet."""
 
 import asyncio
 from collections import deque
@@ -7,12 +7,12 @@ import aiomqtt
 
 
 class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Messages in the order they came; bounded, and ``put_nowait`` never raises QueueFull.
+    """Messages in order of arrival; bounded, and ``put_nowait`` never raises QueueFull.
 
-    With ``urgent`` the messages of topics with this ending go before all others. When full, one of
-    them takes the place of the last of the others; any other message is dropped: its sender gets no
-    answer and may ask again. Without ``urgent`` the oldest is dropped, so a process that falls
-    behind does not handle what is long past.
+    With ``urgent`` the messages of topics with this ending precede all others. If the queue is
+    full, an urgent message replaces the last of the others, and any other message is dropped: its
+    sender gets no reply and may send it again. Without ``urgent`` the oldest message is dropped, so
+    that a slow process does not handle outdated messages.
     """
 
     def __init__(self, size: int, urgent: str = "", newest: tuple[str, ...] = ()) -> None:
@@ -26,11 +26,11 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         self._others: dict[object, aiomqtt.Message] = {}
 
     def qsize(self) -> int:
-        """How many wait."""
+        """The number of waiting messages."""
         return len(self._urgent) + len(self._others)
 
     def empty(self) -> bool:
-        """Whether none waits."""
+        """Whether the queue is empty."""
         return self.qsize() == 0
 
     def _put(self, item: aiomqtt.Message) -> None:

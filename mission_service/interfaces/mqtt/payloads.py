@@ -1,4 +1,4 @@
-"""Messages over MQTT besides the states of the picture: flat JSON, units in keys."""
+"""Messages over MQTT besides the states of the state view: flat JSON, units in keys."""
 
 from typing import Annotated
 
@@ -33,7 +33,7 @@ class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
 
 
 class Alarms(msgspec.Struct, tag="alarms/1", tag_field="schema"):
-    """All alarms that are raised now."""
+    """All active alarms."""
 
     at_us: int
     alarms: tuple[Alarm, ...]

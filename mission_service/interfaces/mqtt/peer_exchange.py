@@ -108,7 +108,7 @@ def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
 def decoded_time(payload: bytes, latest_us: int) -> int:
     """Decode the mission time of another process. Raises UnfitError if it is invalid."""
     if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
-        raise UnfitError("a time that is none of this mission")
+        raise UnfitError("a time outside this mission")
     return int(payload)
 
 
@@ -179,16 +179,14 @@ class PeerExchange:
     async def _use(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         """Exchange messages until the connection is lost; raises the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
-        ears.tell(f"talks to others over {self.channel.broker}", False)
+        ears.tell(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._told_lost = True, False
         loops = (self._hear, self._send, self._tell_time, self._find_contact)
         await together(*(talk(client, ears) for talk in loops))
 
     def _lost(self, why: str, ears: "PeerListener") -> None:
         if not self._told_lost:
-            text = (
-                f"no broker at {self.channel.broker} ({why}); it stays where it is until there is"
-            )
+            text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is back"
             ears.tell(text, True)
         self.connected, self._told_lost = False, True
         if self._in_contact:

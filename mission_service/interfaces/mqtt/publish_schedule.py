@@ -1,7 +1,7 @@
-"""The states to publish over MQTT: the newest of each key of the picture. Pure.
+"""The states to publish over MQTT: the newest of each key of the state view. Pure.
 
-No message waits in a queue: for each key only the version that was sent is kept. So memory does not
-grow without a broker, and a new connection gets the present states.
+No message waits in a queue: for each key only the version that was sent is kept. Memory therefore
+does not grow without a broker, and a new connection gets the present states.
 """
 
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ class PublishSchedule:
 
     def __init__(self, telemetry_hz: float) -> None:
         self._telemetry_every_us = round(1e6 / telemetry_hz)
-        self._sent: dict[str, int] = {}  # version of the picture, by key
+        self._sent: dict[str, int] = {}  # version of the state view, by key
         self._due_us: dict[str, int] = {}
         self._news_id = 0
 
@@ -50,7 +50,7 @@ class PublishSchedule:
         self._sent.clear()
 
     def states(self, context: "RunContext", now_us: int) -> Iterator[Publication]:
-        """What is due of the state view; each counts as sent when the next is asked for."""
+        """The states that are due; each counts as sent when the next one is taken."""
         for key, version in list(context.state_view.changed.items()):
             part, _, name = key.partition("/")
             topic = PARTS.get(part)

@@ -1,6 +1,6 @@
-"""Publishes the states of the picture to a broker, and handles commands if configured.
+"""Publishes the states of the state view to a broker, and handles commands if configured.
 
-The run never waits for the broker, and memory does not grow without one: see ``outgoing.py``.
+The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
 """
 
 import asyncio
@@ -36,7 +36,7 @@ from mission_service.runtime.clocks import clock_us, wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-LOOK_S = 0.05  # shortest interval between two looks at the picture
+LOOK_S = 0.05  # shortest interval between two checks of the state view
 LONGEST_LOOK_S = 0.5
 FRONT_EVERY_S, CORRECTED_EVERY_S = 10.0, 1.0
 STATUS_EVERY_S = 1.0  # interval of checks for a change
@@ -111,7 +111,7 @@ class Publisher:
         try:
             await self._talk(client)
         except Exception:
-            while not self._inbox.empty():  # received before the broker was lost: carried out
+            while not self._inbox.empty():  # received before the loss: carried out
                 self._take(self._inbox.get_nowait())
             raise
 
@@ -159,7 +159,7 @@ class Publisher:
         refused = any(isinstance(each, ReasonCode) and each.is_failure for each in answers)
         if refused:
             user = self.site.access.user or "nobody"
-            text = f"no commands over MQTT: the broker lets {user} not listen to {topic}"
+            text = f"no commands over MQTT: the broker refuses {user} the subscription to {topic}"
             self._hub.state_view.alarm(COMMANDS_ALARM, text)
         else:
             self._hub.state_view.clear(COMMANDS_ALARM)
@@ -225,7 +225,7 @@ class Publisher:
             await self._wait_for_news(version)
 
     async def _wait_for_news(self, version: int) -> None:
-        """Wait for a change of the picture, at most ``LONGEST_LOOK_S``: states may become due."""
+        """Wait for a change of the state view, at most ``LONGEST_LOOK_S``, as states may be due."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):

@@ -1,8 +1,8 @@
-"""All topics of a site: what follows ``PREFIX/v1/SITE/``, what it carries, when and how. Pure.
+"""All topics of a site: their names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
 
-A part of the state view (``part``) is published when it changes, and what has ``build`` alone
-whenever it is another; the publisher asks for the rest itself. The schemas and the table of
-``docs/mqtt.md`` are made from this table too.
+A topic with ``part`` is published when that part of the state view changes, a topic with ``build``
+only when the message differs from the last one; the publisher builds all others itself. The
+schemas and the table of ``docs/mqtt.md`` are made from this table too.
 """
 
 from collections.abc import Callable
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 
 class Topic(NamedTuple):
-    """A topic, or one for each name that takes the place of ``{}``."""
+    """A topic; ``{}`` in it stands for the name of a vehicle or command."""
 
     path: str
-    carries: type[msgspec.Struct] | str  # or the name of a schema that is written by hand
+    carries: type[msgspec.Struct] | str  # or the name of a hand-written schema
     qos: int
     retained: bool
     when: str  # for docs/mqtt.md
     part: str = ""  # of the state view
     build: Callable[["RunContext", str], Any] | None = (
-        None  # its message now, for a name; None: none
+        None  # builds its current message for a name; None: no message
     )
 
     @property
     def schema(self) -> str:
-        """The name and version of what it carries."""
+        """The name and version of its schema."""
         if isinstance(self.carries, str):
             return self.carries
         return str(self.carries.__struct_config__.tag)
@@ -49,8 +49,7 @@ STATUS = Topic(
     ServiceStatus,
     1,
     True,
-    "at each connection and when what is not ready changes; last will and farewell with "
-    "`online` false",
+    "at each connection and when `not_ready` changes; last will and farewell with `online` false",
 )
 TELEMETRY = Topic(
     "vehicle/{}/telemetry",
@@ -80,14 +79,14 @@ MISSION = Topic(
     lambda context, name: context.state_view.missions[name],
 )
 FRONT = Topic(
-    "fire/front", "front/1", 0, True, "each 10 s, and within 2 s when people change the fire"
+    "fire/front", "front/1", 0, True, "each 10 s, and within 2 s after a correction of the fire"
 )
 ALARM = Topic(
     "alarm",
     Alarms,
     0,
     True,
-    "all that is wrong now, on change, at most twice a second",
+    "all active alarms, on change, at most twice a second",
     "alarms",
     lambda context, name: Alarms(
         context.state_view.at_us, tuple(context.state_view.alarms.values())
@@ -98,12 +97,12 @@ REPLAY = Topic(
     ReplayState,
     0,
     True,
-    "of replays alone: where it is and how fast, on change, at most twice a second",
+    "in replays only: position and speed, on change, at most twice a second",
     build=lambda context, name: context.replay and context.replay(),
 )
-EVENT = Topic("event", Announcement, 1, False, "each line for people")
-COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by you, answered on")
-REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command that came, once")
+EVENT = Topic("event", Announcement, 1, False, "each announcement")
+COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; the reply is on")
+REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command received, once")
 TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)
 PARTS = {topic.part: topic for topic in TOPICS if topic.part}
 POLLED = tuple(topic for topic in TOPICS if topic.build and not topic.part)

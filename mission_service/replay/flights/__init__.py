@@ -1,1 +1,1 @@
-"""Flights that were flown: what logs and journals tell of them, and what the core makes of that."""
+"""Analysis of flown flights from logs and journals, and open-loop replay of them by the core."""

@@ -1,4 +1,4 @@
-"""A logged flight from its beginning to its end: beside a core, if there is a fire, and told of."""
+"""Analyses a logged flight from begin to end, with an open-loop replay if a scenario is given."""
 
 import tempfile
 from collections.abc import Sequence
@@ -14,17 +14,17 @@ from mission_service.replay.flights.write_once_journal import WriteOnceJournal, 
 
 
 def story_of(name: str, flight: Flight) -> RunAnalysis:
-    """Tell of a flight as it was; a journal has its own fire."""
+    """Analyse a flight without a replay; a journal has its own fire."""
     own, found = flight.logs[0], survey(flight)
     whole = len(flight.logs) == 1 and not flight.is_part
     return run_analysis(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
 
 
 def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunAnalysis:
-    """Tell of a flight beside a scenario; its replay's journal is left in ``out``, if given.
+    """Analyse a flight with its open-loop replay, whose journal is left in ``out``, if given.
 
-    ``created`` goes into the journal's header. Raises FlightError where a run has its journal in
-    ``out``.
+    ``created`` goes into the journal's header. Raises FlightError if ``out`` already contains the
+    journal of a run.
     """
     if out is not None:
         return _beside(name, what, out / JOURNAL, created)
@@ -41,7 +41,7 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis
         replay = OpenLoopReplay(what, journal)
         for told in told_in(what):
             replay.take(told)
-            replay.service.record.news.clear()  # nobody reads it
+            replay.service.record.news.clear()  # not read here
         complete = True
     finally:
         journal.finish(complete)
@@ -49,7 +49,7 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """The same names, with numbers where some are alike."""
+    """The same names, with numbers appended to equal ones."""
     return [
         name if names.count(name) == 1 else f"{name}-{names[: place + 1].count(name)}"
         for place, name in enumerate(names)
@@ -57,7 +57,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def called(paths: Sequence[Path]) -> str:
-    """What a run is called by its files: a journal by its folder, files of one name by that."""
+    """The name of a run from its files: for a journal the folder's name, else the file's name."""
     return " + ".join(dict.fromkeys(_called(path) for path in paths))
 
 

@@ -1,4 +1,4 @@
-"""Which way round a vehicle has flown, and where it turned back. Pure."""
+"""The direction in which a vehicle flew around a fire, and where it turned back. Pure."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,30 +9,30 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# Gone back so far around the middle, it has turned back: around a fire, and around no more than the
-# middle of a track, where loiters lie anywhere.
+# A vehicle that has flown back through this angle has turned back: around a fire, and around the
+# middle of a track (larger, because loiters may lie anywhere).
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
-LEAP_DEG = 90.0  # between two points: it went across the middle, not round it
+LEAP_DEG = 90.0  # between two points: it flew across the middle, not around it
 
 
 class Turn(NamedTuple):
-    """From the point of this number in a track on, it flies this way round."""
+    """From the track point of this index on, the vehicle flies in this direction."""
 
     point: int
     clockwise: bool
 
 
 def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
-    """Ways round a middle, the first one first, of places (n,) in metres from that middle.
+    """Directions of travel around a middle, in order, from positions (n,) in metres from it.
 
-    A turn back is dated to the point farthest along the old way, which is known when the vehicle
-    has come back by ``min_deg``. Points nearer to the middle than ``near_m`` are passed over, for
-    their bearing says nothing. Nothing is found in less than ``min_deg``.
+    A turn back is dated to the point farthest along the old direction, which is determined when
+    the vehicle has flown back by ``min_deg``. Points nearer to the middle than ``near_m`` are
+    ignored: their bearing is too uncertain. Movements of less than ``min_deg`` are not found.
     """
     counts = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
     angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[counts], north_m[counts])))
     found: list[Turn] = []
-    least = most = 0  # the outermost points on the way so far
+    least = most = 0  # the points with the least and the greatest angle so far
     for place, angle in enumerate(angle_deg):
         if place and abs(angle - angle_deg[place - 1]) > LEAP_DEG:
             least = most = place
@@ -48,7 +48,7 @@ def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> lis
 
 
 class Span(NamedTuple):
-    """A time during which something holds."""
+    """A time span during which a condition holds."""
 
     from_us: int
     to_us: int
@@ -59,7 +59,7 @@ def differing(
     decided: Sequence[tuple[int, bool | None]],
     end_us: int,
 ) -> list[Span]:
-    """When two ways round differ; each is said from its time on. None differs from nothing."""
+    """The spans in which two directions differ; each is valid from its time. None never differs."""
     times = sorted({at_us for at_us, _ in (*flown, *decided)} | {end_us})
     spans: list[Span] = []
     for from_us, to_us in pairwise(times):

@@ -1,4 +1,4 @@
-"""What a mission was to drop, and what outputs let go of. Pure."""
+"""Compares the drops planned in a mission with the outputs that were actuated. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from autopilot_bridge.items import Items, place_of
 from mission_service.ground_distance import distance_m
 
 SERVO_MATCHES_US = 50.0
-GRIPPER = 0  # in the place of a servo's number
+GRIPPER = 0  # used as the servo number
 
 
 class Planned(NamedTuple):
-    """A drop of a mission: at the place of the item flown to before it."""
+    """A drop of a mission, at the position of the navigation item before it."""
 
     lat_deg: float
     lon_deg: float
@@ -23,7 +23,7 @@ class Planned(NamedTuple):
 
 
 class Done(NamedTuple):
-    """An output that let go."""
+    """An actuated output."""
 
     at_us: int
     lat_deg: float
@@ -33,7 +33,7 @@ class Done(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """What was planned, and what was done of it, how far off; either may be missing."""
+    """A planned drop, the drop done and their distance; either drop may be missing."""
 
     planned: Planned | None
     done: Done | None
@@ -41,7 +41,7 @@ class Compared(NamedTuple):
 
 
 def planned_in(items: Items) -> list[Planned]:
-    """The drops of a mission, in its order."""
+    """The drops of a mission, in the order of its items."""
     found: list[Planned] = []
     place: tuple[float, float] | None = None
     for item in items:
@@ -56,7 +56,7 @@ def planned_in(items: Items) -> list[Planned]:
 
 
 def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
-    """Each planned drop with the first one done by that output that no other has; then the rest."""
+    """Each planned drop with the first drop of its output not yet assigned; then the others."""
     left = list(done)
     found: list[Compared] = []
     for each in planned:
@@ -67,7 +67,7 @@ def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]
         left.remove(match)
         off_m = distance_m((each.lat_deg, each.lon_deg), (match.lat_deg, match.lon_deg))
         found.append(Compared(each, match, off_m))
-    # Without a plan a pulse says nothing of what it was for: it is told all the same.
+    # Without a plan the purpose of a pulse is unknown: it is reported all the same.
     return found + [Compared(None, each, None) for each in left if not planned]
 
 

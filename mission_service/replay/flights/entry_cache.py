@@ -1,27 +1,27 @@
-"""A stream that can be read again from any place: what has come is in a file, not in memory."""
+"""A stream that can be read again from any position; entries read are kept in a file."""
 
 import pickle
 from collections.abc import Iterator
 from tempfile import TemporaryFile
 from typing import Generic, TypeVar
 
-BLOCK = 500  # things that are read again together
+BLOCK = 500  # entries in one block of the file
 
 Thing = TypeVar("Thing")
 
 
 class EntryCache(Generic[Thing]):
-    """Things of a stream by their numbers from 0; nothing is taken from it before it is needed."""
+    """Entries of a stream by index from 0; the stream is read only as far as needed."""
 
     def __init__(self, stream: Iterator[Thing]) -> None:
         self._stream = stream
         self._file = TemporaryFile()  # noqa: SIM115 -- closed by ``close``
-        self._begins: list[int] = []  # of blocks, in the file
-        self._last: list[Thing] = []  # the block that is not whole yet
+        self._begins: list[int] = []  # file offsets of blocks
+        self._last: list[Thing] = []  # the incomplete block
         self._again: tuple[int, list[Thing]] = (-1, [])  # the block that was read last
 
     def get(self, number: int) -> Thing | None:
-        """The thing of a number; None behind the end. Numbers grow by one, or go back."""
+        """The entry of an index; None behind the end. An index rises by one, or goes back."""
         block, place = divmod(number, BLOCK)
         if block < len(self._begins):
             return self._read(block)[place]
@@ -36,7 +36,7 @@ class EntryCache(Generic[Thing]):
         return found
 
     def close(self) -> None:
-        """The file is gone then."""
+        """Close and delete the temporary file."""
         self._file.close()
 
     def _write(self) -> None:

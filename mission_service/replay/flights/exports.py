@@ -1,4 +1,4 @@
-"""What logs tell of flights, as files for other programs."""
+"""Exports logs as files for other programs."""
 
 import json
 from collections.abc import Callable, Collection, Iterator
@@ -23,7 +23,7 @@ LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
 
 
 def check_libraries(formats: Collection[str]) -> None:
-    """Raises RequestError in one line where a format's library is not installed."""
+    """Raise RequestError in one line if the library of a format is not installed."""
     for each, library in LIBRARIES.items():
         if each in formats:
             try:
@@ -36,7 +36,7 @@ def check_libraries(formats: Collection[str]) -> None:
 
 
 def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
-    """Tables, tracks, missions and what Foxglove shows, as asked for; the files' names."""
+    """Write the requested formats of tables, tracks, missions and MCAP; returns the file names."""
     names: dict[tuple[int, int], str] = {}
     flown: list[Flown] = []
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
@@ -88,7 +88,7 @@ def _plans(flown: list[Flown], out: Path) -> list[str]:
 
 
 def _kml(flown: list[Flown]) -> Iterator[str]:
-    """One gx:Track a vehicle (KML 2.2 with Google's extensions), heights above sea level."""
+    """One gx:Track per vehicle (KML 2.2 with Google's extensions), altitudes above sea level."""
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
         'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'

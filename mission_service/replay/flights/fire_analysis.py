@@ -1,7 +1,7 @@
-"""What a journal tells of its fire and of those who watched it: the run once more, with a measure.
+"""Analyses the fire of a journal and its observation by replaying the run.
 
-The events go through a fresh core, so that what planners believed is known as it was then, and the
-fire is burned again beside it.
+The events pass through a fresh core, so that the planners' estimates at each time are available,
+and the fire is simulated again.
 """
 
 from collections.abc import Iterator
@@ -32,13 +32,13 @@ from mission_service.runtime.run_statistics import RunStatistics
 Floats = NDArray[np.float64]
 
 SAMPLE_US = 30_000_000
-RECENT_S = 600.0  # a front seen within ten minutes is covered
-VISIT_S = 30.0  # seen again after less, it was one visit
+RECENT_S = 600.0  # a part of the front observed within ten minutes is covered
+VISIT_S = 30.0  # observations with shorter gaps are one visit
 
 
 @dataclass(slots=True)
 class Upload:
-    """A mission that was sent: why, and what became of it when."""
+    """A mission that was sent: the reason, the outcome and its time."""
 
     vehicle: str
     at_us: int
@@ -50,7 +50,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """How much of the front was known at a time; ages of what was ever seen, on 360 bearings."""
+    """The front observed by a time; ages of the observations on 360 bearings."""
 
     at_us: int
     area_ha: float
@@ -62,7 +62,7 @@ class Sample:
 
 @dataclass
 class FireAnalysis:
-    """A run's fire, what was seen of it, and what was decided."""
+    """A run's fire, its observation, and the planners' decisions."""
 
     scenario: Scenario
     landscape: Landscape
@@ -84,9 +84,9 @@ class FireAnalysis:
 
 
 def fire_analysis(log: JournalLog) -> FireAnalysis:
-    """Run a journal again. Raises JournalError where its landscape is not here.
+    """Replay a journal. Raises JournalError if its landscape is not available here.
 
-    What is damaged in it is left out, as the log's ``damage`` says.
+    Damaged parts of the journal are left out; the log's ``damage`` lists them.
     """
     return _Telling(log, JournalReader(log.path)).story()
 
@@ -117,7 +117,7 @@ class _Telling:
         self._seen_s = np.full(BEARINGS, np.nan)
 
     def story(self) -> FireAnalysis:
-        """All of it."""
+        """The analysis of the whole journal."""
         at_us = self._due_us
         for event in self._events():
             at_us = max(at_us, event.at_us)
@@ -157,7 +157,7 @@ class _Telling:
                 self._analysis.uploads.append(sent)
 
     def _look(self, seen: Observed) -> None:
-        """Which bearings of the front are in view; again after a while, that is a visit."""
+        """Note the bearings of the front in view; a bearing seen again after a gap is a visit."""
         assert self._map is not None
         window, at_s = window_codes(seen.cells), seen.at_us / 1e6
         if seen.corrects:
@@ -169,7 +169,7 @@ class _Telling:
         self._seen_s[in_view] = at_s
 
     def _way(self, name: str, at_us: int) -> None:
-        """Which way round its planner has it fly, told when it changes."""
+        """Note the direction decided by the vehicle's planner whenever it changes."""
         planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
         flies = self._core.decision_engine.availability[name].flies
@@ -198,7 +198,7 @@ class _Telling:
                 self._believed.append((at_us, name, shape.copy()))
 
     def _compare(self) -> None:
-        """What was believed against what burned: mean and greatest distance, in metres."""
+        """Compare estimated and true front: mean and greatest distance, in metres."""
         story = self._analysis
         fire = self._fire.world.fire
         story.area_ha = fire.burned_ha

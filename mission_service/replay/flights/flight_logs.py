@@ -1,4 +1,4 @@
-"""Several logs of several vehicles as one stream: whose each entry is, and which tells what."""
+"""Merges several logs of several vehicles into one stream of entries, each with its vehicle."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from mission_service.replay.flights.journal_log import open_flight
 
 
 class VehicleLog(NamedTuple):
-    """Something that a vehicle's log tells, on the clock that all logs share."""
+    """An entry of a vehicle's log, on the clock that all logs share."""
 
     at_us: int
     vehicle: str
@@ -28,7 +28,7 @@ class VehicleLog(NamedTuple):
     event: LogEvent
 
 
-# What holds until it is told anew: it counts for a part of a flight, though told before that.
+# Entries that hold until the next one of their kind: the last one before a part of a flight counts.
 LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
     ((Connected,), "stack"),
     ((LinkLost, LinkRestored), "link"),
@@ -39,9 +39,9 @@ LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
 
 
 class Flight(NamedTuple):
-    """Logs that are looked at together; ``names`` are those given to the vehicles of each.
+    """Logs that are analysed together; ``names`` are the names given to the vehicles of each log.
 
-    Only the part between two times counts, in seconds from their beginning.
+    Only the part between two times is used, in seconds from the beginning of the logs.
     """
 
     logs: tuple[Log, ...]
@@ -51,7 +51,7 @@ class Flight(NamedTuple):
 
     @property
     def offset_us(self) -> int | None:
-        """What to add to their shared clock for microseconds since 1970; None: not known."""
+        """Offset of the shared clock to microseconds since 1970; None: unknown."""
         offsets = [log.unix_offset_us() for log in self.logs]
         if len(offsets) == 1:
             return offsets[0]
@@ -59,11 +59,11 @@ class Flight(NamedTuple):
 
     @property
     def is_part(self) -> bool:
-        """Whether not all of it counts."""
+        """Whether only a part of the flight is used."""
         return self.from_s > 0.0 or self.to_s < math.inf
 
     def zero_us(self) -> int:
-        """When the whole flight begins on its clock. Raises FlightError where nothing is in it."""
+        """Begin of the whole flight on its clock. Raises FlightError if the logs are empty."""
         first = next(self._whole(), None)
         if first is None:
             raise FlightError(f"{self.paths}: nothing flew in it")
@@ -71,14 +71,14 @@ class Flight(NamedTuple):
 
     @property
     def paths(self) -> str:
-        """Of all its logs."""
+        """The paths of all its logs, as text."""
         return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[VehicleLog]:
-        """All of it, by time; what holds when the part begins is told with its first moment.
+        """All entries in order of time; lasting entries from before the part come at its begin.
 
-        Two logs of one vehicle (its link's and its own) do not tell the same thing twice: of each
-        kind of event only the one counts that tells it first.
+        Two logs of one vehicle (from the link and from on board) do not yield an entry twice: of
+        each kind of event only the log is used that has it first.
         """
         from_us, to_us = None, math.inf
         holds: dict[tuple[str, str], VehicleLog] = {}
@@ -117,33 +117,33 @@ class Flight(NamedTuple):
 
 
 def _hold(holds: dict[tuple[str, str], VehicleLog], told: VehicleLog, at_us: int) -> None:
-    """Have what this says in the place of what it ends, in the order in which it was said."""
+    """Replace the lasting entry of this kind by this one, in the order of the entries."""
     kind = next((word for kinds, word in LASTING if isinstance(told.event, kinds)), None)
     if kind is None:
         return
-    if kind == "mission":  # which item was flown to, was of the one before
+    if kind == "mission":  # the progress was that of the previous mission
         holds.pop((told.vehicle, "progress"), None)
     holds.pop((told.vehicle, kind), None)
     holds[told.vehicle, kind] = told._replace(at_us=at_us)
 
 
 def flight_of(words: Sequence[str]) -> Flight:
-    """Logs by their paths, or as NAME=PATH: those of one name are of one vehicle.
+    """Logs by their paths, or as NAME=PATH: logs of the same name belong to one vehicle.
 
     Raises FlightError and BridgeError in one line.
     """
     given = [_split(word) for word in words]
     logs = tuple(open_flight(path) for _, path in given)
-    # One is on its own clock anyhow, and to look for the date may take all of it.
+    # A single log keeps its own clock; the search for its date might read the whole file.
     dated = [len(logs) == 1 or log.unix_offset_us() is not None for log in logs]
     if any(dated) and not all(dated):
         path = logs[dated.index(False)].path
-        raise FlightError(f"{path}: knows no UTC, so it cannot be joined with logs that do")
+        raise FlightError(f"{path}: has no UTC time, so it cannot be merged with logs that have")
     return Flight(logs, tuple(name for name, _ in given))
 
 
 def path_of(word: str) -> Path:
-    """The path in a word that may give a name too."""
+    """The path in PATH or NAME=PATH."""
     return _split(word)[1]
 
 
@@ -155,7 +155,7 @@ def _split(word: str) -> tuple[str | None, Path]:
 
 
 class Survey(NamedTuple):
-    """Who flew in a flight, and when, on its clock: the whole began at ``zero_us``."""
+    """The vehicles of a flight and its times on its clock; the whole began at ``zero_us``."""
 
     flown: dict[str, Flown]
     zero_us: int

@@ -1,4 +1,4 @@
-"""What logs tell as rows of tables: one description of their columns for every format."""
+"""Log entries as rows of tables, with one description of the columns for all formats."""
 
 import math
 from collections import Counter
@@ -41,7 +41,7 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.command_sequence import RESULTS
 
-Columns = dict[str, type]  # a datetime is told as microseconds since 1970
+Columns = dict[str, type]  # a datetime is given as microseconds since 1970
 Row = tuple[Any, ...]
 
 SERVOS = 16
@@ -98,7 +98,7 @@ SAME_FIELDS: dict[type, str] = {  # events whose fields are columns
 
 
 class Rows:
-    """Rows of what one log tells, event by event."""
+    """The rows of one log, event by event."""
 
     def __init__(self, log: str, offset_us: int | None) -> None:
         self._log = log
@@ -107,7 +107,7 @@ class Rows:
         self._pulses: dict[int, tuple[int, ...]] = {}
 
     def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Tables and what the event adds to them; nothing at a time that cannot be."""
+        """The tables and the rows that the event adds; none if its time is impossible."""
         at_us = event.at_us
         if not 0 <= at_us < LATEST_US:
             return
@@ -117,7 +117,7 @@ class Rows:
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Tables and values of ``OWN``."""
+        """Tables and rows of the events in ``OWN``."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])
@@ -146,7 +146,7 @@ class Rows:
 
 
 def told_by(event: LogEvent) -> tuple[str, str]:
-    """Kind of an event, and what it tells in words."""
+    """The kind of an event and its description."""
     match event:
         case Text():
             return "text", event.text
@@ -182,9 +182,9 @@ def _items(items: Items) -> Iterator[Row]:
 
 
 def _known(kind: type, value: Any) -> Any:
-    """A value as its column's kind, for a ULog says itself what kinds its fields are.
+    """A value converted to its column's type: a ULog declares the types of its fields itself.
 
-    None for NaN and infinity, which JSON has not and a plot cannot show.
+    None for NaN and infinity, which JSON lacks and a plot cannot show.
     """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return None

@@ -1,4 +1,4 @@
-"""What logs tell of flights, in figures."""
+"""Figures of the flights in logs."""
 
 import math
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # slower ones stand, and their positions wander
+MOVES_M_S = 1.0  # slower vehicles stand still; their positions drift
 SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
 
@@ -41,7 +41,7 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
-        self.replaced_us: list[int] = []  # by missions whose items the log does not have
+        self.replaced_us: list[int] = []  # replacements by missions without items in the log
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
         self._dated = offset_us is not None
@@ -51,7 +51,7 @@ class Flown:
         self._here_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
-        self.highest_m: float | None = None  # above where it was first
+        self.highest_m: float | None = None  # above its first position
         self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
         self.turned_back_us: list[int] = []  # to an earlier item of the same mission
         self._current: int | None = None
@@ -63,7 +63,7 @@ class Flown:
         self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
     def take(self, event: LogEvent, at_us: int) -> None:
-        """Take in what comes next, at a time of the clock that counts."""
+        """Process the next event; ``at_us`` is on the flight's clock."""
         self._begin_us = at_us if self._begin_us is None else min(self._begin_us, at_us)
         self._end_us = max(self._end_us, at_us)
         match event:
@@ -96,13 +96,13 @@ class Flown:
                 pass
 
     def _renewed(self, at_us: int) -> None:
-        """There is another mission; what was of it already, before it was told of, is none."""
+        """Start a new mission; a turn back found shortly before belonged to it and is dropped."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
 
     def _put_out(self, now: Outputs, at_us: int) -> None:
-        """Steps of servos that do not steer, or that a mission names: what lets things fall."""
+        """Note steps of servos that do not steer or that a mission names: release mechanisms."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
             if number < FIRST_AUXILIARY and number not in self._dropping:
@@ -118,7 +118,7 @@ class Flown:
         speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
         if self.home is None or self._max_m_s < MOVES_M_S:
-            # Where it stood last: an autopilot's first positions may lack the height.
+            # The last position on the ground: an autopilot's first positions may lack the altitude.
             self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
             self.highest_m = None
         above_m = here.altitude_amsl_m - self.home[2]
@@ -136,7 +136,7 @@ class Flown:
         return round((at_us - (self._begin_us or 0)) / 1e6, 3)
 
     def figures(self) -> dict[str, Any]:
-        """For people; times in seconds since the log's first entry of this vehicle."""
+        """The figures; times in seconds since the log's first entry of this vehicle."""
         begin_us = self._begin_us or 0
         begun = utc(begin_us + self.offset_us) if self._dated else None
         stack = self.stack
@@ -173,12 +173,12 @@ class Flown:
 
 
 def file_of(log: Log) -> str:
-    """A log's file in short; a journal's with its folder, for all have the same name."""
+    """A log's file name; for a journal with its folder, because all journals have one name."""
     return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
 
 
 def name_of(log: Log, system_id: int) -> str:
-    """What a vehicle of a log is called."""
+    """The name of a vehicle in a log."""
     return log.names.get(system_id) or f"{log.path.stem}-{system_id}"
 
 
@@ -196,7 +196,7 @@ def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
 
 
 def info_of(log: Log) -> dict[str, Any]:
-    """A log in figures, with what is damaged in it."""
+    """The figures of a log, with its damaged parts."""
     flown = flown_in(log)
     return {
         "log": str(log.path),

@@ -1,7 +1,8 @@
-"""What logs tell as messages that Foxglove shows, JSON by the schemas that it knows by name.
+"""Log entries as JSON messages with Foxglove's schemas.
 
-The fields are those of foxglove-sdk's ``schemas/jsonschema``. What its panels plot is a row of a
-table (``tables.py``) without its head, and without what is not known: Foxglove takes no null.
+The fields are those of foxglove-sdk's ``schemas/jsonschema``. The plot panels get rows of the
+tables in ``flight_tables.py`` without time and vehicle, and without unknown values: Foxglove
+rejects null.
 """
 
 import json
@@ -19,7 +20,7 @@ from mission_service.replay.flights.flight_tables import HEAD, OWN, Columns, Row
 
 
 class Message(NamedTuple):
-    """``topic`` is below the vehicle's name."""
+    """A message; ``topic`` is relative to the vehicle's name."""
 
     topic: str
     schema: str
@@ -77,7 +78,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 def messages_of(
     name: str, at_ns: int, event: LogEvent, rows: list[tuple[str, Row]]
 ) -> Iterator[Message]:
-    """What an event of the vehicle of that name shows; ``rows`` are those that it adds."""
+    """The messages of an event of the vehicle ``name``; ``rows`` are the table rows it adds."""
     time = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
     match event:
         case Position() if math.isfinite(event.lat_deg + event.lon_deg + event.altitude_amsl_m):
@@ -128,7 +129,7 @@ def _words(table: str, own: dict[str, Any]) -> tuple[int, str]:
 
 
 def quaternion(attitude: Attitude) -> dict[str, float]:
-    """From forward, left, up of the vehicle to east, north, up, as Foxglove's axes are."""
+    """The rotation from the vehicle's axes (forward, left, up) to Foxglove's (east, north, up)."""
     roll, pitch, yaw = (
         math.radians(angle_deg) / 2
         for angle_deg in (attitude.roll_deg, -attitude.pitch_deg, 90.0 - attitude.yaw_deg)
@@ -145,7 +146,7 @@ def quaternion(attitude: Attitude) -> dict[str, float]:
 
 
 def mission_geojson(items: Items) -> dict[str, Any]:
-    """The items that have a place as points with names, and a line through those flown to."""
+    """Items with a position as named points, and a line through the navigation items."""
     features, line = [], []
     for seq, item in enumerate(items):
         if place := place_of(item):

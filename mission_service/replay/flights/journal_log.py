@@ -1,4 +1,4 @@
-"""A journal as a log: what its vehicles told, as any other log tells it, on mission time."""
+"""A journal as a log: the events of its vehicles in the form of log entries, on mission time."""
 
 import math
 from collections.abc import Iterator
@@ -39,13 +39,13 @@ JOURNAL = "journal.jsonl"
 
 
 class JournalLog:
-    """The vehicles of a journal by numbers from 1, in the order of its scenario.
+    """A journal's vehicles, numbered from 1 in the order of its scenario.
 
-    Their system ids may be alike: each has a link of its own.
+    System ids are not used, because vehicles on separate links may have the same one.
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises JournalError where there is no journal, or one without its header."""
+        """Raises JournalError if there is no journal, or if it lacks its header."""
         self.path = path
         self.messages = 0
         self.damage: list[Damage] = []
@@ -57,14 +57,14 @@ class JournalLog:
         self._numbers = {name: number for number, name in self.names.items()}
 
     def unix_offset_us(self) -> int | None:
-        """By the scenario's ``time_zero``, if it has one."""
+        """Offset to microseconds since 1970 by the scenario's ``time_zero``, if it has one."""
         zero: datetime | None = self.scenario.time_zero
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:
-        """What the vehicles told; a mission is loaded when the vehicle has said so.
+        """The vehicles' events as log entries; a mission counts once its upload was accepted.
 
-        In a replay no vehicle has: of missions nothing is told then.
+        In a replay no upload is accepted, so its journal has no missions as entries.
         """
         sent: dict[tuple[str, int], Items] = {}
         at_us = 0
@@ -90,7 +90,7 @@ class JournalLog:
                 yield Entry(self._numbers[thing.vehicle], told)
 
     def things(self) -> Iterator[AnyEvent | AnyCommand]:
-        """Events and commands in their order; what is damaged is left out, and told of."""
+        """Events and commands in order; damaged lines are left out and noted in ``damage``."""
         self.messages, self.damage = 0, []
         for reader in self._chain.readers:
             at_byte = reader.begin.at_byte
@@ -103,13 +103,13 @@ class JournalLog:
                         why = f"{reader.path.name}, line {number}: its checksum does not match"
                         self.damage.append(Damage(at_byte, reader.rest.at_byte - at_byte, why))
                     at_byte = reader.rest.at_byte
-            except JournalError as error:  # behind its end, or nothing that we know
+            except JournalError as error:  # behind its end, or of an unknown kind
                 self._rest_is_damaged(reader.path, at_byte, str(error))
             if reader.cut_at_line is not None:
                 self._rest_is_damaged(reader.path, at_byte, "the last line is cut off")
 
     def crew(self) -> Iterator[AnyOperatorEvent]:
-        """What people did and said."""
+        """The operators' requests."""
         return (thing for thing in self.things() if isinstance(thing, OperatorEvent))
 
     def _rest_is_damaged(self, path: Path, at_byte: int, why: str) -> None:
@@ -154,11 +154,11 @@ def _told(event: AnyEvent) -> LogEvent | None:
 
 
 def journal_in(path: Path) -> Path:
-    """A file, or the journal in the folder of a run."""
+    """The path itself if it is a file, else that of the journal in the folder of a run."""
     return path / JOURNAL if path.is_dir() else path
 
 
 def open_flight(path: Path) -> Log:
-    """A log or a journal, or the journal in the folder of a run. Raises BridgeError and others."""
+    """Open a log, a journal, or the journal in a run's folder. Raises BridgeError and others."""
     path = journal_in(path)
     return JournalLog(path) if begins_journal(path) else open_log(path)

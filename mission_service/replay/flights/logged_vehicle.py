@@ -1,4 +1,4 @@
-"""A vehicle of a log, in the place of one on a link: it flew what it flew, whatever it is told."""
+"""A logged vehicle in the place of one on a link: commands do not change its flight."""
 
 from collections import deque
 
@@ -11,8 +11,8 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-# What a log tells that a core lives on. Items are those of the mission that was flown, so they say
-# nothing of the ones that the core would have sent.
+# The log events that the core uses as input. Mission progress is left out: its items are those of
+# the flown mission, not of the missions that the core would have sent.
 HANDED_ON = (
     bridge.Connected
     | bridge.LinkLost
@@ -29,9 +29,9 @@ HANDED_ON = (
 
 
 class LoggedVehicle:
-    """Does all that it is told, at once: so it is seen what would have been ordered next.
+    """Acknowledges every command at once, so that the core goes on to its next command.
 
-    Only drops are refused: nothing fell.
+    Only drops are refused: nothing was released.
     """
 
     def __init__(self) -> None:
@@ -40,30 +40,30 @@ class LoggedVehicle:
         self._number = 0
 
     def take(self, event: LogEvent) -> None:
-        """What the log tells next."""
+        """Take the next event of the log."""
         if isinstance(event, bridge.Connected):
             self.stack = event.stack
         if isinstance(event, HANDED_ON):
             self._events.append(event)
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not handed out yet."""
+        """The oldest event not returned yet."""
         return self._events.popleft() if self._events else None
 
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
-        """Taken, and begun."""
+        """Accept the mission and report it as begun."""
         done = self._transferred("upload", items, now_us)
         self._events.append(bridge.MissionProgress(now_us, min(1, len(items) - 1)))
         return done
 
     def download(self, now_us: int) -> int:
-        """Nothing is known of what was on board."""
+        """Report a download without items: the mission on board is unknown."""
         return self._transferred("download", None, now_us)
 
     def clear(self, now_us: int) -> int:
-        """Taken."""
+        """Report the mission as cleared."""
         return self._transferred("clear", (), now_us)
 
     def _transferred(self, action: str, items: Items | None, now_us: int) -> int:

@@ -11,13 +11,13 @@ from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
 
-LIBRARY = "mission-service"  # the package's own would change the bytes with its version
+LIBRARY = "mission-service"  # mcap's default has its version, which would change the bytes
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
-    """All logs on one clock: of 1970 where all of them know it, else each on its own.
+    """Write all logs on UTC if all of them have it, else each on its own clock.
 
-    ``names`` are those of vehicles, by the place of their log and their system id.
+    ``names`` are the vehicles' names, by the index of the log and the system id.
     """
     known = [offset for log in logs if (offset := log.unix_offset_us()) is not None]
     offsets = known if len(known) == len(logs) else [0] * len(logs)
@@ -36,7 +36,7 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
 
 
 class _Channels:
-    """A channel for each topic of each vehicle, made when something is said there."""
+    """A channel for each topic of each vehicle, added with its first message."""
 
     def __init__(self, file: Any) -> None:
         from mcap.writer import Writer

@@ -1,8 +1,8 @@
-"""The core beside a logged flight: what vehicles would have seen, what would have been decided.
+"""Open-loop replay: the core processes a logged flight; its commands do not change the flight.
 
-The log's vehicles stand where those of a live run are on their links (``logged_vehicle.py``). All
-else is the live run: camera, core, journal, picture. So the replay of a flight leaves a journal
-that can be verified, and interfaces show it as they show a run.
+The log's vehicles take the place of the vehicles on links (``logged_vehicle.py``). All else is the
+same as in a live run: simulated camera, core, journal, state view. The replay of a flight therefore
+leaves a journal that can be verified, and the interfaces show it like a run.
 """
 
 import heapq
@@ -26,14 +26,14 @@ from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 
 Told = VehicleLog | AnyOperatorEvent
-EVERY_US = 50_000  # positions of a vehicle, at least
-NEVER_LATE_US = 1 << 62  # nobody waits for a log
+EVERY_US = 50_000  # least interval between positions of a vehicle
+NEVER_LATE_US = 1 << 62  # a log has no deadlines
 
 
 def told_in(what: Replaying) -> Iterator[Told]:
-    """What a flight tells, with what people have said of the fire by then.
+    """The entries of a flight and the operators' requests about the fire, in order of time.
 
-    Logs may have hundreds of positions a second: they are thinned, and none is moved.
+    Logs may have hundreds of positions a second: some are dropped, none is changed.
     """
     log, mission = what.flight.logs[0], what.mission
     people: list[AnyOperatorEvent] = []
@@ -63,7 +63,7 @@ class OpenLoopReplay:
         state_view: StateView | None = None,
         kept: dict[str, Any] | None = None,
     ) -> None:
-        """With what another has ``kept`` it goes on from there; these objects are its own then."""
+        """``kept``: the state of another replay to continue from; this one then owns it."""
         begun = kept or _begun(what, state_view)
         self.clock: MissionClock = begun["clock"]
         self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
@@ -82,7 +82,7 @@ class OpenLoopReplay:
             self.service.restore(kept)
 
     def kept(self) -> dict[str, Any]:
-        """All that there is to know beside the scenario, to be copied."""
+        """The whole state besides the scenario, for copying."""
         return {
             "clock": self.clock,
             "vehicles": self.vehicles,
@@ -92,7 +92,7 @@ class OpenLoopReplay:
         }
 
     def take(self, told: Told) -> None:
-        """Take in what the flight tells next."""
+        """Process the flight's next entry."""
         if not isinstance(told, VehicleLog):
             self.service.tell(told, told.at_us)
             return

@@ -1,4 +1,4 @@
-"""The pictures of a report: where it was flown, when what was flown, how high, how well."""
+"""The figures of a report: map, timeline, heights, observation of the front, mission changes."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -20,9 +20,9 @@ from mission_service.runtime.outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
 
-MAX_MISSIONS = 6  # more hide the map and are not drawn
+MAX_MISSIONS = 6  # more would hide the map and are not drawn
 SILENT_US = 10_000_000
-MAX_LABELS = 8  # of places where a vehicle turned back; more are only marked
+MAX_LABELS = 8  # of positions where a vehicle turned back; further ones are only marked
 DIFFERS, PLANNED = "#d500f9", "#004d40"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
 MODE_COLOURS = (
@@ -31,7 +31,7 @@ MODE_COLOURS = (
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as a file; alike figures are alike files."""
+    """A figure as a PNG file; equal figures give equal bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -44,16 +44,16 @@ def _new(rows: int, height: float, width: float = 11.0) -> tuple[Figure, list[An
 
 
 def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
-    """Each vehicle with its colour, the same in all pictures."""
+    """Each vehicle with its colour, the same in all figures."""
     count = len(run.vehicles)
     return list(zip(VEHICLE_COLOURS * count, run.vehicles.values(), strict=False))
 
 
-# Where ----------------------------------------------------------------------------------------
+# Map ------------------------------------------------------------------------------------------
 
 
 def draw_map(run: RunAnalysis) -> Figure:
-    """Tracks on the fire, missions, places where they turned back, drops, and what differs."""
+    """Fire, tracks, missions, turns back, drops, and flight against the planner's direction."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
     for colour, vehicle in coloured(run):
@@ -70,7 +70,7 @@ def draw_map(run: RunAnalysis) -> Figure:
 
 
 def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
-    """Axes in km with the fire, if there is one, and how places come onto them."""
+    """Axes in km with the fire, if there is one, and the transform from lat, lon to them."""
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
@@ -142,7 +142,7 @@ def _draw_vehicle(
 def _draw_decided(
     axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: Places
 ) -> list[Any]:
-    """Where its planner decided to turn back."""
+    """Mark the positions at which the vehicle's planner decided to turn back."""
     if run.fire is None or not run.fire.record.vehicles[vehicle.name].reversals:
         return []
     at = np.array([each[1:] for each in run.fire.record.vehicles[vehicle.name].reversals])
@@ -155,7 +155,7 @@ def _draw_decided(
 
 
 def _label(axes: Any, text: str, place: tuple[Any, Any], number: int) -> None:
-    """Words beside a place, on the side where there is room; neighbours one above the other."""
+    """Label a position on the side with room; labels of neighbours are stacked."""
     west, east = axes.get_xlim()
     left = place[0] > west + 0.7 * (east - west)
     axes.annotate(
@@ -198,11 +198,11 @@ def _mark(marker: str, colour: str, label: str) -> Line2D:
     )  # fmt: skip
 
 
-# When -----------------------------------------------------------------------------------------
+# Timeline -------------------------------------------------------------------------------------
 
 
 def draw_timeline(run: RunAnalysis) -> Figure:
-    """Modes, new missions, silences and ways round, one strip a vehicle."""
+    """Modes, new missions, link losses and directions of travel, one strip per vehicle."""
     count = len(run.vehicles)
     figure, panels = _new(count, 1.2 + 1.5 * count)
     scale, unit = _scale(run.since_s(run.end_us))
@@ -258,18 +258,18 @@ def _draw_strip(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, scale: fl
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
-# How high, how well ---------------------------------------------------------------------------
+# Heights and observation ----------------------------------------------------------------------
 
 
 def draw_heights(run: RunAnalysis) -> Figure:
-    """Altitude above sea level and the ground under it; without a landscape the altitude alone."""
+    """Altitude above sea level and the terrain under it; without a landscape only the altitude."""
     count = len(run.vehicles)
     figure, panels = _new(count, 0.8 + 2.0 * count)
     scale, unit = _scale(run.since_s(run.end_us))
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
         since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
         altitude = vehicle.track[:, 3].copy()
-        altitude[1:][np.diff(vehicle.track[:, 0]) > SILENT_US] = np.nan  # nothing is known of it
+        altitude[1:][np.diff(vehicle.track[:, 0]) > SILENT_US] = np.nan  # no data: leave a gap
         axes.plot(since, altitude, color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0
@@ -294,7 +294,7 @@ def _title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
 
 
 def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """How far off the believed front was, and how old what was seen of it; None without a fire."""
+    """Error of the estimated front, share and age of its observation; None without a fire."""
     told = [run for run in runs if run.fire is not None and run.fire.samples]
     if not told:
         return None
@@ -326,7 +326,7 @@ def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
         panels[-1].plot(since, ages[:, 0], color=colour, label=f"{label}: mean")
         panels[-1].plot(since, ages[:, 1], color=colour, linestyle=":", label=f"{label}: worst")
     panels[-2].set(ylabel="front seen within\n10 min (%)", ylim=(-3, 103))
-    panels[-1].set(ylabel="age of what was\nseen (min)", xlabel=f"since the flight began ({unit})")
+    panels[-1].set(ylabel="age of\nfront (min)", xlabel=f"since the flight began ({unit})")
     for axes in panels:
         axes.grid(alpha=0.3)
     for axes in panels[-2:]:
@@ -340,7 +340,7 @@ def _since(run: RunAnalysis, mission_us: Floats) -> Floats:
 
 
 def draw_changes(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Times between visits of a place of the front, and of mission changes; None: neither."""
+    """Distributions of the times between visits and of mission uploads; None without data."""
     visits = [(run.name, run.fire.revisits_s) for run in runs if run.fire and run.fire.revisits_s]
     sent = [
         (run.name, [(each.finished_us - each.at_us) / 1e6 for each in run.fire.uploads

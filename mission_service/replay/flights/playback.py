@@ -1,8 +1,8 @@
-"""A flight played, paused and sought in: the replay that is shown, and states to begin again from.
+"""Plays a flight with pause and seek; keeps states from which a seek can continue.
 
-A seek works on a replay of its own, begun from the nearest state before, while the one that is
-shown stays; then it takes its place at once. What is played is cut into turns, so nothing waits
-long for it. Pure: the clock is asked by whoever calls.
+A seek computes a second replay from the nearest earlier state, while the replay shown stays
+unchanged; when the second one has arrived, it replaces the first. The work is divided into short
+turns, so that it does not block the event loop. Pure: the caller passes the time.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ MAX_KEPT_BYTES = 200_000_000
 
 
 class _Kept(NamedTuple):
-    """A state: what is told next, when the last was, where the journal was."""
+    """A kept state: index of the next entry, time of the last one, position in the journal."""
 
     number: int
     at_us: int
@@ -37,7 +37,7 @@ class _Kept(NamedTuple):
 
 
 class _Telling:
-    """A replay, and how far it was told."""
+    """A replay and its position in the flight."""
 
     def __init__(self, replay: OpenLoopReplay, number: int, at_us: int, rest: Rest) -> None:
         self.replay = replay
@@ -47,41 +47,41 @@ class _Telling:
 
 
 class Playback:
-    """Plays a flight as its head says."""
+    """Plays a flight as its play head prescribes."""
 
     def __init__(self, what: Replaying, journal: WriteOnceJournal, head: PlayHead) -> None:
         self.what = what
         self.head = head
         self.jumps = 0
-        self.complete = False  # whether the flight was ever told to its end
+        self.complete = False  # whether the flight was ever played to its end
         self._journal = journal
         self._known = Known(what.scenario, what.landscape)
         self._spool: EntryCache[Told] = EntryCache(told_in(what))
-        self._spool.get(0)  # before anybody looks: a journal is read once for what people said
+        self._spool.get(0)  # first of all: a journal is read once for its operators' requests
         state_view = StateView(what.scenario, what.landscape, what.mission.start_us)
         replay = OpenLoopReplay(what, journal, state_view)
         self._shown = _Telling(replay, 0, head.begin_us, journal.rest)
         self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MAX_KEPT)
         self._kept = [self._state_of(self._shown)]
-        if 4 * self._kept[0].size > MAX_KEPT_BYTES:  # of a large landscape: from the beginning
+        if 4 * self._kept[0].size > MAX_KEPT_BYTES:  # too large: seek from the beginning
             self._every_us = 1 << 62
-        self._work = self._shown  # what a seek works on
+        self._work = self._shown  # the replay that is played or sought in
         self._seeks_us: int | None = None
 
     @property
     def replay(self) -> OpenLoopReplay:
-        """What is shown."""
+        """The replay that is shown."""
         return self._shown.replay
 
     @property
     def state_view(self) -> StateView:
-        """What is shown."""
+        """The state view of the replay that is shown."""
         state_view = self.replay.service.state_view
         assert state_view is not None
         return state_view
 
     def state(self) -> ReplayState:
-        """Where it is."""
+        """The state of the playback, for interfaces."""
         head, mission = self.head, self.what.mission
         sought = head.seek_to_us
         at_us = head.at_us if sought is None else sought
@@ -105,7 +105,7 @@ class Playback:
         self._spool.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
-        """Tell what is due, until the turn is over; whether there is more to do at once."""
+        """Play the entries that are due until the turn is over; returns whether more are due."""
         head = self.head
         due_us = head.due_us(now_us)
         if head.seek_to_us is None:
@@ -129,14 +129,14 @@ class Playback:
         if self._work is not self._shown:
             before, self._shown = self.state_view, self._work
             self.state_view.take_the_place_of(before)
-            self.replay.service.record.news.clear()  # told before, or of what was passed over
+            self.replay.service.record.news.clear()  # published before, or skipped by the seek
         else:
             self.state_view.tell_replay()
         self.jumps += 1
         self._seeks_us = None
 
     def _nearest(self, to_us: int) -> _Telling:
-        """What to go on from: a replay that is there, or else a state."""
+        """The start of a seek: a current replay, or else a kept state."""
         kept = max(
             (each for each in self._kept if each.at_us <= to_us),
             key=lambda each: each.number,
@@ -151,7 +151,7 @@ class Playback:
         return _Telling(replay, kept.number, kept.at_us, kept.rest)
 
     def _tell(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
-        """Whether all is told up to a time."""
+        """Play up to a time; returns whether it was reached before the turn was over."""
         self._journal.rest = telling.rest
         try:
             while True:
@@ -172,7 +172,7 @@ class Playback:
         return told.at_us if isinstance(told, VehicleLog) else self.what.mission.log_us(told.at_us)
 
     def _keep(self, telling: _Telling) -> None:
-        """Keep a state where the last one is long ago; not too many, and not too large."""
+        """Keep a state if the last one is old enough; number and total size are limited."""
         if telling.at_us < self._kept[-1].at_us + self._every_us:
             return
         self._kept.append(self._state_of(telling))

@@ -1,4 +1,4 @@
-"""A logged flight played for all interfaces of a live run: the map, MQTT, metrics."""
+"""Plays a logged flight to all interfaces of a live run: the map, MQTT, metrics."""
 
 import asyncio
 import contextlib
@@ -33,27 +33,27 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 
-TURN_US = 20_000  # of telling, before others have theirs
-TICK_S = 0.02  # while there is nothing to tell
+TURN_US = 20_000  # longest time of playing before other tasks run
+TICK_S = 0.02  # while no entry is due
 SHOWN_EVERY_S = 0.2
 ORDERED = "this is a replay: nothing can be ordered"
 
 
 @dataclass(frozen=True)
 class Show:
-    """How a flight is played, and where its files are."""
+    """The settings of a replay and the paths of its files."""
 
     what: Replaying
     out: Path
-    created: str  # wall-clock time in words
+    created: str  # wall-clock time as text
     settings: ServiceSection = field(default_factory=ServiceSection)
     speed: Speed = 1.0
-    until_end: bool = False  # else it stays, paused, to be looked at and sought in
+    until_end: bool = False  # else it pauses at the end and can still be sought in
     logs: bool = False
 
 
 class ReplayDesk(RequestHandler):
-    """Takes what moves the play head, and nothing else."""
+    """Accepts requests for the play head, and no others."""
 
     def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
         """``now_us`` is the machine's clock."""
@@ -75,7 +75,7 @@ class ReplayDesk(RequestHandler):
         }
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """The answer to one request; never raises for anything that it may say."""
+        """The answer to one request; no content of a request makes it raise."""
         do = request.get("do") if isinstance(request, dict) else None
         if do != REPLAY:
             return super().ask(request) if do == STATUS else wrong(ORDERED)
@@ -88,7 +88,7 @@ class ReplayDesk(RequestHandler):
 
 
 def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
-    """Do what a request says; what was done, in words. Raises RequestError, and does nothing."""
+    """Execute a request and describe it; raises RequestError before anything is changed."""
     try:
         asked = msgspec.convert(request, Replay)
     except (msgspec.ValidationError, OverflowError) as error:
@@ -117,12 +117,12 @@ async def serve_flight(
     progress: Progress = unshown,
     address: Callable[[str], None] = untold,
 ) -> tuple[RunStatistics, SimulatedFire]:
-    """Play until SIGINT or SIGTERM, or with ``until_end`` until all is told.
+    """Play until SIGINT or SIGTERM, or with ``until_end`` to the end of the flight.
 
-    ``progress`` is called five times a second; ``address`` is told where the map is.
+    ``progress`` is called five times a second; ``address`` is called with the map's URL.
     """
     what, scenario = show.what, show.what.scenario
-    # Who listens for the real vehicles must never be told of these as if they flew now.
+    # Clients that receive the real vehicles must not take a replay for a current flight.
     site, settings = f"{scenario.name}-replay", show.settings.model_copy(update={"cot": None})
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(show.out / NAME))
@@ -155,7 +155,7 @@ async def serve_flight(
 async def _play(
     show: Show, player: Playback, context: RunContext, stop: asyncio.Event, progress: Progress
 ) -> None:
-    """Turn by turn, until it is over."""
+    """Play turn by turn until it is stopped or over."""
     shown_us, before = 0, player.state()
     while not stop.is_set():
         begun_us = clock_us()
@@ -170,7 +170,7 @@ async def _play(
         if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
             service = player.replay.service
             progress(service.record, service.world)
-            if state != before and state.jumps == before.jumps:  # else it is told already
+            if state != before and state.jumps == before.jumps:  # else it was published already
                 player.state_view.tell_replay()
             shown_us, before = begun_us, state
         context.ring()
@@ -202,6 +202,6 @@ def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> RunContex
 
 
 def _shown_to(context: RunContext, player: Playback) -> None:
-    """Interfaces see the replay that is shown, and its time, which may go back."""
+    """Give the interfaces the replay that is shown and its time, which may go back."""
     context.service, context.state_view = player.replay.service, player.state_view
     context.clock.now_us = player.what.mission.of(player.head.at_us)

@@ -1,4 +1,4 @@
-"""Runs as one page that needs nothing else, and the same pictures as files."""
+"""Writes the report of runs as one self-contained page, and its figures as files."""
 
 import base64
 import json
@@ -13,13 +13,13 @@ from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnal
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.replay.flights.utc_time import utc
 
-LONG_US = 30_000_000  # the other way for less: it was turning
-FEW_MISSIONS = 8  # each is news then
-MAX_HAPPENED = 400  # lines; of a long flight the page says how many more there are
+LONG_US = 30_000_000  # a shorter flight against the planner's direction is part of a turn
+FEW_MISSIONS = 8  # up to this number each mission has a line
+MAX_HAPPENED = 400  # lines; for a long flight the page states the number left out
 
 
 class Happened(NamedTuple):
-    """A line of what happened, in seconds since the flight began."""
+    """A line of the report's list of events, in seconds since the flight began."""
 
     at_s: float
     vehicle: str
@@ -30,11 +30,11 @@ class Happened(NamedTuple):
 def write_report(out: Path, runs: Sequence[RunAnalysis]) -> list[str]:
     """Write report.html, its pictures and figures.json into ``out``; returns the files' names.
 
-    The first run is told of in full; others stand beside it in the table and the pictures.
+    The first run is reported in full; the others are columns of the table and curves in figures.
     """
     figures = [figures_of(run) for run in runs]
     images: dict[str, bytes] = {}
-    for name, drawn in _drawn(runs):  # one after the other: a figure takes megabytes
+    for name, drawn in _drawn(runs):  # one by one: a figure takes megabytes
         images |= {} if drawn is None else {name: pictures.png(drawn)}
     for name, data in images.items():
         (out / f"{name}.png").write_bytes(data)
@@ -92,7 +92,7 @@ def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
 
 
 def _happened(run: RunAnalysis) -> list[Happened]:
-    """All that is worth a line."""
+    """The lines of the list of events, in order of time."""
     lines: list[Happened] = []
     for vehicle in run.vehicles.values():
         lines += _of_vehicle(run, vehicle)

@@ -1,4 +1,4 @@
-"""All that is known of one run: the flight as it was flown, and its fire, if there was one."""
+"""The analysis of one run: the flight as flown, and its fire, if there was one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -32,13 +32,13 @@ from mission_service.vehicles.availability import AIRBORNE_M
 Floats = NDArray[np.float64]
 
 
-FOLLOWS_US = 20_000_000  # a track that turns so soon after its mission did so for that
-NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # nearer to the middle a bearing says nothing
+FOLLOWS_US = 20_000_000  # a turn of the track so soon after one of the mission is the same turn
+NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # nearer to the middle a bearing is too uncertain
 
 
 @dataclass(frozen=True, slots=True)
 class TurnedBack:
-    """A vehicle turned back; ``how`` this is known, in words. ``at_us`` is of the log's clock."""
+    """A vehicle turned back; ``how`` names the evidence. ``at_us`` is on the log's clock."""
 
     at_us: int
     lat_deg: float
@@ -48,7 +48,7 @@ class TurnedBack:
 
 @dataclass
 class VehicleAnalysis:
-    """One vehicle's flight; times are of the log's clock."""
+    """One vehicle's flight; times are on the log's clock."""
 
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
@@ -65,7 +65,7 @@ class VehicleAnalysis:
         return self.flown.name
 
     def place_at(self, at_us: int) -> tuple[float, float]:
-        """Where it was (lat_deg, lon_deg), between the points of its track."""
+        """The vehicle's position (lat_deg, lon_deg), interpolated along its track."""
         times = self.track[:, 0]
         lat = np.interp(at_us, times, self.track[:, 1])
         return float(lat), float(np.interp(at_us, times, self.track[:, 2]))
@@ -73,9 +73,9 @@ class VehicleAnalysis:
 
 @dataclass
 class RunAnalysis:
-    """A run. A time of the log's clock is ``mission.of(at_us)`` on that of the fire.
+    """A run. ``mission.of(at_us)`` converts a time of the log's clock to mission time.
 
-    ``zero_us`` is when the flight begins, ``begin_us`` the part of it that is told of.
+    ``zero_us`` is the begin of the flight, ``begin_us`` that of the part which is analysed.
     """
 
     name: str
@@ -90,11 +90,11 @@ class RunAnalysis:
     fire: FireAnalysis | None = None
 
     def since_s(self, at_us: int) -> float:
-        """Seconds since the flight began, of a time of the log's clock."""
+        """Seconds from the flight's begin to a time of the log's clock."""
         return (at_us - self.zero_us) / 1e6
 
     def log_us(self, mission_us: int) -> int:
-        """The log's clock at a mission time."""
+        """A mission time on the log's clock."""
         return self.mission.log_us(mission_us)
 
 
@@ -105,7 +105,7 @@ def run_analysis(
     journal: JournalLog | None = None,
     mission: Mission | None = None,
 ) -> RunAnalysis:
-    """What a flight tells, and the journal of its fire: its own, or its open-loop replay's."""
+    """Analyse a flight and the journal of its fire: its own, or that of its open-loop replay."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     run = RunAnalysis(
@@ -162,7 +162,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _joined(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Turns back by time; what a mission began and the track shows soon after is one."""
+    """Turns back in order of time; one of a mission and one of the track soon after are merged."""
     found = list(by_track)
     for told in by_mission:
         seen = [each for each in found if 0 <= each.at_us - told.at_us <= FOLLOWS_US]
@@ -175,7 +175,7 @@ def _joined(
 
 
 def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
-    """Which way round the fire it flew in the air; without a fire round the middle of its track."""
+    """Find its directions of travel around the fire, or around the middle of its track."""
     track = story.track
     home = story.flown.home
     ground_m = track[0, 3] if home is None else home[2]
@@ -204,5 +204,5 @@ def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
 
 
 def places_of(items: Items) -> Sequence[tuple[float, float]]:
-    """Where a mission leads (lat_deg, lon_deg)."""
+    """The positions of a mission's items (lat_deg, lon_deg)."""
     return [place for place in map(place_of, items) if place is not None]

@@ -1,4 +1,4 @@
-"""A run in figures: for JSON, and as rows of a table in which runs stand side by side."""
+"""The figures of a run: for JSON, and as rows of a table that compares runs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -49,7 +49,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
-    """All figures of a run. Times in seconds since the flight began; None is not known."""
+    """All figures of a run. Times in seconds since the flight began; None: unknown."""
     return {
         "name": run.name,
         "logs": run.logs,
@@ -113,17 +113,17 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
 
 
 def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
-    """Height above the landscape along the track, NaN where that is not known; None without one."""
+    """Height above terrain along the track, NaN where it is unknown; None without a landscape."""
     if vehicle.terrain_amsl_m is None:
         return None
     return vehicle.track[:, 3] - vehicle.terrain_amsl_m
 
 
 def _lowest(heights_m: Any) -> float | None:
-    """Once it was up: from the first to the last time that it is half as high as ever."""
+    """Minimum in flight: between the first and the last time at half its maximum height."""
     if heights_m is None or not np.isfinite(heights_m).any():
         return None
-    # Where it stands, the terrain may be higher than it is by the landscape's own error.
+    # On the ground the landscape's error may place the terrain above the vehicle.
     max_m = float(np.nanmax(heights_m))
     up = np.flatnonzero(heights_m >= min(max_m, max_m / 2.0))
     return round(float(np.nanmin(heights_m[up[0] : up[-1] + 1])), 1)
@@ -153,7 +153,7 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """A burn's, as its plans have them; else those of the missions and outputs."""
+    """Drops of a burn from its plans; of other flights from missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}
@@ -191,7 +191,7 @@ def _round(value: Any) -> float:
 def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str, list[Any]]]]]:
     """The figures of runs side by side: sections of (label, unit, a value for each run).
 
-    Rows that say nothing of any run are left out.
+    Rows without a value for any run are left out.
     """
     flight: list[tuple[str, str, list[Any]]] = [
         ("duration", "s", [run["duration_s"] for run in runs]),
@@ -213,7 +213,7 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
 
 
 def in_text(runs: Sequence[dict[str, Any]]) -> str:
-    """The table for a terminal, with what is damaged and where vehicles turned back."""
+    """The table for a terminal, with damaged parts of logs and the vehicles' turns back."""
     lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
     for name, rows in table(runs):
         lines.append(name)

@@ -1,4 +1,4 @@
-"""What a flight is replayed beside: a scenario with its vehicles, its fire's clock, its ground."""
+"""Pairs a flight with a scenario: vehicles, mission time and landscape of its replay."""
 
 import math
 from datetime import timedelta
@@ -22,14 +22,14 @@ from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# The scenario of a flight that comes without one.
+# Margin of the landscape made for a flight without a scenario.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
 LONG_AFTER_S = 30 * 86_400.0
 
 
 class Asked(NamedTuple):
-    """What somebody wants a flight to be replayed beside."""
+    """The user's choice of scenario, rule, begin and settings for a replay."""
 
     scenario: str | None = None
     rule: str | None = None  # instead of the scenario's
@@ -38,9 +38,9 @@ class Asked(NamedTuple):
 
 
 def scenario_asked(flight: Flight, asked: Asked) -> tuple[Scenario, ServiceSection] | None:
-    """A scenario by its name, or a journal's own; None for a log without.
+    """A scenario by its name, or a journal's own; None for a log without a scenario.
 
-    Raises ScenarioError, and FlightError where settings of no scenario are given.
+    Raises ScenarioError, and FlightError if settings are given without a scenario.
     """
     overrides, own = asked.overrides, flight.logs[0]
     if asked.rule is not None:
@@ -55,7 +55,7 @@ def scenario_asked(flight: Flight, asked: Asked) -> tuple[Scenario, ServiceSecti
 
 
 class Replaying(NamedTuple):
-    """A flight, and the scenario with its vehicles; begin and end are those of the flight."""
+    """A flight and the scenario with its vehicles; begin and end are those of the flight."""
 
     flight: Flight
     survey: Survey
@@ -70,19 +70,19 @@ class Replaying(NamedTuple):
 
     @property
     def begin_us(self) -> int:
-        """On the flight's clock."""
+        """Begin of the replayed part on the flight's clock."""
         return self.survey.begin_us
 
     @property
     def end_us(self) -> int:
-        """On the flight's clock."""
+        """End of the replayed part on the flight's clock."""
         return self.survey.end_us
 
 
 def replaying(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Replaying:
-    """A flight beside a scenario. Raises FlightError where they do not belong together."""
+    """Pair a flight with a scenario. Raises FlightError if they do not match."""
     mission = mission_time(flight, found, scenario, at_s)
     flown = flying(scenario_for(scenario, found, mission))
     landscape = landscape_of(flown)
@@ -91,25 +91,25 @@ def replaying(
 
 
 class Mission(NamedTuple):
-    """Which mission time a moment of the log is."""
+    """The relation between the log's clock and mission time."""
 
-    begin_us: int  # of the log's clock
-    start_us: int  # the mission time of it
+    begin_us: int  # on the log's clock
+    start_us: int  # the same moment in mission time
 
     def of(self, log_us: int) -> int:
-        """Mission time of a time of the log's."""
+        """The mission time of a time on the log's clock."""
         return self.start_us + log_us - self.begin_us
 
     def log_us(self, mission_us: int) -> int:
-        """The time of the log's of a mission time."""
+        """A mission time on the log's clock."""
         return self.begin_us + mission_us - self.start_us
 
 
 def mission_time(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Mission:
-    """When on the fire's clock a flight begins: ``at_s``, if that is given; else by the calendar,
-    if log and scenario both know it; else when the scenario's vehicles would take off.
+    """The mission time at which a flight begins: ``at_s``, if it is given; else from UTC, if log
+    and scenario both have it; else the time at which the scenario's vehicles take off.
 
     Journals are on mission time. Raises FlightError for a flight before the fire's clock starts.
     """
@@ -124,17 +124,18 @@ def mission_time(
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
             f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, and "
-            f"the fire burns for {scenario.duration_s / 3600:.1f} h; say with --at when it begins, "
+            f"the fire burns for {scenario.duration_s / 3600:.1f} h; give its begin with --at, "
             "in seconds of mission time"
         )
     return Mission(begin_us, start_us)
 
 
 def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenario:
-    """The scenario with the vehicles that flew: stacks and homes are theirs, all else its own.
+    """The scenario with the logged vehicles: their stacks and homes, all else as it prescribes.
 
-    A vehicle is the one of the same name, else of the same system id, else the next one that is
-    left; beyond those it is as the last. Nobody has to accept missions, and nobody is sent home.
+    A logged vehicle takes the section of the same name, else of the same system id, else the next
+    unused one; further vehicles copy the last one. Missions need no acceptance, and no vehicle is
+    recalled.
     """
     left = list(scenario.vehicles)
     taken: dict[str, VehicleSection] = {}
@@ -170,7 +171,7 @@ def _as_flown(section: VehicleSection, flown: Flown) -> VehicleSection:
 
 
 def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
-    """Raise FlightError if the flight was nowhere on the landscape."""
+    """Raise FlightError if no position of the flight is on the landscape."""
     for flown in survey.flown.values():
         for _, lat_deg, lon_deg, _ in flown.track:
             if landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg)):
@@ -188,12 +189,12 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 
 
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
-    """Level ground around all that flew, for a flight without a scenario.
+    """A scenario with level ground around all tracks, for a flight without a scenario.
 
     Mission time 0 is the flight's begin. A scenario needs an ignition and deploys its vehicles:
-    both are set to a month after the flight, in a corner, so nothing burns and nothing is decided.
+    both are set to a month after the flight, in a corner, so that there is no fire and no decision.
 
-    Raises FlightError if the logs have no positions, or are where no map is.
+    Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
     """
     places = [place for flown in survey.flown.values() for place in flown.track]
     if not places:
@@ -210,7 +211,7 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
     rows, cols = math.ceil(high_m / cell_m), math.ceil(wide_m / cell_m)
     homes = [flown.home[2] for flown in survey.flown.values() if flown.home is not None]
     length_s = (survey.end_us - survey.zero_us) / 1e6
-    # Half a cell inside; the grid may be turned against north by a few degrees.
+    # Half a cell inside; the grid may be rotated from north by a few degrees.
     inside = 0.45
     corner = (
         lat_deg + inside * rows * cell_m / M_PER_DEG,

@@ -1,4 +1,4 @@
-"""Tables as CSV and Parquet, row by row: of a large log only a group of rows is in memory."""
+"""Writes tables as CSV and Parquet, row by row: only one group of rows is in memory."""
 
 import csv
 from datetime import datetime
@@ -23,7 +23,7 @@ class TableFile(Protocol):
 
 
 class CsvFile:
-    """Nothing where a value is not known; UTC to the millisecond."""
+    """A table as CSV: unknown values are empty; UTC has milliseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         self._file = path.open("w", newline="", encoding="utf-8")
@@ -44,7 +44,7 @@ class CsvFile:
 
 
 class ParquetFile:
-    """Null where a value is not known; UTC as timestamps in microseconds."""
+    """A table as Parquet: unknown values are null; UTC is a timestamp in microseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         import pyarrow
@@ -89,7 +89,7 @@ WRITERS: dict[str, type[CsvFile] | type[ParquetFile]] = {"csv": CsvFile, "parque
 
 
 class TableFiles:
-    """A file for each table that has rows, in each of the formats."""
+    """Writes a file in each format for each table that has rows."""
 
     def __init__(self, out: Path, formats: list[str]) -> None:
         self._out = out
@@ -110,7 +110,7 @@ class TableFiles:
                 file.close()
 
     def add(self, table: str, row: Row) -> None:
-        """Take in the next row of a table."""
+        """Add the next row of a table."""
         if table not in self._files:
             self._files[table] = [
                 WRITERS[each](self._out / f"{table}.{each}", TABLES[table])
@@ -121,5 +121,5 @@ class TableFiles:
 
     @property
     def names(self) -> list[str]:
-        """Of the files, by table."""
+        """The names of the files, in order of the tables."""
         return [f"{table}.{each}" for table in sorted(self._files) for each in self._formats]

@@ -1,4 +1,4 @@
-"""Instants by the calendar."""
+"""Conversion of UTC times."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -6,7 +6,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def utc(unix_us: int) -> str:
-    """ISO 8601 to the millisecond."""
+    """A time in ISO 8601 format with milliseconds."""
     return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
 
 

@@ -1,8 +1,8 @@
-"""The journal of a flight that is gone through more than once: each line is written once.
+"""The journal of a replay that can go back: each line is written only once.
 
-Nothing can be ordered in a replay, so the same log leads to the same lines again. After going back
-they are counted and not written, until the journal's end is reached: it always tells the flight as
-far as it was ever played, and can be verified.
+A replay accepts no orders, so the same log yields the same lines again. After going back, lines
+are counted and not written until the journal's end is reached. The journal thus contains the
+flight as far as it was ever played, and can be verified.
 """
 
 from collections.abc import Iterable
@@ -16,21 +16,21 @@ REPLAY = "replay"  # in the header of such a journal: the logs
 
 
 class WriteOnceJournal(Journal):
-    """Set ``rest`` back to where it was before, and go through it again."""
+    """A journal that ``take_back`` sets back to an earlier position."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
         super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
         self._farthest = self.rest
 
     def take_back(self, before: Rest) -> None:
-        """Have what was written after a place never have been."""
+        """Set the journal back; lines after it are removed only if they are its last ones."""
         if self.rest == self._farthest:
             super().take_back(before)
             self._farthest = before
         self.rest = before
 
     def finish(self, complete: bool) -> None:
-        """Close it; ``complete``: the flight was told to its end."""
+        """Close it; ``complete``: the flight was played to its end."""
         self.rest = self._farthest
         if complete:
             self.end()
@@ -45,15 +45,15 @@ class WriteOnceJournal(Journal):
             self.rest = Rest(self.rest.at_byte + size, crc, self.rest.segment)
             return
         if self.rest != self._farthest:
-            raise FlightError(f"{self.path}: the log led to other lines than the first time")
+            raise FlightError(f"{self.path}: the log yielded other lines than the first time")
         super()._put(lines, crc, to_disk)
         self._farthest = self.rest
 
 
 def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
-    """Raise FlightError rather than write over what no replay has left, or over what is read."""
+    """Raise FlightError if a file would be overwritten that no replay has left or that is read."""
     if not path.exists():
         return
     ours = begins_journal(path) and REPLAY in SegmentReader(path).header
     if not ours or any(path.samefile(each) for each in logs):
-        raise FlightError(f"{path}: is there already, and would be lost; choose another --out")
+        raise FlightError(f"{path}: exists already and would be overwritten; choose another --out")

@@ -1,4 +1,4 @@
-"""Who may ask for what: tokens with roles, of which only SHA-256 sums are kept.
+"""Authentication of HTTP clients by tokens with roles; only SHA-256 sums of tokens are stored.
 
 A token is 32 random bytes: it cannot be guessed, so its sum needs no salt and no slow hash.
 """
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A person or program, by its token."""
+    """The user (a person or program) of a token."""
 
     name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
     roles: frozenset[Role]
@@ -37,7 +37,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
-        """Whether this role is theirs; looking is everybody's."""
+        """Whether the user has this role; every user has ``look``."""
         return role == "look" or role in self.roles
 
 
@@ -46,17 +46,17 @@ class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def sum_of(token: str) -> str:
-    """What is kept of a token."""
+    """The SHA-256 sum of a token, which is stored instead of it."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
 def new_token() -> str:
-    """A token nobody else has."""
+    """A new random token."""
     return secrets.token_urlsafe(32)
 
 
 def read_tokens(path: Path) -> tuple[User, ...]:
-    """The tokens of a file; raises MissionServiceError in one line: file, place, what is wrong."""
+    """The users in a tokens file; raises MissionServiceError in one line: file, place, error."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -78,9 +78,9 @@ def read_tokens(path: Path) -> tuple[User, ...]:
 
 
 def own_token(out: Path) -> str:
-    """The token of a run without a tokens file: made once, in OUT/token, for its user alone.
+    """The token of a run without a tokens file: made once, in OUT/token, readable by its user only.
 
-    Raises MissionServiceError if others may read it, or if it is no token.
+    Raises MissionServiceError if other users may read it, or if it is no token.
     """
     path = out / TOKEN_FILE
     try:
@@ -106,11 +106,11 @@ def own_token(out: Path) -> str:
 
 
 class Tokens:
-    """The tokens that are valid now: those of a file, read again when it changes, or one.
+    """The valid tokens: those of a file, read again when it changes, or the one of a run.
 
-    ``named``: each is somebody's, who acts under that name only; the one of a run is anybody's.
-    A file that cannot be used any more leaves the tokens as they were, and is told in the log:
-    who watches a fire is not to be shut out by a slip of somebody's pen.
+    ``named``: each token belongs to one user and fixes the name in requests; the token of a run
+    does not. If the file becomes invalid, the tokens remain as they were and the log has a warning:
+    an error in the file must not lock out the operators of a fire.
     """
 
     def __init__(self, known: tuple[User, ...], path: Path | None = None) -> None:
@@ -121,17 +121,17 @@ class Tokens:
 
     @classmethod
     def of_file(cls, path: Path) -> "Tokens":
-        """Those of a tokens file; raises MissionServiceError."""
+        """The tokens of a file; raises MissionServiceError."""
         return cls(read_tokens(path), path)
 
     @classmethod
     def of_run(cls, out: Path) -> "Tokens":
-        """The one in the run's folder, with all roles."""
+        """The token in the run's folder, with all roles."""
         who = User("user", frozenset(ROLES), sum_of(own_token(out)))
         return cls((who,))
 
     def whose(self, token: str) -> User | None:
-        """Whose token this is. Takes as long for any: all are compared, by their sums."""
+        """The user of a token, or None. Takes equal time for all tokens: all sums are compared."""
         self._look_again()
         mine = sum_of(token)
         found = None
@@ -141,7 +141,7 @@ class Tokens:
         return found
 
     def still(self, who: User) -> bool:
-        """Whether somebody's token is still valid, with the same roles."""
+        """Whether a user's token is still valid, with the same roles."""
         self._look_again()
         return who in self._known
 
@@ -157,7 +157,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """What changes when a file does; empty where there is none."""
+    """A value that differs after a change of the file; empty without a file."""
     if path is None:
         return ()
     try:

@@ -4,7 +4,7 @@ import ipaddress
 from collections import Counter
 from collections.abc import Callable
 
-MAX_UNPROVEN = 384  # connections that have shown no token; together with the proven ones they ...
+MAX_UNPROVEN = 384  # connections without a valid token; together with those that have one they ...
 MAX_PROVEN = 256  # ... stay below the 1024 files that a process usually may have open
 MAX_OF_AN_ADDRESS = 192  # of the unproven
 

@@ -1,6 +1,6 @@
-"""What stands before all routes: who calls from where, how often, how much, how slowly.
+"""The guard in front of all routes: checks origin, token, rate, size and speed of each request.
 
-Plain ASGI, so that it holds for whatever is behind it. The order: wrong host and other origins,
+Plain ASGI, so that it covers all routes behind it. The order: wrong host and other origins,
 tokens, rates, concurrent requests. Clients without a token have a separate limit. An abort with a
 valid token passes all limits and is carried out here, as soon as its headers have arrived; health
 routes pass all limits too. Bodies are read here before anything else is awaited, so that a complete
@@ -30,7 +30,7 @@ ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
-# Requests under way: of those with a token what reads (live streams among them) and what changes.
+# Concurrent requests with a token: those that read (including live streams), those that change.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
 MAX_STRANGERS, MAX_OF_A_STRANGER = 32, 16  # without a token: the page
 SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # a client that reads nothing for so long is cut off
@@ -62,9 +62,9 @@ class AccessGuard:
     ) -> None:
         """``abort`` is called at once with the user and the query string; it may raise ApiError.
 
-        ``hosts``: the names and addresses it may be called by, without ports. Loopback is always
-        right, and the address a connection came to. By these names a proxy that speaks TLS may
-        stand before the service.
+        ``hosts``: the accepted host names and addresses, without ports. Loopback and the address
+        that a connection came to are always accepted. A TLS proxy in front of the service needs
+        its name here.
         """
         self._app = app
         self._tokens = tokens
@@ -158,17 +158,17 @@ class AccessGuard:
         wait_s = buckets.take(client, self._now_s())
         if wait_s > 0.0:
             again = {"retry-after": str(math.ceil(wait_s))}
-            raise ApiError(429, f"too many requests; ask again in {math.ceil(wait_s)} s", again)
+            raise ApiError(429, f"too many requests; try again in {math.ceil(wait_s)} s", again)
 
 
 class _GoneError(Exception):
-    """The connection ended before the whole request was there."""
+    """The connection ended before the whole request had arrived."""
 
 
 async def _whole(scope: Scope, receive: Receive) -> Receive:
     """Read a whole body; returns a ``receive`` that gives it to the routes as one message.
 
-    Raises ApiError 413 if it is too long, 408 if it does not come in time; _GoneError.
+    Raises ApiError 413 if it is too long, 408 if it does not arrive in time; _GoneError.
     """
     max_bytes = MAX_PERIMETER_BYTES if scope["path"] == PERIMETER else MAX_BODY_BYTES
     body, more = bytearray(), True
@@ -183,7 +183,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
                 if len(body) > max_bytes:
                     raise ApiError(413, f"the body has more than {max_bytes} bytes")
     except TimeoutError:
-        raise ApiError(408, f"the body did not come within {BODY_WITHIN_S:g} s") from None
+        raise ApiError(408, f"the body did not arrive within {BODY_WITHIN_S:g} s") from None
     left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
 
     async def again() -> Message:
@@ -193,7 +193,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
 
 
 class _Bounded:
-    """``send`` with the headers of all answers, and an end for who does not read."""
+    """``send`` with common headers; ends the connection of a client that does not read."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
@@ -224,7 +224,7 @@ def _reads(scope: Scope) -> bool:
 
 
 def _nothing() -> None:
-    """For servers that do not ask who is proven."""
+    """A default for servers without the callback ``proven``."""
 
 
 def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
@@ -249,7 +249,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Browsers say where a request comes from; pages of other sites get nothing."""
+    """Refuse pages of other sites, by the headers in which browsers state a request's origin."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")
@@ -274,11 +274,11 @@ async def _refuse(send: Send, error: ApiError) -> None:
     try:
         await send({"type": "http.response.start", "status": error.status, "headers": headers})
         await send({"type": "http.response.body", "body": body})
-    except TooSlowError:  # an answer so short is only stuck behind others of this connection
+    except TooSlowError:  # a short answer waits only behind others of this connection
         return
 
 
 async def _cut(scope: dict[str, Any] | Scope) -> None:
-    """Close a connection though its buffer is not empty, where the server can do that."""
+    """Close a connection even if its buffer is not empty, if the server supports that."""
     scope.get("state", {}).get("cut", _nothing)()
-    await asyncio.sleep(0)  # the server has noticed then
+    await asyncio.sleep(0)  # lets the server process the closing

@@ -2,11 +2,11 @@
 
 from collections import Counter, OrderedDict
 
-MAX_CLIENTS = 1024  # remembered; whoever asked longest ago is forgotten first
+MAX_CLIENTS = 1024  # with a bucket; the least recently used bucket is dropped first
 
 
 class RateLimiter:
-    """A bucket a client: ``burst`` requests at once, ``rate_s`` a second in the long run."""
+    """One bucket per client: ``burst`` requests at once, ``rate_s`` per second on average."""
 
     def __init__(self, rate_s: float, burst: float) -> None:
         self._rate_s = rate_s
@@ -14,13 +14,13 @@ class RateLimiter:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def wait_s(self, client: str, now_s: float) -> float:
-        """How long ``client`` has to wait before it may ask once: 0 if it may now."""
+        """Time until the next request of ``client`` is allowed: 0 if it is allowed now."""
         left, at_s = self._left.get(client, (self._burst, now_s))
         left = min(self._burst, left + (now_s - at_s) * self._rate_s)
         return 0.0 if left >= 1.0 else (1.0 - left) / self._rate_s
 
     def take(self, client: str, now_s: float) -> float:
-        """Ask once: 0 if that is allowed, else the seconds to wait, and nothing is taken."""
+        """Take one request from the bucket and return 0, or return the seconds to wait."""
         wait_s = self.wait_s(client, now_s)
         if wait_s == 0.0:
             left, at_s = self._left.pop(client, (self._burst, now_s))
@@ -34,7 +34,7 @@ class RateLimiter:
 
 
 class ConcurrencyLimiter:
-    """Requests under way: ``most`` in all, ``max_each`` of one client."""
+    """Limits concurrent requests: ``most`` in total, ``max_each`` of one client."""
 
     def __init__(self, most: int, max_each: int) -> None:
         self.most = most
@@ -42,14 +42,14 @@ class ConcurrencyLimiter:
         self._inside: Counter[str] = Counter()
 
     def enter(self, client: str) -> bool:
-        """Take a place until ``leave``; False if there is none."""
+        """Count a request until ``leave``; False if the limit is reached."""
         if self._inside.total() >= self.most or self._inside[client] >= self._max_each:
             return False
         self._inside[client] += 1
         return True
 
     def leave(self, client: str) -> None:
-        """Give a place back."""
+        """Count a request as ended."""
         self._inside[client] -= 1
         if self._inside[client] <= 0:
             del self._inside[client]

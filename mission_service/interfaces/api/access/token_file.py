@@ -1,4 +1,4 @@
-"""Adding to a tokens file. What people have written there stays as it is."""
+"""Adds tokens to a tokens file; the existing content of the file is not changed."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from mission_service.interfaces.api.access.auth import ROLES, new_token, read_to
 def added(path: Path, name: str, roles: tuple[str, ...], station: str) -> str:
     """Add a new token to a file (0600, replaced as a whole) and return it.
 
-    Raises MissionServiceError for a role that there is not, a name that is taken or of odd
+    Raises MissionServiceError for an unknown role, a name that is in use or has invalid
     characters, and a file that cannot be used.
     """
     for role in roles:
@@ -56,6 +56,6 @@ def _text(path: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """As TOML's basic string; control characters are for ``read_tokens`` to refuse."""
+    """A basic string of TOML; ``read_tokens`` refuses control characters."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
