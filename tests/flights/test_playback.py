@@ -129,7 +129,7 @@ def test_states_stay_few_and_small(
 
 
 def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path: Path) -> None:
-    with pytest.raises(FlightError, match="would be lost; choose another --out"):
+    with pytest.raises(FlightError, match="would be overwritten; choose another --out"):
         refuse_loss(flown, [])
     refuse_loss(tmp_path / "journal.jsonl", [])
     with player_of(flown, tmp_path) as player:

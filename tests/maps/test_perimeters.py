@@ -151,7 +151,7 @@ def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
     assert record["polygon_unix_ms"] == 1_785_000_000_000
     assert record["current_unix_ms"] == 1_785_600_000_000
     notes = "\n".join(found.notes)
-    assert "of 2026-07-25T17:20Z, its record was changed 2026-08-01T16:00Z" in notes
+    assert "dated 2026-07-25T17:20Z, its record was changed 2026-08-01T16:00Z" in notes
     assert "its record has 1.5 acres, its outline 48." in notes
     assert "feature 3 is a LineString without area: left out" in notes
     assert "feature 4 has no polygon: left out" in notes

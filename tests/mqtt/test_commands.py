@@ -77,7 +77,7 @@ def test_a_command_comes_to_the_desk_and_its_answer_bears_its_id() -> None:
 
 @pytest.mark.parametrize("name", ["approve", "go", "present"])
 def test_fire_is_never_let_fall_over_mqtt(name: str) -> None:
-    reply = Door().refuses(name, "never over MQTT", hash="0" * 64, item="x")
+    reply = Door().refuses(name, "never accepted over MQTT", hash="0" * 64, item="x")
     assert reply.id == "1"
 
 

@@ -146,7 +146,7 @@ class CommandGate:
 def _refuse_names(name: str) -> None:
     if name in ALL_REQUESTS and not ALL_REQUESTS[name].over_mqtt:
         raise _RefusedError(
-            "not accepted over MQTT, which identifies no user; use the map or the control socket"
+            "never accepted over MQTT, which identifies no user; use the map or the control socket"
         )
     if name not in TAKEN:
         raise _RefusedError(f"no such command; there are {', '.join(TAKEN)}")
