@@ -285,7 +285,7 @@ class FuzzedEngine:
     def keep(self) -> None:
         """Begin a segment with a state, as the daemon does now and then."""
         journal = self.service.recording.journal
-        frozen = Frozen(self.service.kept(), self.known)
+        frozen = Frozen(self.service.snapshot_fields(), self.known)
         journal.begin_segment()
         write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
 
@@ -332,8 +332,8 @@ def differs(live: Engine, again: Engine) -> str:
     """What a restart does not know, or otherwise."""
     for service in (live, again):
         service.world.advance(live.record.at_us)
-        service.record.news.clear()  # lines that were printed
-    ours, theirs = live.kept(), again.kept()
+        service.record.announcements.clear()  # lines that were printed
+    ours, theirs = live.snapshot_fields(), again.snapshot_fields()
     return next(filter(None, (difference(ours[name], theirs[name], name) for name in ours)), "")
 
 
@@ -379,7 +379,7 @@ def _answer(
     told |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
     payload = json.dumps(told).encode()
     at_us = simulation.clock.now_us
-    reply = doorkeeper.take(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
+    reply = doorkeeper.accept(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
     assert reply is not None
     return msgspec.to_builtins(reply)  # type: ignore[no-any-return]
 

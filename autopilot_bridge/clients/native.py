@@ -158,7 +158,7 @@ class NativeClient:
         if order.urgent:
             self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
             self._jobs.release_mode()
-        command_id = self._commands.add(
+        command_id = self._commands.enqueue(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
         )
         self._send(*self._commands.start_next(now_us))
@@ -321,7 +321,7 @@ class NativeClient:
     # Transfers ----------------------------------------------------------------------------------
 
     def _add(self, job: Job, now_us: int) -> int:
-        transfer_id = self._jobs.add(job, now_us)
+        transfer_id = self._jobs.enqueue(job, now_us)
         self._advance(now_us)
         return transfer_id
 

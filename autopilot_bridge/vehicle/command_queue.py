@@ -82,7 +82,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._timing = timing
         self._report = report
 
-    def add(
+    def enqueue(
         self,
         name: str,
         steps: tuple[AnyStep, ...],

@@ -67,7 +67,7 @@ class TransferQueue:
         """Whether no job waits and none is under way."""
         return self._job is None and not self._queue
 
-    def add(self, job: Job, now_us: int) -> int:
+    def enqueue(self, job: Job, now_us: int) -> int:
         """Queue a job; an upload takes the place of one of its kind that has not begun."""
         job.transfer_id = self._next_id
         self._next_id += 1

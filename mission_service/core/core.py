@@ -122,7 +122,7 @@ class Core:
         commands = [command for command in commands if not self._withheld(command)]
         commands += self.guidance.after(event, commands, self.vehicles)
         for command in commands:
-            self.decision_engine.sent(command, at_s)
+            self.decision_engine.on_command(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
             elif isinstance(command, Hold):
@@ -158,9 +158,9 @@ class Core:
             availability.taken_over,
             availability.armed,
         )
-        decision = self.decision_engine.take(event)
+        decision = self.decision_engine.apply(event)
         commands = self._answer(vehicle, event, decision, was)
-        return [*commands, *self.guidance.heard(vehicle, event)]
+        return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
     def _told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         if isinstance(event, Resumed):  # links and commands under way are unknown
@@ -170,8 +170,8 @@ class Core:
                     self._approvals.withdraw(vehicle, "the service was restarted")
                 unconfirmed(vehicle)
         if self._way.prescribed:
-            return self.guidance.told(event)
-        return [*self._orders.take(event), *self.guidance.told(event)]
+            return self.guidance.on_operator(event)
+        return [*self._orders.handle(event), *self.guidance.on_operator(event)]
 
     def _answer(
         self, vehicle: Vehicle, event: VehicleEvent, decision: Decision | None, was: "_Was"
@@ -241,7 +241,7 @@ class Core:
         commands: list[AnyCommand] = []
         if self._approvals is not None:
             commands += self._approvals.lapsed(vehicle, at_s)
-        commands += self.guidance.news(vehicle, at_s, decision)
+        commands += self.guidance.announcements(vehicle, at_s, decision)
         if not vehicle.deployed:
             return [*commands, *self._deploy(vehicle, here)]
         if not availability.airborne:

@@ -59,7 +59,7 @@ class DecisionEngine:
         burn = scenario.burn
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
-    def take(self, event: VehicleEvent) -> Decision | None:
+    def apply(self, event: VehicleEvent) -> Decision | None:
         """Apply one event; returns the planner's decision, if any."""
         availability = self.availability[event.vehicle]
         if isinstance(event, Telemetry):
@@ -75,13 +75,13 @@ class DecisionEngine:
         availability.recalled, availability.recalled_on_ground = True, not availability.airborne
         self.planners[name].left(at_s)
 
-    def sent(self, command: AnyCommand, at_s: float) -> None:
+    def on_command(self, command: AnyCommand, at_s: float) -> None:
         """Record a command that is sent: the modes that it leads to are expected from now on."""
         if type(command) in LEADS_TO:
             availability = self.availability[command.vehicle]
             availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
-    def ordered(self, name: str, event: OrderGiven) -> bool:
+    def apply_order(self, name: str, event: OrderGiven) -> bool:
         """Apply an order; returns whether it is carried out. Its mode then counts as ordered."""
         availability = self.availability[name]
         if event.by == SERVICE and not availability.flies:
@@ -95,7 +95,7 @@ class DecisionEngine:
             availability.recalled = False
         return True
 
-    def aborted(self, name: str) -> bool:
+    def apply_abort(self, name: str) -> bool:
         """Apply an abort; returns whether the vehicle is ordered to hold now.
 
         In a mode that autopilot or pilot selected, it is ordered to hold when that mode ends.
@@ -130,7 +130,7 @@ class DecisionEngine:
     ) -> None:
         kind = UploadMission if isinstance(event, UploadFinished) else ANSWERS.get(event.command)
         if kind is not None:
-            availability.answered(kind, event.at_us / 1e6)
+            availability.on_acknowledged(kind, event.at_us / 1e6)
 
     def _status_changed(
         self, availability: VehicleAvailability, event: SystemStateChanged | FenceStatusChanged

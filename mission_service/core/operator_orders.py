@@ -45,7 +45,7 @@ class OperatorOrders:
         self._start = start
         self._approvals = approvals
 
-    def take(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def handle(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event; returns the commands that it causes."""
         match event:
             case OrderGiven():
@@ -74,7 +74,7 @@ class OperatorOrders:
         if obstacle:
             return [say(vehicle, obstacle, warning=True)]
         was_taken_over = vehicle.availability.taken_over
-        if self.decision_engine.ordered(vehicle.name, event):
+        if self.decision_engine.apply_order(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
@@ -104,7 +104,7 @@ class OperatorOrders:
     def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
         """Order a hold; a vehicle in a mode of its autopilot or pilot holds when that mode ends."""
         at_s, mode = event.at_us / 1e6, vehicle.availability.mode
-        if self.decision_engine.aborted(vehicle.name):
+        if self.decision_engine.apply_abort(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()

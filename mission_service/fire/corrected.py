@@ -74,7 +74,7 @@ class CorrectedFire:
                 return found
             case Corrected() | Erased() | Undone() | Redone():
                 log = copy.deepcopy(self.log)
-                if not log.take(event):
+                if not log.apply(event):
                     return fire
                 base = self.all_of(fire)[-1]
                 if len(log.steps) > MAX_STEPS:

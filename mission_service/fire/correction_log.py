@@ -35,7 +35,7 @@ class CorrectionLog:
         self.steps: list[Step] = []
         self.taken_back: list[Step] = []  # the last one is redone first
 
-    def take(self, event: AnyEvent) -> bool:
+    def apply(self, event: AnyEvent) -> bool:
         """Process an event; returns whether the set of valid corrections changed."""
         match event:
             case Corrected() | Erased():

@@ -108,7 +108,7 @@ class EstimatedFire:
         self._fitted = GaussianCorrected(base, self._observations, near=near)
         return self._fitted
 
-    def take(self, event: object) -> bool:
+    def apply(self, event: object) -> bool:
         """Apply an event; whether the estimate changed.
 
         Raises FireModelError for a correction that cannot be drawn; nothing is changed then.
@@ -123,7 +123,7 @@ class EstimatedFire:
                 if isinstance(event, Corrected):
                     # Raises for what cannot be drawn, before anything changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
-                self.log.take(event)
+                self.log.apply(event)
                 self._mark()
             case Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)

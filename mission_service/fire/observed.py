@@ -45,7 +45,7 @@ class ObservedFire:
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
-    def look(self, here: Telemetry) -> Observed | None:
+    def camera_observation(self, here: Telemetry) -> Observed | None:
         """The observation of a vehicle's camera at a position, if an image is due.
 
         None while the vehicle's position is not measured: the image would be placed wrongly.
@@ -72,7 +72,7 @@ class ObservedFire:
             self.world.advance(event.at_us)
         return self.world.apply_report(event)
 
-    def happened(self, event: AnyEvent) -> None:
+    def on_event(self, event: AnyEvent) -> None:
         """Apply an event: ignitions, completed drops, positions no longer measured."""
         if isinstance(event, GpsFixChanged):
             self._note(event.vehicle, "fix", event.good)
@@ -95,7 +95,7 @@ class ObservedFire:
         else:
             lacking.add(what)
 
-    def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
+    def apply_history(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
         """Apply an event of a journal; returns the window of changed cells."""
         found = None
         if isinstance(event, OF_FIRE):
@@ -103,12 +103,12 @@ class ObservedFire:
                 found = self.apply_report(event)
         elif isinstance(event, Telemetry):
             self._is_due(event)
-        self.happened(event)
+        self.on_event(event)
         for command in commands:
-            self.ordered(command)
+            self.on_command(command)
         return found
 
-    def ordered(self, command: AnyCommand) -> None:
+    def on_command(self, command: AnyCommand) -> None:
         """Note the place of a sphere until the drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)

@@ -134,15 +134,17 @@ class Guidance(ABC):
 
     planners: Mapping[str, Steered]
 
-    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Process an event of a vehicle; ``DecisionEngine`` has processed it before."""
         return []
 
-    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Process a request of an operator."""
         return []
 
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+    def announcements(
+        self, vehicle: Vehicle, at_s: float, decision: Decision | None
+    ) -> list[AnyCommand]:
         """Announcements at a position."""
         return []
 

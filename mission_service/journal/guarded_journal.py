@@ -26,7 +26,7 @@ class GuardedJournal:
         self._before = journal.rest
         self._before_waiting = 0
 
-    def event(self, event: AnyEvent, body: bytes | None = None) -> bool:
+    def write_event(self, event: AnyEvent, body: bytes | None = None) -> bool:
         """Journal an event before it is handled; returns whether it may be handled.
 
         ``body`` is its ``event_body``, if that was computed before. Raises RefusedEventError for
@@ -37,7 +37,7 @@ class GuardedJournal:
         if not self.trouble:
             try:
                 self._before = self.journal.rest
-                self.journal.event(event, body)
+                self.journal.write_event(event, body)
                 return True
             except OSError as error:
                 self._failed(error)
@@ -45,11 +45,11 @@ class GuardedJournal:
             self._waiting.append(event_body(event))
         return self._urgent
 
-    def commands(self, commands: list[AnyCommand]) -> bool:
+    def write_commands(self, commands: list[AnyCommand]) -> bool:
         """Journal the commands of the last event; returns whether they may be carried out."""
         if not self.trouble:
             try:
-                self.journal.commands(commands)
+                self.journal.write_commands(commands)
                 return True
             except OSError as error:
                 self._failed(error)

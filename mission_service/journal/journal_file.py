@@ -90,7 +90,7 @@ class Journal:
         except OSError as error:
             raise JournalError(f"{path}: {in_words(error)}") from None
 
-    def event(self, event: AnyEvent, body: bytes | None = None) -> None:
+    def write_event(self, event: AnyEvent, body: bytes | None = None) -> None:
         """Append an event before it is handled; an operator's is on the disk when this returns.
 
         Args:
@@ -104,7 +104,7 @@ class Journal:
         body = event_body(event) if body is None else body
         self.lines([body], to_disk=isinstance(event, OperatorEvent))
 
-    def commands(self, commands: list[AnyCommand]) -> None:
+    def write_commands(self, commands: list[AnyCommand]) -> None:
         """Append the commands of the last event."""
         if commands:
             self.lines([command_body(command) for command in commands])

@@ -112,7 +112,7 @@ async def serve(
             gateways = {name: link.gateway for name, link in links.items()}
             exchange = PeerExchange(run.channel, gateways, latest_us)
         service = await _engine_of(run, landscape, clock, links, exchange, announcements, stack)
-        keeping = Keeping(service, service.known, run.settings.journal)
+        keeping = Keeping(service, service.shared_references, run.settings.journal)
         context = _context_of(run, service, clock, links)
         context.gauges["state_seconds"] = lambda: keeping.took_s
         check = _Check(context, watch, progress)
@@ -208,7 +208,7 @@ async def _engine_of(
     journal = _journal_of(run, known, cut_off, announcements.add)
     stack.callback(journal.close)
     gateways = {name: link.gateway for name, link in links.items()}
-    say = unheard if exchange is None else exchange.say
+    say = unheard if exchange is None else exchange.broadcast
     core, world, record, state_view = _begun(run.scenario, landscape, clock, cut_off)
     service = Engine(run.scenario, core, world, journal, record, gateways, say, state_view)
     announcements.engine = service
@@ -311,7 +311,7 @@ async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down
     if service.state_view is not None:
         service.state_view.clear_all_but("abort")
         service.state_view.told_before = service.state_view.news_id
-    service.go_on(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
+    service.resume(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
 
 
 def replay(cut_off: Unfinished, service: Engine) -> None:
@@ -319,12 +319,12 @@ def replay(cut_off: Unfinished, service: Engine) -> None:
 
     Starts over without a line that cannot be applied, if it may be skipped. Raises JournalError.
     """
-    begun = Frozen(service.kept(), service.known)
+    begun = Frozen(service.snapshot_fields(), service.shared_references)
     while True:
         try:
             for event, commands in cut_off.turns(service.core.handle):
                 try:
-                    service.past(event, commands)
+                    service.apply_history(event, commands)
                 except Exception as error:
                     raise cut_off.unhandled(error) from error
         except UnhandledLineError as problem:
@@ -339,7 +339,9 @@ def _refusals(links: dict[str, Link]) -> list[tuple[str, str]]:
     return [
         (name, line)
         for name, link in links.items()
-        for line in link.refusals.news(link.connection.counts, link.connection.receives_signed)
+        for line in link.refusals.announcements(
+            link.connection.counts, link.connection.receives_signed
+        )
     ]
 
 
@@ -347,8 +349,8 @@ def _look_around(context: RunContext, health_monitor: HealthMonitor, silence: Li
     """Check for silent links, refused frames and other alarms, and advance the fire."""
     now_us = clock_us()
     context.service.clock_read(now_us)
-    health_monitor.look(now_us)
-    for name, line in silence.news(now_us):
+    health_monitor.check(now_us)
+    for name, line in silence.announcements(now_us):
         context.service.announce(name, line)
         context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
     for name, kind, words in alarms(context.links):
@@ -362,7 +364,9 @@ def _look_around(context: RunContext, health_monitor: HealthMonitor, silence: Li
     context.clock.wall_passed(now_us)
     context.world.advance(context.clock.now_us)
     for name in [
-        name for name in context.not_ready if name in context.links and context.links[name].heard
+        name
+        for name in context.not_ready
+        if name in context.links and context.links[name].connected
     ]:
         del context.not_ready[name]
 
@@ -379,12 +383,12 @@ async def _told_to_stop(context: RunContext) -> None:
     availability = context.core.decision_engine.availability
     waiting = {name for name in context.links if availability[name].flies}
     at_us = context.clock.now_us
-    context.service.tell(OrderGiven(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
+    context.service.submit(OrderGiven(at_us, SERVICE, "", "", settings.on_shutdown), clock_us())
     for on_it in connected(context.links):
         on_it[0].connection.flush()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(settings.shutdown_s):
-            while waiting - context.service.answered(settings.on_shutdown, at_us):
+            while waiting - context.service.acknowledged_by(settings.on_shutdown, at_us):
                 await context.changed(context.state_view.version)
 
 
@@ -395,7 +399,7 @@ async def _fly(on_it: list[Link], context: RunContext) -> None:
         await connection.wait()
         now_us = clock_us()
         for link in on_it:
-            context.service.take(link.gateway.events(now_us), now_us)
+            context.service.handle_events(link.gateway.events(now_us), now_us)
         connection.flush()
         context.ring()
 

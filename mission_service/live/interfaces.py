@@ -65,9 +65,9 @@ def request_handler_of(
     items = () if burn is None else burn.go_items
 
     def told(event: AnyOperatorEvent) -> list[str]:
-        news = service.record.news
+        news = service.record.announcements
         before = len(news)
-        service.tell(event, clock_us())
+        service.submit(event, clock_us())
         for on_it in connected(links):
             on_it[0].connection.flush()
         return [announced.text for _, announced in news[before:]]

@@ -26,7 +26,7 @@ class MissionsHeld:
     def __init__(self) -> None:
         self._may_hold: dict[str, list[UploadMission]] = {}
 
-    def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
         """Process an event and its commands."""
         match event:
             case UploadFinished(outcome="accepted") | MissionReadBack():

@@ -86,16 +86,16 @@ def decisions_alone(
                 recorded.append((at_us, content))
         elif isinstance(content, Return):
             decision_engine.recall(content.vehicle, at_us / 1e6)
-            decision_engine.sent(content, at_us / 1e6)
+            decision_engine.on_command(content, at_us / 1e6)
         elif isinstance(content, OperatorEvent):
             at_us = content.at_us
             _told(content, core, silent)
         elif not entry.is_event:
-            decision_engine.sent(content, at_us / 1e6)  # type: ignore[arg-type]
+            decision_engine.on_command(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
             name, at_us = event.vehicle, event.at_us
-            decision = decision_engine.take(event)
+            decision = decision_engine.apply(event)
             if decision is not None and entry.sure and name not in silent.held | silent.doubted:
                 found.append((at_us, decided(name, planners[name], decision)))
             if isinstance(event, MissionReadBack | VehicleRebooted):
@@ -132,11 +132,11 @@ def _told(event: AnyOperatorEvent, core: Core, silent: _Silent) -> None:
     decision_engine = core.decision_engine
     match event:
         case SettingsChanged():
-            core.guidance.told(event)
+            core.guidance.on_operator(event)
         case Aborted():
             silent.held |= set(decision_engine.availability)
             for name in decision_engine.availability:
-                decision_engine.aborted(name)
+                decision_engine.apply_abort(name)
         case OrderGiven():
             for name in [event.vehicle] if event.vehicle else list(decision_engine.availability):
                 _ordered(name, event, decision_engine, silent)
@@ -153,7 +153,7 @@ def _ordered(
 ) -> None:
     if event.order == "start" and name in silent.held:
         return
-    if not decision_engine.ordered(name, event):
+    if not decision_engine.apply_order(name, event):
         return
     if event.order == "hold":
         silent.held.add(name)

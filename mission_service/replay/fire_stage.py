@@ -74,9 +74,9 @@ class _Comparison:
     def burn(self, entry: Entry) -> None:
         """Apply the entry to the fire."""
         if entry.is_event:
-            self._fire.past(entry.content)  # type: ignore[arg-type]
+            self._fire.apply_history(entry.content)  # type: ignore[arg-type]
         else:
-            self._fire.ordered(entry.content)  # type: ignore[arg-type]
+            self._fire.on_command(entry.content)  # type: ignore[arg-type]
 
     def stage(self) -> Stage:
         """The result, after the last entry."""

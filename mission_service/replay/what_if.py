@@ -52,8 +52,8 @@ class PastRun:
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
-        self.fire.past(event, commands)
-        self.record.add(event, commands)
+        self.fire.apply_history(event, commands)
+        self.record.apply(event, commands)
         if isinstance(event, OperatorEvent):
             self.people.append(event)
 

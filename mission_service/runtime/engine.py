@@ -75,9 +75,9 @@ KEPT = (
     "record",
     "state_view",
     "_missions",
-    "_owed",
+    "_undelivered",
     "_interlock",
-    "_said_yes",
+    "_acknowledged",
 )
 TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
 
@@ -114,12 +114,14 @@ class Engine:
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
-        self._owed: dict[str, Window] = {}  # corrected windows that a planner has not received yet
+        self._undelivered: dict[
+            str, Window
+        ] = {}  # corrected windows that a planner has not received yet
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
-        self._say = say
-        self._said_yes: dict[tuple[str, str], int] = {}
+        self._broadcast = say
+        self._acknowledged: dict[tuple[str, str], int] = {}
         self._modes_meanwhile: dict[str, str] = {}  # since the journal cannot be written
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, world.landscape)
@@ -132,11 +134,11 @@ class Engine:
         return self.fire.world
 
     @cached_property
-    def known(self) -> Known:
+    def shared_references(self) -> Known:
         """The objects that a copy of the state shares with it."""
         return Known(self._scenario, self.world.landscape)
 
-    def take(self, events: Iterable[VehicleEvent], now_us: int) -> None:
+    def handle_events(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle the events of a gateway; ``now_us`` is the link's clock."""
         self.clock_read(now_us)
         for event in events:
@@ -144,13 +146,13 @@ class Engine:
                 if not self._handle(event, now_us):
                     self._not_followed(event)
             elif (body := self._body_of(event)) is not None:  # before the fire advances
-                observed = self.fire.look(event)
+                observed = self.fire.camera_observation(event)
                 if observed is not None:
                     self._handle(observed, now_us)
                 if self._written(event, body):
                     self._follow(event, now_us)
                 elif self.state_view:
-                    self.state_view.take(event, [])
+                    self.state_view.apply(event, [])
 
     def _not_followed(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
@@ -183,12 +185,12 @@ class Engine:
         for name in self._gateways:
             self._handle(HostTime(self.record.at_us, name, now_us), now_us)
 
-    def hear(self, message: AnyMessage, at_us: int, now_us: int) -> None:
+    def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle a message from a vehicle of another process, for each vehicle of this one."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
-    def tell(self, event: AnyOperatorEvent, now_us: int) -> None:
+    def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event; the journal on disk has it when this returns.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
@@ -200,21 +202,23 @@ class Engine:
         if not self._written(event):
             raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
         try:
-            window = self._told_of_fire(event)
+            window = self._apply_to_fire(event)
         except Exception as error:
             self.recording.take_back()
             if isinstance(error, FireModelError):
                 raise
             raise _cannot(event, error) from error
         self._follow(event, now_us)
-        self._owe(window)
-        self._pay(event.at_us, now_us)
+        self._queue(window)
+        self._deliver(event.at_us, now_us)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Apply a request to a copy of the state. Raises RefusedEventError if that raises."""
         trial = copy.copy(self)
         try:
-            trial.restore(copied({name: getattr(self, name) for name in TRIED}, self.known))
+            trial.restore(
+                copied({name: getattr(self, name) for name in TRIED}, self.shared_references)
+            )
             for command in trial._folded(event):
                 command_body(command)
                 trial._refused(command)
@@ -226,33 +230,33 @@ class Engine:
                     gateway.execute(Hold(name), now_us)
             raise _cannot(event, error) from error
 
-    def _told_of_fire(self, event: AnyOperatorEvent) -> Window | None:
+    def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible ones."""
         found = self.fire.apply_report(event)
         if self.state_view is not None and isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
         return found
 
-    def contact(self, there: bool, at_us: int, now_us: int) -> None:
+    def on_peer_link(self, there: bool, at_us: int, now_us: int) -> None:
         """Handle a lost or restored link to other processes, for each vehicle of this one."""
         for name in self._gateways:
             self._handle(PeerLinkChanged(at_us, name, there), now_us)
 
-    def past(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+    def apply_history(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Apply an event of the journal with its commands, without carrying them out."""
         self.world.advance(event.at_us)
-        window = self.fire.past(event, commands)
+        window = self.fire.apply_history(event, commands)
         if isinstance(event, OF_FIRE) and self.state_view is not None:
             self.state_view.fire_changed()
         self._show(event, commands)
-        self._owe(window)
+        self._queue(window)
         if isinstance(event, Observed) and event.corrects:
-            self._owed.pop(event.vehicle, None)
+            self._undelivered.pop(event.vehicle, None)
         if self._interlock is not None:
             self._interlock.apply(event)
             self._interlock.on_commands(commands)
 
-    def go_on(
+    def resume(
         self,
         missing: Iterable[AnyCommand],
         event: Resumed,
@@ -263,8 +267,8 @@ class Engine:
 
         ``skipped`` are lines of the journal that were not applied.
         """
-        self.recording.commands(list(missing))
-        self.record.news.clear()  # announced before
+        self.recording.write_commands(list(missing))
+        self.record.announcements.clear()  # announced before
         if skipped is not None:
             self._handle(skipped, now_us)
         self._begin_again(event, now_us)
@@ -272,11 +276,11 @@ class Engine:
     def _begin_again(self, event: Resumed, now_us: int) -> None:
         """Handle a restart, and read back each vehicle's mission as soon as it is connected."""
         self._handle(event, now_us)
-        self._pay(event.at_us, now_us)
+        self._deliver(event.at_us, now_us)
         for name, gateway in self._gateways.items():
             gateway.read_back(partial(self._missions.recognised, name), now_us)
 
-    def mend(self, at_us: int, now_us: int) -> bool:
+    def retry(self, at_us: int, now_us: int) -> bool:
         """Try to write the journal again; returns whether it can be written."""
         if not self.recording.works_again():
             return False
@@ -288,7 +292,7 @@ class Engine:
         self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot_fields(self) -> dict[str, Any]:
         """The fields of a snapshot; with the scenario they are the whole state."""
         return {name: getattr(self, name) for name in KEPT}
 
@@ -299,23 +303,23 @@ class Engine:
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
         """Show a line to the operators that is not in the journal."""
-        self.record.news.append((self.record.at_us, Announce(about, text, level)))
+        self.record.announcements.append((self.record.at_us, Announce(about, text, level)))
         if self.state_view is not None:
-            self.state_view.tell(about, text, level)
+            self.state_view.announce(about, text, level)
 
-    def _owe(self, window: Window | None) -> None:
+    def _queue(self, window: Window | None) -> None:
         if window is not None:
-            self._owed = dict.fromkeys(self._gateways, window)
+            self._undelivered = dict.fromkeys(self._gateways, window)
 
-    def _pay(self, at_us: int, now_us: int) -> None:
+    def _deliver(self, at_us: int, now_us: int) -> None:
         """Deliver operators' corrections of the fire to each vehicle's planner."""
-        for name, window in list(self._owed.items()):
+        for name, window in list(self._undelivered.items()):
             if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
-                del self._owed[name]
+                del self._undelivered[name]
 
-    def answered(self, command: str, since_us: int) -> set[str]:
+    def acknowledged_by(self, command: str, since_us: int) -> set[str]:
         """The vehicles that have acknowledged a command since a mission time."""
-        said = self._said_yes.items()
+        said = self._acknowledged.items()
         return {name for (name, word), at_us in said if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
@@ -361,13 +365,13 @@ class Engine:
             raise self.defect
         if not self.recording.trouble:
             self._down_since_us = event.at_us
-        return self.recording.event(event, body)
+        return self.recording.write_event(event, body)
 
     def _follow(self, event: AnyEvent, now_us: int) -> None:
         try:
             commands = self._folded(event)
-            self.fire.happened(event)
-            may_act = self.recording.commands(commands)
+            self.fire.on_event(event)
+            may_act = self.recording.write_commands(commands)
         except OSError:  # the journal of a simulation
             raise
         except Exception as error:
@@ -376,13 +380,13 @@ class Engine:
             raise self.defect from error
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
-                self._say(command.message)
+                self._broadcast(command.message)
             elif self._is_left(command):
                 pass
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
             else:
-                self.fire.ordered(command)
+                self.fire.on_command(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.on_commands([command])
@@ -399,11 +403,11 @@ class Engine:
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         if isinstance(event, CommandFinished) and event.accepted:
-            self._said_yes[event.vehicle, event.command] = event.at_us
-        self._missions.take(event, commands)
-        self.record.add(event, commands)
+            self._acknowledged[event.vehicle, event.command] = event.at_us
+        self._missions.apply(event, commands)
+        self.record.apply(event, commands)
         if self.state_view is not None:
-            self.state_view.take(event, commands)
+            self.state_view.apply(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """The last check before sending: the interlock refuses drops, and missions with drops."""

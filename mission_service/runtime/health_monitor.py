@@ -51,7 +51,7 @@ class HealthMonitor:
         self._near_due_us = 0
         self._near: set[str] = set()
 
-    def look(self, now_us: int) -> None:
+    def check(self, now_us: int) -> None:
         """Run all checks; ``now_us`` is the machine's clock."""
         state_view = self._picture
         if self._looked_us is not None:

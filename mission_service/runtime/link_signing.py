@@ -84,7 +84,7 @@ class SigningRefusals:
         self._signing = signing
         self._told: set[str] = set()
 
-    def news(self, counts: Counts, receives_signed: bool) -> list[str]:
+    def announcements(self, counts: Counts, receives_signed: bool) -> list[str]:
         """The new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:

@@ -24,15 +24,15 @@ class PeerListener:
         """Advance the clock to the mission time of another process."""
         self._clock.others_passed(mission_us, self._clock_us())
 
-    def hear(self, message: AnyMessage) -> None:
+    def on_message(self, message: AnyMessage) -> None:
         """Handle a message of a vehicle flown by another process."""
         self.passed(message.at_us)
-        self._service.hear(message, self._clock.now_us, self._clock_us())
+        self._service.on_peer_message(message, self._clock.now_us, self._clock_us())
 
-    def contact(self, there: bool) -> None:
+    def on_link(self, there: bool) -> None:
         """Handle a change of the connection to the other processes."""
-        self._service.contact(there, self._clock.now_us, self._clock_us())
+        self._service.on_peer_link(there, self._clock.now_us, self._clock_us())
 
-    def tell(self, text: str, warning: bool) -> None:
+    def announce(self, text: str, warning: bool) -> None:
         """Announce a line to the operators."""
         self._service.announce("formation", text, "warning" if warning else "info")

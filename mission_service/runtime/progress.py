@@ -48,11 +48,11 @@ class LiveReport:
 
     def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Print new announcements and a due status line."""
-        for at_us, news in record.news:
+        for at_us, news in record.announcements:
             style = "bold yellow" if news.level == "warning" else "cyan"
             text = f"{clock_text(at_us)}  {news.vehicle}: {news.text}"
             self._console.print(text, style=style, markup=False)
-        record.news.clear()
+        record.announcements.clear()
         if record.at_us >= self._next_us:
             self._next_us = record.at_us + STATUS_EVERY_US
             for line in status_lines(record, world):
@@ -92,8 +92,8 @@ class SimProgress:
     def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Move the bar, or print a line."""
         lines = status_lines(record, world)
-        warnings = [news for _, news in record.news if news.level == "warning"]
-        record.news.clear()
+        warnings = [news for _, news in record.announcements if news.level == "warning"]
+        record.announcements.clear()
         for news in warnings:
             self._console.print(f"{clock_text(record.at_us)}  {news.vehicle}: {news.text}")
         if self._console.is_terminal:

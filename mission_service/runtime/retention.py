@@ -44,7 +44,7 @@ class Keeping:
             self._alarm()
             if self._service.recording.trouble:
                 clock.wall_passed(clock_us())
-                self._service.mend(clock.now_us, clock_us())
+                self._service.retry(clock.now_us, clock_us())
             else:
                 await self.look()
             await asyncio.sleep(LOOK_EVERY_S)
@@ -71,7 +71,7 @@ class Keeping:
     async def begin_segment(self) -> None:
         """Close the journal's file and begin the next, with a state of its own."""
         journal = self._service.recording.journal
-        frozen = Frozen(self._service.kept(), self._known)
+        frozen = Frozen(self._service.snapshot_fields(), self._known)
         try:
             journal.begin_segment()
         except OSError as error:
@@ -85,7 +85,7 @@ class Keeping:
         self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
     ) -> None:
         began_us = clock_us()
-        frozen = frozen or Frozen(self._service.kept(), self._known)
+        frozen = frozen or Frozen(self._service.snapshot_fields(), self._known)
         self._written, self._written_us = rest, began_us
         try:
             await asyncio.to_thread(write_it, frozen)

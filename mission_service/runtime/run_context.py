@@ -101,13 +101,13 @@ class RunContext:
         return self.state_view.fire(self.world.fire.burned_ha, self.world.corrections())
 
     @property
-    def believed(self) -> "EstimatedFire | None":
+    def estimated_fire(self) -> "EstimatedFire | None":
         """The estimated fire that a burn's plans use; None without a burn."""
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
         """The weather now, of the scenario or as operators set it."""
-        at_s, believed = self.clock.now_us / 1e6, self.believed
+        at_s, believed = self.clock.now_us / 1e6, self.estimated_fire
         return self.world.fire.weather.at(at_s) if believed is None else believed.weather_at(at_s)
 
     def preview(self, vehicle: str) -> Items | None:

@@ -76,12 +76,12 @@ class RunStatistics:
         self.observations = 0
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
-        self.news: list[tuple[int, Announce]] = []
+        self.announcements: list[tuple[int, Announce]] = []
         self.requests: Counter[str] = Counter()  # of operators, by the event's name
         self.restarts = 0  # of the service
         self.alarms: Counter[str] = Counter()  # raised, by kind; with a state view only
 
-    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
         if isinstance(event, Resumed):
@@ -94,14 +94,14 @@ class RunStatistics:
             self._commanded(self.vehicles[command.vehicle], command)
 
     def _happened(self, vehicle: VehicleStatistics, event: VehicleEvent) -> None:
-        vehicle.sortie.happened(event)
+        vehicle.sortie.on_event(event)
         match event:
             case Telemetry():
                 self.telemetry += 1
                 here = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
                 vehicle.here = here
                 self._compare(event)
-                vehicle.track.add(here)
+                vehicle.track.append_point(here)
             case Observed():
                 self.observations += 1
             case UploadFinished():
@@ -130,7 +130,7 @@ class RunStatistics:
         self._in_air[here.vehicle] = here
 
     def _commanded(self, vehicle: VehicleStatistics, command: AnyCommand) -> None:
-        vehicle.sortie.commanded(command)
+        vehicle.sortie.on_commands(command)
         match command:
             case DirectionDecision():
                 vehicle.decisions += 1
@@ -151,7 +151,7 @@ class RunStatistics:
                 place = (command.lat_deg, command.lon_deg)
                 vehicle.drops.append(DropState(self.at_us, *named, *place))
             case Announce():
-                self.news.append((self.at_us, command))
+                self.announcements.append((self.at_us, command))
             case _:
                 pass
 

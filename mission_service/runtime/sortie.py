@@ -52,7 +52,7 @@ class Sortie:
     _unflown: bool = False  # a mission was accepted and none of its items reached yet
     _here: Telemetry | None = None
 
-    def happened(self, event: VehicleEvent) -> None:
+    def on_event(self, event: VehicleEvent) -> None:
         """Process an event."""
         match event:
             case Telemetry():
@@ -74,7 +74,7 @@ class Sortie:
             case _:
                 pass
 
-    def commanded(self, command: AnyCommand) -> None:
+    def on_commands(self, command: AnyCommand) -> None:
         """Process a command."""
         match command:
             case UploadMission():

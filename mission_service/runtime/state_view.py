@@ -136,7 +136,7 @@ class StateView:
 
     # Input ------------------------------------------------------------------------------------
 
-    def take(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: Iterable[AnyCommand]) -> None:
         """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
         commands = list(commands)
@@ -148,7 +148,7 @@ class StateView:
             if command.vehicle in self.vehicles:
                 self._commanded(self.vehicles[command.vehicle], command)
             elif isinstance(command, Announce):
-                self.tell(command.vehicle, command.text, command.level)
+                self.announce(command.vehicle, command.text, command.level)
         if self.at_us - self._fire_told_us >= FIRE_EVERY_US:
             self._fire_told_us = self.at_us
             self._touch("fire")
@@ -177,7 +177,7 @@ class StateView:
         for key in [key for key in self.alarms if key not in keys]:
             self.clear(key)
 
-    def tell(self, vehicle: str, text: str, level: str = "info") -> None:
+    def announce(self, vehicle: str, text: str, level: str = "info") -> None:
         """Add an announcement to the operators."""
         self.news_id = self.version + 1  # the id is also the version of the change
         self.news.append(Announcement(self.news_id, self.at_us, vehicle, level, text))
@@ -391,7 +391,7 @@ class StateView:
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
             case Announce():
-                self.tell(name, command.text, command.level)
+                self.announce(name, command.text, command.level)
             case RaiseAlarm():
                 text = f"{name}: {command.text}"
                 self.alarm(f"{command.alarm}/{name}", text, command.severity, name)

@@ -19,7 +19,7 @@ class Track(Sequence[Point]):
         self._count = 0
         self._every_us = EVERY_US
 
-    def add(self, point: Point) -> None:
+    def append_point(self, point: Point) -> None:
         """Add the current position if the interval since the last point has passed."""
         if self._count and point[0] - self._points[self._count - 1, 0] < self._every_us:
             return

@@ -52,7 +52,7 @@ class Link:
     refusals: SigningRefusals
 
     @property
-    def heard(self) -> bool:
+    def connected(self) -> bool:
         """Whether its autopilot has been connected."""
         return self.gateway.client.stack is not None
 
@@ -176,7 +176,7 @@ class LinkMonitor:
         self._unheard = dict(links)
         self._tell_at_us = now_us + TELL_SILENCE_AFTER_US
 
-    def news(self, now_us: int) -> list[tuple[str, str]]:
+    def announcements(self, now_us: int) -> list[tuple[str, str]]:
         """The vehicles without a heartbeat and possible reasons; once, when it is due."""
         if now_us < self._tell_at_us:
             return []
@@ -184,9 +184,9 @@ class LinkMonitor:
         for name, link in self._unheard.items():
             where = link.section.link
             refused = refusal(link.connection.counts, where)
-            if not link.heard and refused is not None:
+            if not link.connected and refused is not None:
                 found.append((name, f"nothing believed yet: {refused}"))
-            elif not link.heard:
+            elif not link.connected:
                 words = "is its autopilot running, and is this its port?"
                 found.append((name, f"nothing heard on {where} yet; {words}"))
         self._unheard.clear()

@@ -100,7 +100,7 @@ class SimulatedVehicle:
         for datagram in self._down.receive(now_us):
             self.client.receive_data(datagram, now_us)
         self.client.handle_timer(now_us)
-        service.take(self.gateway.events(now_us), now_us)
+        service.handle_events(self.gateway.events(now_us), now_us)
         for datagram in self.client.data_to_send():
             self._up.send(datagram, now_us)
 
@@ -162,7 +162,7 @@ class Simulation:
         self.rigs[index].advance(now_us, self.service)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
-                self.service.tell(event, now_us)
+                self.service.submit(event, now_us)
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US

@@ -89,7 +89,7 @@ class VehicleAvailability:
         """Whether a command of this kind may still take effect."""
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
-    def answered(self, kind: type[AnyCommand], at_s: float) -> None:
+    def on_acknowledged(self, kind: type[AnyCommand], at_s: float) -> None:
         """Record an acknowledged command: its change of mode follows within ``TAKES_EFFECT_S``."""
         if kind in self.expected_until_s:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S

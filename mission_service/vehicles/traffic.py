@@ -78,7 +78,7 @@ class TrafficManager:
 
     # Missions one above the other -------------------------------------------------------------
 
-    def sends(self, name: str, items: tuple[MissionItem, ...]) -> None:
+    def on_mission(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a mission that is sent to the vehicle."""
         flown = self._all[name]
         here = flown.availability.here

@@ -128,7 +128,7 @@ def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, 
     now_s, taken = 0.0, {"a": 0, "b": 0}
     for pause_s, client in steps:
         now_s += pause_s
-        wait_s = buckets.take(client, now_s)
+        wait_s = buckets.consume(client, now_s)
         taken[client] += wait_s == 0.0
         assert taken[client] <= burst + rate_s * now_s + 1e-6
         if wait_s > 0.0:  # it is as long as it says
@@ -139,6 +139,6 @@ def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, 
 def test_buckets_forget_who_asked_longest_ago() -> None:
     buckets = RateLimiter(1.0, 1.0)
     for number in range(3 * MAX_CLIENTS):
-        buckets.take(str(number), 0.0)
+        buckets.consume(str(number), 0.0)
     assert len(buckets._left) == MAX_CLIENTS
-    assert buckets.take(str(3 * MAX_CLIENTS - 1), 0.0) > 0.0
+    assert buckets.consume(str(3 * MAX_CLIENTS - 1), 0.0) > 0.0

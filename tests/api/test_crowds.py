@@ -194,9 +194,9 @@ def test_of_too_many_the_oldest_of_the_busiest_address_goes(
 
 def test_places_are_counted_by_client() -> None:
     places = ConcurrencyLimiter(3, 2)
-    assert [places.enter(each) for each in "aaabcc"] == [True, True, False, True, False, False]
-    places.leave("a")
-    assert [places.enter("b"), places.enter("c")] == [True, False]
+    assert [places.acquire(each) for each in "aaabcc"] == [True, True, False, True, False, False]
+    places.release("a")
+    assert [places.acquire("b"), places.acquire("c")] == [True, False]
 
 
 def test_a_client_is_an_address_or_a_network() -> None:

@@ -118,9 +118,9 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
     async def go() -> None:
         service, state_view = served(flying), flying.context.state_view
         for word in ("one", "two"):
-            state_view.tell("hawk", word)
+            state_view.announce("hawk", word)
         since = state_view.version
-        state_view.tell("hawk", "three")
+        state_view.announce("hawk", "three")
         moves(flying, 36.4)
         reader = Reader(service, since)
         await reader.until(1)
@@ -263,7 +263,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
             async with asyncio.timeout(PATIENCE_S):
                 while streams.count:
                     for _ in range(20):
-                        news.tell("hawk", "x" * 5000)
+                        news.announce("hawk", "x" * 5000)
                     standing.context.ring()
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())

@@ -106,7 +106,7 @@ def test_a_stream_that_nobody_reads_does_not_hold_the_end_up(
             _, writer = await stream_of(service, address, limit=1024)
             writer.transport.pause_reading()  # type: ignore[attr-defined]
             for number in range(60):  # more than the kernel takes
-                standing.context.state_view.tell("hawk", f"{number} " + "x" * 200_000)
+                standing.context.state_view.announce("hawk", f"{number} " + "x" * 200_000)
             standing.context.ring()
             await until(lambda: service.app.api.streams.count == 1)
             began_s = time.monotonic()

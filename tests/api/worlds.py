@@ -67,9 +67,9 @@ def world_in(out: Path, scenario: Scenario) -> World:
 
     def tell(event: AnyOperatorEvent) -> list[str]:
         told.append(event)
-        before = len(service.record.news)
-        service.tell(event, simulation.link_us)
-        return [said.text for _, said in service.record.news[before:]]
+        before = len(service.record.announcements)
+        service.submit(event, simulation.link_us)
+        return [said.text for _, said in service.record.announcements[before:]]
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))

@@ -99,7 +99,7 @@ def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
             sock.bind(("127.0.0.1", 0))
             sock.setblocking(False)
             async with sending(f"udp://127.0.0.1:{sock.getsockname()[1]}") as context:
-                context.state_view.take(here(1), [])
+                context.state_view.apply(here(1), [])
                 async with asyncio.timeout(PATIENCE_S):
                     uids = []
                     while "Fire-more.hawk" not in uids or "Fire-more.fire.1" not in uids:
@@ -133,7 +133,7 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
             assert f"no CoT to tcp://127.0.0.1:{port}" in context.state_view.alarms["cot"].text
             async with await asyncio.start_server(take, "127.0.0.1", port):
                 for number in range(2):
-                    context.state_view.take(here(number + 1), [])
+                    context.state_view.apply(here(number + 1), [])
                     await until(lambda: bool(got))
                     assert ElementTree.fromstring(bytes(got)).tag == "event"
                     got.clear()

@@ -25,7 +25,7 @@ def journal_in(folder: Path, seconds: float = 160.0) -> Path:
     world.fly(begin_s + seconds / 2)
     at_us = round(world.now_s * 1e6)
     event = Corrected(at_us, "anna", "", "burned", "polygon", BURNED, at_us)
-    world.context.service.tell(event, world.simulation.link_us)
+    world.context.service.submit(event, world.simulation.link_us)
     world.fly(begin_s + seconds)
     world.context.service.recording.journal.close()
     return folder / "journal.jsonl"

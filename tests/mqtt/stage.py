@@ -82,11 +82,11 @@ class Stage:
         return next(iter(self.context.state_view.vehicles))
 
     def moves(self, at_us: int, lat_deg: float = 36.36) -> None:
-        self.context.state_view.take(here(at_us, self.name, lat_deg), [])
+        self.context.state_view.apply(here(at_us, self.name, lat_deg), [])
         self.context.ring()
 
     def tells(self, text: str) -> None:
-        self.context.state_view.tell(self.name, text)
+        self.context.state_view.announce(self.name, text)
         self.context.ring()
 
 

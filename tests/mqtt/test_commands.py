@@ -55,7 +55,7 @@ class Door:
             payload = json.dumps(
                 {key: value for key, value in said.items() if value != ...}
             ).encode()
-        return self.keeper.take(name, payload, retained, 7, self.now_s, self.unix_us)
+        return self.keeper.accept(name, payload, retained, 7, self.now_s, self.unix_us)
 
     def refuses(self, name: str, words: str, payload: bytes | None = None, **more: Any) -> Reply:
         reply = self.takes(name, payload, **more)
@@ -175,7 +175,9 @@ def test_answers_are_kept_for_ten_minutes_and_no_longer() -> None:
     door.takes("hold")
     for seconds, asked in ((REMEMBERED_S - 1.0, 1), (2.0, 2)):
         door.now_s += seconds
-        door.keeper.take("hold", _bytes(door, 1000.0), False, 7, door.now_s, NOW_US + 1_000_000_000)
+        door.keeper.accept(
+            "hold", _bytes(door, 1000.0), False, 7, door.now_s, NOW_US + 1_000_000_000
+        )
         assert len(door.request_handler.asked) == asked
 
 

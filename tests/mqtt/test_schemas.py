@@ -101,7 +101,7 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
         return {"ok": True}
 
     sent_us = example["sent_at_unix_us"]
-    reply = CommandGate(ask).take(name, json.dumps(example).encode(), False, 0, 0.0, sent_us)
+    reply = CommandGate(ask).accept(name, json.dumps(example).encode(), False, 0, 0.0, sent_us)
     assert reply is not None
     assert reply.ok, reply
     assert events[0].by == "mqtt:anna"

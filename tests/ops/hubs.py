@@ -48,4 +48,4 @@ def upload_failed(context: RunContext, vehicle: str) -> None:
     assert sent is not None
     mission.sending = msgspec.structs.replace(sent, mission_id=9999)
     at_us = context.state_view.at_us
-    context.state_view.take(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])
+    context.state_view.apply(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])

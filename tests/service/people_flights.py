@@ -51,9 +51,9 @@ class Flight:
         return self.sim.clock.now_us
 
     def tell(self, event: AnyOperatorEvent) -> list[str]:
-        news = self.sim.record.news
+        news = self.sim.record.announcements
         before = len(news)
-        self.sim.service.tell(event, self.sim.link_us)
+        self.sim.service.submit(event, self.sim.link_us)
         return [told.text for _, told in news[before:]]
 
     @property

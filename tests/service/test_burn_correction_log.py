@@ -27,7 +27,7 @@ def places(log: CorrectionLog) -> list[int]:
 def log_of(*events: Corrected | Erased | Undone | Redone | OperatorHeartbeat) -> CorrectionLog:
     log = CorrectionLog()
     for event in events:
-        log.take(event)
+        log.apply(event)
     return log
 
 
@@ -56,12 +56,12 @@ def test_a_line_that_is_erased_in_part_says_by_what() -> None:
 
 def test_it_says_what_changed() -> None:
     log = CorrectionLog()
-    assert not log.take(Undone(*WHO))
-    assert not log.take(Redone(*WHO))
-    assert not log.take(OperatorHeartbeat(*WHO))
-    assert log.take(point(0))
-    assert log.take(Undone(*WHO))
-    assert log.take(Redone(*WHO))
+    assert not log.apply(Undone(*WHO))
+    assert not log.apply(Redone(*WHO))
+    assert not log.apply(OperatorHeartbeat(*WHO))
+    assert log.apply(point(0))
+    assert log.apply(Undone(*WHO))
+    assert log.apply(Redone(*WHO))
 
 
 def model(events: list[Corrected | Erased | Undone | Redone]) -> list[tuple[Corrected, ...]]:
@@ -105,5 +105,5 @@ def test_any_order_of_them_is_as_a_naive_model_has_it(seed: int) -> None:
             events.append(Undone(*WHO) if kind < 7 else Redone(*WHO))
     log = CorrectionLog()
     for event, held in zip(events, model(events)[1:], strict=True):
-        log.take(event)
+        log.apply(event)
         assert tuple(each.correction for each in log.held()) == held

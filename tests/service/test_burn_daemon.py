@@ -54,8 +54,8 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
             raise KilledError
 
     def progress(record: RunStatistics, world: Any) -> None:
-        news.extend(announced.text for _, announced in record.news)
-        record.news.clear()
+        news.extend(announced.text for _, announced in record.announcements)
+        record.announcements.clear()
 
     def speak() -> None:
         deadline = time.monotonic() + 100  # kernels may have to be compiled first

@@ -32,20 +32,20 @@ def burning(x_m: float, y_m: float, at_s: float) -> Corrected:
 def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
     fire, here = believed(), place(60.0, 30.0)
     (before_s,) = times_s(fire, here)
-    assert fire.take(burning(60.0, 30.0, 300.0))
+    assert fire.apply(burning(60.0, 30.0, 300.0))
     (after_s,) = times_s(fire, here)
     assert before_s > 900.0
     assert abs(after_s - 300.0) < 0.2 * (before_s - 300.0)
-    assert fire.take(Undone(400_000_000, *WHO))
+    assert fire.apply(Undone(400_000_000, *WHO))
     assert times_s(fire, here) == [before_s]
 
 
 def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
     fire = believed()
     line = (place(10.0, 30.0), place(110.0, 30.0))
-    fire.take(Corrected(300_000_000, *WHO, "burning", "line", line, 300_000_000))
+    fire.apply(Corrected(300_000_000, *WHO, "burning", "line", line, 300_000_000))
     observations = len(fire._observations)
-    fire.take(Erased(310_000_000, *WHO, *place(20.0, 30.0), 25.0))
+    fire.apply(Erased(310_000_000, *WHO, *place(20.0, 30.0), 25.0))
     assert 0 < len(fire._observations) < observations
 
 
@@ -59,8 +59,8 @@ def test_it_does_not_depend_on_who_asks_in_between() -> None:
     lit = ((place(10.0, 90.0), place(30.0, 90.0)), 206_000_000)
     events[6:6] = [IgnitionReported(206_000_000, *WHO, *lit)]  # type: ignore[list-item]
     for event in [*events, WindSet(300_000_000, *WHO, 3.0, 20.0), *events[:3]]:
-        asked.take(event)
-        quiet.take(event)
+        asked.apply(event)
+        quiet.apply(event)
         times_s(asked, place(40.0, 40.0))
         asked.hold((0.0, 0.0, 1e6))
         asked.held = asked.held[:0]

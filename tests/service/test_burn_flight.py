@@ -83,10 +83,10 @@ class Burn:
             self.run(0.5)
 
     def tell(self, event: AnyOperatorEvent) -> None:
-        self.simulation.service.tell(event, self.simulation.link_us)
+        self.simulation.service.submit(event, self.simulation.link_us)
 
     def texts(self) -> list[str]:
-        return [announced.text for _, announced in self.simulation.record.news]
+        return [announced.text for _, announced in self.simulation.record.announcements]
 
     def close(self) -> None:
         self._journal.close()

@@ -110,7 +110,7 @@ def gone_on(flown: Burn, path: Path) -> Again:
     assert kept.commands == []
     plans = service.status()["plans"]
     ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
-    service.go_on(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
+    service.resume(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
     return Again(service, burn_flight(core.guidance), kept.commands, journal, ordered)
 
 
@@ -226,21 +226,21 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     moved = partial(Telemetry, vehicle=NAME, lat_deg=here[1], lon_deg=here[2],
                     altitude_amsl_m=here[3] + 60.0, altitude_relative_m=75.0,
                     velocity_north_m_s=0.0, velocity_east_m_s=0.0, heading_deg=0.0)  # fmt: skip
-    service.take([VehicleConnected(at_us, NAME, "ardupilot copter", False)], 0)
-    service.take([GpsFixChanged(at_us, NAME, True, "3d")], 0)
+    service.handle_events([VehicleConnected(at_us, NAME, "ardupilot copter", False)], 0)
+    service.handle_events([GpsFixChanged(at_us, NAME, True, "3d")], 0)
     for step in range(60):
-        service.take([moved(at_us=at_us + step * 100_000)], 0)
+        service.handle_events([moved(at_us=at_us + step * 100_000)], 0)
     proposed = guidance.approvals.plan_hash
     assert proposed
     before = cuts_hash(flown.journal)
     assert proposed != before
-    service.tell(Approved(at_us + 6_000_000, *WHO, before), 0)
+    service.submit(Approved(at_us + 6_000_000, *WHO, before), 0)
     assert guidance.approvals.approval is None
     assert flown.scenario.burn is not None
     for item in flown.scenario.burn.go_items:
-        service.tell(ChecklistAnswered(at_us + 6_000_000, *WHO, item, True), 0)
+        service.submit(ChecklistAnswered(at_us + 6_000_000, *WHO, item, True), 0)
     for step in range(60, 70):
-        service.take([moved(at_us=at_us + step * 100_000)], 0)
+        service.handle_events([moved(at_us=at_us + step * 100_000)], 0)
     again.journal.close()
     unwanted = [c for c in again.executed if isinstance(c, Drop | UploadMission | StartMission)]
     assert unwanted == []

@@ -104,9 +104,9 @@ EVENTS: tuple[AnyEvent, ...] = (
 
 
 def turn(journal: Journal, handle: Handle, event: AnyEvent) -> list[AnyCommand]:
-    journal.event(event)
+    journal.write_event(event)
     commands = handle(event)
-    journal.commands(commands)
+    journal.write_commands(commands)
     return commands
 
 
@@ -150,7 +150,7 @@ def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]
         before.append(event)
         lock.apply(event)
         lock.on_commands(commands)
-    journal.commands(list(cut_off.missing))
+    journal.write_commands(list(cut_off.missing))
     news = resumed(cut_off.last_us, down_s)
     lock.apply(news)
     lock.on_commands(turn(journal, handle, news))

@@ -29,7 +29,7 @@ def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> Non
     once = iter([[command]])
     monkeypatch.setattr(Core, "handle", lambda self, event: next(once, []))
     battery = BatteryUpdated(burn.at_us, "kestrel", 90.0)
-    burn.simulation.service.take([battery], burn.simulation.link_us)
+    burn.simulation.service.handle_events([battery], burn.simulation.link_us)
     burn.run(5.0)
     burn.close()
 

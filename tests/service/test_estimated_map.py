@@ -29,7 +29,7 @@ def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> 
     assert 0.5 < later[row, col] < 0.95
     lat, lon = (float(value) for value in landscape.lat_lon_of(*place[0]))
     now_us, boss = 700_000_000, "firing-boss"
-    believed.take(Corrected(now_us, "ann", boss, "burning", "point", ((lat, lon),), now_us))
+    believed.apply(Corrected(now_us, "ann", boss, "burning", "point", ((lat, lon),), now_us))
     after = asyncio.run(forecasts.arrival(1200.0)).arrival_s[row, col]
     assert 690.0 < after < (at_place + 700.0) / 2, "it has come sooner than was believed"
     surer = asyncio.run(forecasts.probability(float(after) + 60.0))

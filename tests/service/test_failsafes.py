@@ -82,7 +82,7 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
     # A start that is refused in flight, as PX4 1.17 and ArduPlane 4.6.2 did.
     order(flight, "resume")
     refused = CommandFinished(flight.now_us, "hawk", "start mission", False, "denied")
-    flight.sim.service.take([refused], flight.sim.link_us)
+    flight.sim.service.handle_events([refused], flight.sim.link_us)
     order(flight, "return")
     flight.run(60.0)
     flight.sim.rigs[0].client.command("land", flight.sim.link_us)  # as its pilot would order
@@ -181,13 +181,13 @@ def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
     flight.run(500.0)
     # Positions go on, dead-reckoned: seen for a minute on ArduPlane 4.6.2 and PX4 1.17.
     lost = GpsFixChanged(flight.now_us, "hawk", False, "no fix")
-    flight.sim.service.take([lost], flight.sim.link_us)
+    flight.sim.service.handle_events([lost], flight.sim.link_us)
     began_s, seen = flight.now_s, flight.state_view.observations
     assert flight.state_view.alarms["position/hawk"].severity == "severe"
     flight.run(30.0)
     assert flight.state_view.observations == seen
     found = GpsFixChanged(flight.now_us, "hawk", True, "3d")
-    flight.sim.service.take([found], flight.sim.link_us)
+    flight.sim.service.handle_events([found], flight.sim.link_us)
     flight.run(20.0)
     assert flight.state_view.observations > seen
     lines = flight.over()
@@ -267,10 +267,10 @@ def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     down = LandedStateChanged(flight.now_us, "hawk", "on ground")
-    flight.sim.service.take([down], flight.sim.link_us)
+    flight.sim.service.handle_events([down], flight.sim.link_us)
     assert "on the ground" in alarm(flight, "landed")
     up = LandedStateChanged(flight.now_us, "hawk", "in air")
-    flight.sim.service.take([up], flight.sim.link_us)
+    flight.sim.service.handle_events([up], flight.sim.link_us)
     assert alarm(flight, "landed") == ""
 
 
@@ -293,7 +293,7 @@ def test_an_abort_leaves_a_failsafe_that_could_not_be_recorded(
     flight.tell(Aborted(flight.now_us, *ANN))
     flight.run(10.0)
     monkeypatch.setattr("mission_service.journal.journal_file.os.write", write)
-    assert flight.sim.service.mend(flight.now_us, flight.sim.link_us)
+    assert flight.sim.service.retry(flight.now_us, flight.sim.link_us)
     flight.run(10.0)
     assert flight.mode == "return"
     assert "not ordered" in alarm(flight, "mode")

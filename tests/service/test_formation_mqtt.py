@@ -78,7 +78,7 @@ class Talker:
         self.told.append(text)
 
     def says(self, at_us: int) -> None:
-        self.exchange.say(state(self.name, at_us))
+        self.exchange.broadcast(state(self.name, at_us))
 
 
 @asynccontextmanager
@@ -110,7 +110,7 @@ def test_all_kinds_reach_the_others_and_nobody_hears_itself(broker: Mosquitto) -
         async with talking(broker.port, "hawk", "kite", "wren") as (hawk, kite, wren):
             await until(lambda: all(one.exchange.connected for one in (hawk, kite, wren)))
             for message in ALL_KINDS:
-                hawk.exchange.say(message)
+                hawk.exchange.broadcast(message)
             await until(lambda: len(kite.heard) == len(wren.heard) == len(ALL_KINDS))
             assert set(kite.heard) == set(wren.heard) == set(ALL_KINDS)
             assert hawk.heard == []
@@ -205,7 +205,7 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
             cells = tuple(range(CELLS))
             for number in range(200):  # some 10 MB: more than sockets hold
                 hawk.says(number)
-                hawk.exchange.say(FireUpdate(number, "hawk", cells))
+                hawk.exchange.broadcast(FireUpdate(number, "hawk", cells))
                 await asyncio.sleep(0.005)
                 now_s = time.monotonic()
                 longest_s, last_s = max(longest_s, now_s - last_s), now_s
@@ -227,7 +227,7 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
                 await until(lambda: hawk.exchange.connected)
                 broker.freeze(True)
                 for number in range(200):  # until nothing more goes into the socket
-                    hawk.exchange.say(FireUpdate(number, "hawk", tuple(range(CELLS))))
+                    hawk.exchange.broadcast(FireUpdate(number, "hawk", tuple(range(CELLS))))
                     await asyncio.sleep(0.005)
         finally:  # or what did not end would not end now either
             broker.kill()
@@ -262,7 +262,7 @@ def test_newer_states_overtake_and_the_rest_is_bounded() -> None:
         outbox.put(Digest(at_us, "hawk", ()))
         outbox.put(FireUpdate(at_us, "hawk", (1,)))
     taken = []
-    while (message := outbox.take()) is not None:
+    while (message := outbox.pop()) is not None:
         taken.append(message)
     last_us = MAX_WAITING * 3 - 1
     assert taken[0] == state("hawk", last_us)

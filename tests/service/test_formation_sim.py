@@ -51,8 +51,8 @@ def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
     said: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.news)
-        record.news.clear()
+        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.announcements)
+        record.announcements.clear()
 
     record, world = simulate(scenario, path, "2026-01-01", listen)
     listen(record, world)
@@ -140,7 +140,9 @@ def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
         simulation.run(450.0)
         record.closest = None
         simulation.run(800.0)
-    words = [announced.text for _, announced in record.news if announced.vehicle == "crane"]
+    words = [
+        announced.text for _, announced in record.announcements if announced.vehicle == "crane"
+    ]
     assert any("hold ordered" in text for text in words)
     assert record.closest is not None
     assert record.closest.distance_m > 2 * 30.0, record.closest

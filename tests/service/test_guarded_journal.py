@@ -91,18 +91,18 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
             Corrected(clock.now_us, "ann", "", "burned", "point", (PLACE,), clock.now_us),
         ):
             with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; nothing was"):
-                service.tell(asked, simulation.link_us)
+                service.submit(asked, simulation.link_us)
         assert service.core.vehicles["hawk"].ordered == ""
         assert service.world.fire is fire
-        service.tell(Aborted(clock.now_us, "ann", ""), simulation.link_us)
+        service.submit(Aborted(clock.now_us, "ann", ""), simulation.link_us)
         assert done[1:] == [Hold("hawk")]
-        assert not service.mend(clock.now_us, simulation.link_us)
+        assert not service.retry(clock.now_us, simulation.link_us)
         assert path.read_bytes() == whole
     down_us = clock.now_us
     on_for(simulation, 5.0)
-    assert service.mend(clock.now_us, simulation.link_us)
+    assert service.retry(clock.now_us, simulation.link_us)
     assert recording.trouble == ""
-    service.tell(OrderGiven(clock.now_us, "ann", "", "hawk", "resume"), simulation.link_us)
+    service.submit(OrderGiven(clock.now_us, "ann", "", "hawk", "resume"), simulation.link_us)
     on_for(simulation, 60.0)
     recording.journal.close()
 
@@ -136,11 +136,11 @@ def test_a_failing_disk_leaves_whole_lines_and_is_tried_again(
 
     monkeypatch.setattr(os, broken, fails)
     with pytest.raises(NotRecordedError, match="cannot be written: Input/output error"):
-        service.tell(OperatorHeartbeat(at_us, "ann", ""), 0)
+        service.submit(OperatorHeartbeat(at_us, "ann", ""), 0)
     assert path.read_bytes() == before
     monkeypatch.setattr(os, broken, works)
-    assert service.mend(at_us + 2_000_000, 0)
-    service.tell(OperatorHeartbeat(at_us + 3_000_000, "bob", ""), 0)
+    assert service.retry(at_us + 2_000_000, 0)
+    service.submit(OperatorHeartbeat(at_us + 3_000_000, "bob", ""), 0)
     service.recording.journal.close()
     added = entries(path)[len(before.splitlines()) - 1 :]
     assert [type(each).__name__ for each in added if not hasattr(each, "vehicle")] == [
@@ -166,10 +166,10 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
         return works(file, data)
 
     monkeypatch.setattr(os, "write", fails)
-    service.tell(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    service.submit(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
     assert (service.recording.trouble, done) == ("disk full", [])
     monkeypatch.setattr(os, "write", works)
-    assert service.mend(now_us + 5_000_000, simulation.link_us)
+    assert service.retry(now_us + 5_000_000, simulation.link_us)
     service.recording.journal.close()
     told = [type(each) for each in entries(path)]
     assert told.index(OrderGiven) < told.index(Hold) < told.index(Resumed)
@@ -185,7 +185,7 @@ def test_what_people_say_is_on_the_disk_before_they_are_answered(
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.read_bytes()))
     on_for(simulation, 2.0)
     assert synced == []
-    simulation.service.tell(
+    simulation.service.submit(
         OperatorHeartbeat(simulation.clock.now_us, "ann", ""), simulation.link_us
     )
     assert len(synced) == 1
@@ -203,7 +203,7 @@ def test_a_correction_that_cannot_be_is_not_in_the_journal(tmp_path: Path) -> No
     water = Corrected(now_us, "ann", "", "burning", "point", (PLACE,), now_us - 10_000_000_000)
     simulation.service.world.apply_report = _refuses  # type: ignore[method-assign]
     with pytest.raises(FireModelError):
-        simulation.service.tell(water, simulation.link_us)
+        simulation.service.submit(water, simulation.link_us)
     assert path.read_bytes() == before
     on_for(simulation, 2.0)
     simulation.service.recording.journal.close()

@@ -157,8 +157,8 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
         PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (10**9,))),
     ]
     for event in [*crane.events, crane.at(9, 0.006), *heard, crane.at(10, 0.0062)]:
-        journal.event(event)
-        journal.commands(fresh.handle(event))
+        journal.write_event(event)
+        journal.write_commands(fresh.handle(event))
     journal.close()
     kinds = {type(entry.content).__name__ for entry in SegmentReader(path)}
     assert {"PeerMessage", "BroadcastMessage"} <= kinds

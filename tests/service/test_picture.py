@@ -37,7 +37,7 @@ def state_view() -> StateView:
 def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView) -> None:
     before, then = state_view.version, dict(state_view.changed)
     here = Telemetry(1, "hawk", 36.3708, -84.1323, 500.0, 150.0, 3.0, 4.0, 10.0)
-    state_view.take(here, [])
+    state_view.apply(here, [])
     changed = {key for key, version in state_view.changed.items() if version > before}
     assert changed == {"telemetry/hawk"}
     assert then.keys() <= state_view.changed.keys()
@@ -48,21 +48,21 @@ def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView
 
 
 def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
-    state_view.take(VehicleConnected(1, "hawk", "px4 plane", True), [])
+    state_view.apply(VehicleConnected(1, "hawk", "px4 plane", True), [])
     for at_us in (2, 3):
-        state_view.take(LinkLost(at_us, "hawk", 3.0), [])
-    state_view.take(BatteryUpdated(4, "hawk", 12.0), [])
-    state_view.take(GpsFixChanged(5, "hawk", False, "none"), [])
-    state_view.take(CommandFinished(6, "hawk", "hold", False, "denied"), [])
+        state_view.apply(LinkLost(at_us, "hawk", 3.0), [])
+    state_view.apply(BatteryUpdated(4, "hawk", 12.0), [])
+    state_view.apply(GpsFixChanged(5, "hawk", False, "none"), [])
+    state_view.apply(CommandFinished(6, "hawk", "hold", False, "denied"), [])
     raised = {"link/hawk", "battery/hawk", "position/hawk", "order/hawk/hold"}
     assert set(state_view.alarms) == raised
     assert state_view.alarms["link/hawk"].at_us == 2
-    state_view.take(LinkRestored(7, "hawk"), [])
-    state_view.take(BatteryUpdated(8, "hawk", 28.0), [])
+    state_view.apply(LinkRestored(7, "hawk"), [])
+    state_view.apply(BatteryUpdated(8, "hawk", 28.0), [])
     assert "battery/hawk" in state_view.alarms, "not before it is well above the limit"
-    state_view.take(BatteryUpdated(9, "hawk", 31.0), [])
-    state_view.take(GpsFixChanged(10, "hawk", True, "3d"), [])
-    state_view.take(CommandFinished(11, "hawk", "hold", True, ""), [])
+    state_view.apply(BatteryUpdated(9, "hawk", 31.0), [])
+    state_view.apply(GpsFixChanged(10, "hawk", True, "3d"), [])
+    state_view.apply(CommandFinished(11, "hawk", "hold", True, ""), [])
     assert not state_view.alarms
     assert state_view.cleared[0].alarm == "link/hawk"
     assert state_view.cleared[0].cleared_at_us == 7
@@ -70,7 +70,7 @@ def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
 
 def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
     for _ in range(MAX_NEWS + 10):
-        state_view.take(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
+        state_view.apply(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
     assert len(state_view.news) == MAX_NEWS
     ids = [line.id for line in state_view.news]
     assert ids == sorted(set(ids))
@@ -79,7 +79,7 @@ def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
 
 def test_decisions_are_shown(state_view: StateView) -> None:
     decided = DirectionDecision("hawk", "anticlockwise", True, 4, 3.25, 1.5, 99)
-    state_view.take(LinkRestored(70, "hawk"), [decided])
+    state_view.apply(LinkRestored(70, "hawk"), [decided])
     shown = state_view.vehicles["hawk"]
     assert (shown.direction, shown.reversals, shown.reversed_at_us) == ("anticlockwise", 4, 70)
     assert (shown.importance_back, shown.importance_front) == (3.25, 1.5)
@@ -106,12 +106,12 @@ def test_pairs_too_near_are_found() -> None:
 def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateView) -> None:
     health_monitor = HealthMonitor(state_view, 30.0, 200_000)
     state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
-    health_monitor.look(0)
+    health_monitor.check(0)
     assert set(state_view.alarms) == {"near/a/b"}
     state_view.telemetry["b"] = at("b", 36.1, 110.0)
-    health_monitor.look(1_200_000)
+    health_monitor.check(1_200_000)
     assert set(state_view.alarms) == {"late"}
-    health_monitor.look(1_400_000)
+    health_monitor.check(1_400_000)
     assert not state_view.alarms
 
 
@@ -154,10 +154,10 @@ def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more
         Aborted(3, "ann", "desk"),
     ]
     for event in no_more:
-        state_view.take(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
+        state_view.apply(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
         shown = state_view.vehicles[name].orbit
         assert shown is not None
         assert (shown.lat_deg, shown.radius_m) == (36.36, -90.0)
         assert shown.view_width_m == pytest.approx(width_m, abs=0.1)
-        state_view.take(event, [])
+        state_view.apply(event, [])
         assert state_view.vehicles[name].orbit is None

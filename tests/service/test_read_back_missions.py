@@ -86,7 +86,7 @@ class Flight:
     def keep_state(self) -> None:
         """As the daemon does now and then."""
         service = self.simulation.service
-        frozen = Frozen(service.kept(), self.known)
+        frozen = Frozen(service.snapshot_fields(), self.known)
         write(newest_state(self.path), frozen, service.recording.journal.rest)
 
     def begin_again(self) -> None:
@@ -113,11 +113,11 @@ class Flight:
         again.record = again.service.record
         news = resumed(max(cut_off.last_us, again.record.at_us), DOWN_US / 1e6)
         again.clock.go_on(news.at_us, 0)
-        again.service.go_on(cut_off.missing, news, link_us + DOWN_US)
+        again.service.resume(cut_off.missing, news, link_us + DOWN_US)
 
     def tell(self, order: str) -> None:
         asked = OrderGiven(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]
-        self.simulation.service.tell(asked, self.simulation.link_us)
+        self.simulation.service.submit(asked, self.simulation.link_us)
 
     @property
     def modes(self) -> list[str]:

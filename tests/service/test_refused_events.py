@@ -60,7 +60,7 @@ def flight(path: Path, seconds: float) -> Simulation:
 
 def folds(service: Engine) -> dict[str, Any]:
     """All that a restart would know, copied."""
-    return copied(service.kept(), service.known)
+    return copied(service.snapshot_fields(), service.shared_references)
 
 
 def here(simulation: Simulation, **changes: Any) -> Telemetry:
@@ -98,8 +98,8 @@ def test_what_could_not_be_read_again_is_not_written(
         event_body(event)
     journal = Journal(tmp_path / "journal.jsonl", {}, durable=True)
     with pytest.raises(RefusedEventError):
-        journal.event(event)
-    journal.event(OperatorHeartbeat(1, "ann", ""))
+        journal.write_event(event)
+    journal.write_event(OperatorHeartbeat(1, "ann", ""))
     journal.close()
     assert journal.path.read_bytes().count(b"\n") == 2
 
@@ -120,20 +120,20 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     path = tmp_path / "journal.jsonl"
     simulation = flight(path, 60.0)
     service = simulation.service
-    service.record.news.clear()
+    service.record.announcements.clear()
     before, written = folds(service), path.read_bytes()
     state_view = service.state_view
     assert state_view is not None
     absurd = here(simulation, **changes)
     service.state_view = None  # its alarm is all that may change
-    service.take([absurd], simulation.link_us)
-    assert len(service.record.news) == 1
-    service.record.news.clear()
+    service.handle_events([absurd], simulation.link_us)
+    assert len(service.record.announcements) == 1
+    service.record.announcements.clear()
     service.state_view = state_view
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
-    service.take([absurd] * 5, simulation.link_us)  # not told again
-    assert service.record.news == []
+    service.handle_events([absurd] * 5, simulation.link_us)  # not told again
+    assert service.record.announcements == []
     simulation.run(FROM_S + 62.0)
     assert verify(path).difference is None
 
@@ -142,9 +142,9 @@ def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> No
     simulation = flight(tmp_path / "journal.jsonl", 15.0)
     service, at_us = simulation.service, simulation.clock.now_us
     assert service.state_view is not None
-    service.take([WindMeasured(at_us, "hawk", NAN, 0.0)], simulation.link_us)
+    service.handle_events([WindMeasured(at_us, "hawk", NAN, 0.0)], simulation.link_us)
     assert list(service.state_view.alarms) == ["refused/hawk/WindMeasured"]
-    service.take([WindMeasured(at_us, "hawk", 4.0, 0.0)], simulation.link_us)
+    service.handle_events([WindMeasured(at_us, "hawk", 4.0, 0.0)], simulation.link_us)
     assert list(service.state_view.alarms) == []
 
 
@@ -199,7 +199,7 @@ def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
         assert done == [Hold("hawk")]  # all the same
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
-    service.tell(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
+    service.submit(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
     simulation.run(FROM_S + 65.0)
     assert verify(path).difference is None
 
@@ -216,11 +216,11 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
         defective(patch, FOLDS[name](service), WindMeasured)
         wind = WindMeasured(simulation.clock.now_us, "hawk", 4.0, 0.0)
         with pytest.raises(RefusedEventError, match="this is a defect"):
-            service.take([wind], simulation.link_us)
+            service.handle_events([wind], simulation.link_us)
         assert path.read_bytes() == written
         # Nothing else is folded into a state that is not the journal's.
         with pytest.raises(RefusedEventError, match="this is a defect"):
-            service.take([here(simulation)], simulation.link_us)
+            service.handle_events([here(simulation)], simulation.link_us)
         assert path.read_bytes() == written
     service.recording.journal.close()
     assert len(gone_on(path)[0]) == 0
@@ -262,7 +262,7 @@ def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
     try:
         replay(cut_off, service)
         last_us = max(cut_off.last_us, service.record.at_us)
-        service.go_on(cut_off.missing, resumed(last_us, 5.0), 0, cut_off.skips(last_us))
+        service.resume(cut_off.missing, resumed(last_us, 5.0), 0, cut_off.skips(last_us))
     finally:
         journal.close()
     return tuple(cut_off.skips_now.values()), service
@@ -363,7 +363,11 @@ def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> Non
     path = tmp_path / "journal.jsonl"
     simulation = flight(path, 100.0)
     service = simulation.service
-    write(newest_state(path), Frozen(service.kept(), service.known), service.recording.journal.rest)
+    write(
+        newest_state(path),
+        Frozen(service.snapshot_fields(), service.shared_references),
+        service.recording.journal.rest,
+    )
     behind = path.read_bytes().count(b"\n")
     simulation.run(FROM_S + 150.0)
     service.recording.journal.close()

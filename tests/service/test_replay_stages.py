@@ -72,9 +72,9 @@ def rewritten(path: Path, to: Path, change: Callable[[int, Any], Any]) -> Path:
     for entry in reader:
         content = change(entry.line, entry.content)
         if entry.is_event:
-            journal.event(content)
+            journal.write_event(content)
         else:
-            journal.commands([content])
+            journal.write_commands([content])
     journal.close()
     return to
 
@@ -285,7 +285,7 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
             Corrected(now_us, *ANN, "burned", "point", ((lat + 0.003, lon + 0.003),), now_us),
             SettingsChanged(now_us, *ANN, alpha=0.1),
         ):
-            simulation.service.tell(event, simulation.link_us)
+            simulation.service.submit(event, simulation.link_us)
 
     path = flown(tmp_path / "journal.jsonl", 300.0, f"fire.scheme={scheme}", tell=told)
     found = verify(path)
@@ -310,7 +310,7 @@ def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
             now_us = simulation.clock.now_us
             ordered = OrderGiven(now_us, *ANN, "", order)  # type: ignore[arg-type]
             event = Aborted(now_us, *ANN) if order == "abort" else ordered
-            simulation.service.tell(event, simulation.link_us)
+            simulation.service.submit(event, simulation.link_us)
             simulation.run(now_us / 1e6 + seconds)
 
     path = flown(tmp_path / "journal.jsonl", 500.0, tell=told)

@@ -77,7 +77,7 @@ def test_each_is_a_command_over_mqtt_unless_drops_may_follow(name: str) -> None:
         return {"ok": True}
 
     payload = json.dumps({**SENT, **kind.example}).encode()
-    reply = CommandGate(ask).take(name, payload, False, 0, 0.0, 0)
+    reply = CommandGate(ask).accept(name, payload, False, 0, 0.0, 0)
     assert reply is not None
     assert reply.ok == kind.over_mqtt
     assert [each["do"] for each in asked] == [name] * kind.over_mqtt

@@ -52,11 +52,11 @@ class Kept:
         simulation.service.state_view = StateView(self.scenario, self.landscape, 0)
         for seconds in (60, 120):
             simulation.run(self.scenario.start_s + seconds)
-            frozen = Frozen(simulation.service.kept(), self.known)
+            frozen = Frozen(simulation.service.snapshot_fields(), self.known)
             journal.begin_segment()
             write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
         simulation.run(self.scenario.start_s + 150)
-        frozen = Frozen(simulation.service.kept(), self.known)
+        frozen = Frozen(simulation.service.snapshot_fields(), self.known)
         write(newest_state(self.path), frozen, journal.rest)
         simulation.run(self.scenario.start_s + 170)
         journal.close()

@@ -104,11 +104,11 @@ def test_a_log_settles_its_first_steps() -> None:
         for number in range(3)
     ]
     for observation in observations:
-        log.take(observation)
+        log.apply(observation)
     assert [held.correction for held in log.settle(2)] == observations[:2]
     assert log.steps == observations[2:]
-    assert log.take(Undone(9, *ANN))
-    assert not log.take(Undone(9, *ANN))
+    assert log.apply(Undone(9, *ANN))
+    assert not log.apply(Undone(9, *ANN))
 
 
 def test_weather_since_a_time_is_the_same_from_then_on() -> None:

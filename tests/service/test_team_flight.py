@@ -91,8 +91,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     said: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.news)
-        record.news.clear()
+        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.announcements)
+        record.announcements.clear()
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sim, "SimulatedVehicle", Mortal)

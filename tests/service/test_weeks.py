@@ -153,7 +153,7 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     journal = Journal(tmp_path / "journal.jsonl", header, durable=False)
     shown, people = StateView(scenario, landscape, round(START_S * 1e6)), People()
     simulation = Simulation(
-        scenario, journal, landscape, people.due, lambda kept, _: kept.news.clear(), shown
+        scenario, journal, landscape, people.due, lambda kept, _: kept.announcements.clear(), shown
     )
     for rig in simulation.rigs:
         if rig.mock.stack.name == "px4":  # these missions have no landing

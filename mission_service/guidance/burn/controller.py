@@ -128,11 +128,11 @@ class BurnFlight(Guidance):
 
     # Input ------------------------------------------------------------------------------------
 
-    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Process a request of an operator."""
         self.approvals.on_operator_input(event)
         try:
-            changed = self.state.fire.take(event)
+            changed = self.state.fire.apply(event)
         except FireModelError as error:
             return self._say(f"not taken: {error}", warning=True)
         match event:
@@ -156,7 +156,7 @@ class BurnFlight(Guidance):
             case _:
                 return self._changed(event.at_us / 1e6) if changed else []
 
-    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Process changes of link, mode, position and battery, and results of drops."""
         self._vehicle = vehicle
         match event:
@@ -180,7 +180,7 @@ class BurnFlight(Guidance):
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
-            case Observed() if self.state.fire.take(event):
+            case Observed() if self.state.fire.apply(event):
                 return []  # checked once a second
             case _:
                 return []
@@ -241,7 +241,9 @@ class BurnFlight(Guidance):
 
     # Plans and their approval -----------------------------------------------------------------
 
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+    def announcements(
+        self, vehicle: Vehicle, at_s: float, decision: Decision | None
+    ) -> list[AnyCommand]:
         """Check for an expired approval and a due plan; called with each position."""
         here = vehicle.availability.here
         if here is None:

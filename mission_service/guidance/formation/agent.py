@@ -138,7 +138,7 @@ class Agent:
         """Apply a message of another UAV."""
         match message:
             case State():
-                self.peers.update(message)
+                self.peers.apply_state(message)
                 self._lost_peers.update(message)
             case Leaving():
                 self.peers.remove(message.sender)
@@ -157,7 +157,7 @@ class Agent:
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
-            self.peers.update(state)
+            self.peers.apply_state(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
             self._move_agent(own, peers)

@@ -144,7 +144,7 @@ class FormationFlight(Guidance):
 
     # Input ------------------------------------------------------------------------------------
 
-    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """After a restart of the service: drop pending orders; agents send their orbits again."""
         if isinstance(event, Resumed):
             for led in self._led.values():
@@ -153,7 +153,7 @@ class FormationFlight(Guidance):
                 led.order, led.circle, led.airspeed_m_s = "", None, None
         return []
 
-    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Process results, modes and restarts; returns announcements and messages."""
         led, at_s = self._led[vehicle.name], event.at_us / 1e6
         commands: list[AnyCommand] = []

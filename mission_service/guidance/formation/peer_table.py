@@ -32,7 +32,7 @@ class PeerTable:
         self._rows = np.zeros((8, COLUMNS))
         self._heard_at_us = np.zeros(8, dtype=np.int64)
 
-    def update(self, state: State) -> None:
+    def apply_state(self, state: State) -> None:
         """Store a state, unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:

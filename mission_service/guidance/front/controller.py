@@ -61,13 +61,13 @@ class FrontFlight(Guidance):
             CoverageTargets(scenario.planner.max_revisit_s, scenario.planner.max_unseen_advance_m)
         )
 
-    def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+    def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Note corrections of the fire, after which missions may be renewed."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         return []
 
-    def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Apply changed settings to the planners that have them."""
         if not isinstance(event, SettingsChanged):
             return []
@@ -89,7 +89,9 @@ class FrontFlight(Guidance):
         """The path to the reported position of the fire; the camera finds the front on the way."""
         return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
 
-    def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
+    def announcements(
+        self, vehicle: Vehicle, at_s: float, decision: Decision | None
+    ) -> list[AnyCommand]:
         """Announce a new phase, a decision, and advice to a team's user."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
@@ -120,13 +122,13 @@ class FrontFlight(Guidance):
         """Note sent missions; report parts of the front no longer observed, or again observed."""
         for command in leaving:
             if isinstance(command, UploadMission):
-                self.traffic.sends(command.vehicle, command.items)
+                self.traffic.on_mission(command.vehicle, command.items)
         names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         for name in names:
             watches = availability[name].flies and not vehicles[name].ordered
-            commands += self._watch.update(name, watches, availability)
+            commands += self._watch.on_availability(name, watches, availability)
         return commands
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:

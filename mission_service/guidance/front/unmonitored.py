@@ -69,7 +69,7 @@ class FrontMonitor:
         """The alarm that is raised, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
-    def update(
+    def on_availability(
         self, name: str, watches: bool, availability: Mapping[str, VehicleAvailability]
     ) -> list[AnyCommand]:
         """Commands after an event of a vehicle: a part of the front left, or monitored again.

@@ -40,7 +40,7 @@ class ApiContext:
         """Cancel the forecasts that are being computed."""
         self.forecasts.close()
 
-    async def aside(self, work: Callable[[], Result]) -> Result:
+    async def run_in_thread(self, work: Callable[[], Result]) -> Result:
         """Run ``work`` in a thread; at most ``MAX_THREADS`` run at the same time."""
         async with self._threads:
             return await asyncio.to_thread(work)

@@ -119,7 +119,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
 async def _shape(api: ApiContext, shape: Any, *args: Any, **keywords: Any) -> Response:
     """A GeoJSON response, made and encoded in a thread."""
-    content = await api.aside(lambda: encode(shape(*args, **keywords)))
+    content = await api.run_in_thread(lambda: encode(shape(*args, **keywords)))
     return Response(content, media_type=GEOJSON)
 
 
@@ -139,7 +139,7 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
     async def arrival_png(until_s: Seconds = None) -> Response:
         when_s, found = await until(until_s)
         state_view = partial(overlay.arrival_png, found.arrival_s, land, found.at_s, when_s)
-        return Response(await api.aside(state_view), media_type="image/png")
+        return Response(await api.run_in_thread(state_view), media_type="image/png")
 
     legend = {"corners": [], "bounds": [], "scale": [{"at_s": 3600.0, "colour": "#ff0000"}]}
 
@@ -149,14 +149,14 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
     )
     async def arrival_json(until_s: Seconds = None) -> Response:
         when_s, found = await until(until_s)
-        frame = await api.aside(partial(overlay.overlay_frame, land))
+        frame = await api.run_in_thread(partial(overlay.overlay_frame, land))
         return answer({**frame, "scale": overlay.arrival_scale(found.at_s, when_s)})
 
     @routes.get(
         f"{V1}/terrain.json", **route("look", "TileJSON of the terrain.", json({"tileSize": 256}))
     )
     async def terrain() -> Response:
-        return answer(await api.aside(api.tiles.describe))
+        return answer(await api.run_in_thread(api.tiles.describe))
 
     @routes.get(
         f"{V1}/terrain/{{z}}/{{x}}/{{y}}.png",
@@ -165,7 +165,7 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
     async def tile(z: int, x: int, y: int) -> Response:
         found = None
         if 0 <= z <= 24 and 0 <= x < 2**z and 0 <= y < 2**z:
-            found = await api.aside(partial(api.tiles.tile, z, x, y))
+            found = await api.run_in_thread(partial(api.tiles.tile, z, x, y))
         if found is None:
             raise ApiError(404, f"no terrain in tile {z}/{x}/{y}"[:80])
         return Response(found, media_type="image/png")

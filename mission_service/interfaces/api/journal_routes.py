@@ -45,7 +45,9 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     ) -> Response:
         number, file = _opened(api, segment)
         with file:
-            found, last = await api.aside(partial(journal.after, file, after, limit, MAX_BYTES))
+            found, last = await api.run_in_thread(
+                partial(journal.after, file, after, limit, MAX_BYTES)
+            )
         told = {"x-last-line": str(last), "x-segment": str(number)}
         return Response(found, headers=told, media_type=LINES)
 

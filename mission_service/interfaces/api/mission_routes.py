@@ -101,7 +101,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         on_board = api.context.state_view.missions[name].on_board
         if on_board is None:
             raise ApiError(404, f"{name}: the mission on board is unknown")
-        content = await api.aside(partial(plan_file, items_of(on_board), api.context, name))
+        content = await api.run_in_thread(partial(plan_file, items_of(on_board), api.context, name))
         named = {"content-disposition": f'attachment; filename="{name}.plan"'}
         return Response(content, headers=named, media_type="application/json")
 

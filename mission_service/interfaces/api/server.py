@@ -197,7 +197,7 @@ class _Server(uvicorn.Server):
             pass
         finally:
             if not begun:
-                self._callers.leave(caller)
+                self._callers.remove(caller)
                 there.close()
 
     async def main_loop(self) -> None:
@@ -234,7 +234,7 @@ class Connection(H11Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._expect_nothing()
-        self._callers.leave(self._caller)
+        self._callers.remove(self._caller)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:

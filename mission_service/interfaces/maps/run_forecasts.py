@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
     """The forecasts of the run's fire; in a burn those of the estimated fire used by its plans."""
-    if context.believed is not None:
+    if context.estimated_fire is not None:
         from mission_service.fire.estimated_forecast import (
             EstimatedForecasts,  # imported only if needed
         )
 
         def believed() -> "EstimatedFire":
-            assert context.believed is not None
-            return context.believed
+            assert context.estimated_fire is not None
+            return context.estimated_fire
 
         return EstimatedForecasts(believed, context.landscape, lambda: context.clock.now_us / 1e6)
     return Forecasts(

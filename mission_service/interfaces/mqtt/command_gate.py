@@ -58,7 +58,7 @@ class CommandGate:
         self._aborted_s = -ABORTS_APART_S
         self.unanswered = 0
 
-    def take(
+    def accept(
         self, name: str, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply | None:
         """Handle the command ``name``; returns the reply, or None above the rate limit.

@@ -131,7 +131,7 @@ class Outbox:
             self._rest.append(message)
         self.is_not_empty.set()
 
-    def take(self) -> AnyMessage | None:
+    def pop(self) -> AnyMessage | None:
         """Remove the next message and return it, or None."""
         if self._states:
             return self._states.pop(next(iter(self._states)))
@@ -166,7 +166,7 @@ class PeerExchange:
         self._in_contact = False
         self._joined = asyncio.Event()  # a mission time was received
 
-    def say(self, message: AnyMessage) -> None:
+    def broadcast(self, message: AnyMessage) -> None:
         """Queue a message; it is sent as soon as the broker accepts it."""
         self._outbox.put(message)
 
@@ -179,7 +179,7 @@ class PeerExchange:
     async def _use(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         """Exchange messages until the connection is lost; raises the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
-        ears.tell(f"connected to other processes over {self.channel.broker}", False)
+        ears.announce(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._told_lost = True, False
         loops = (self._hear, self._send, self._tell_time, self._find_contact)
         await together(*(talk(client, ears) for talk in loops))
@@ -187,11 +187,11 @@ class PeerExchange:
     def _lost(self, why: str, ears: "PeerListener") -> None:
         if not self._told_lost:
             text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is back"
-            ears.tell(text, True)
+            ears.announce(text, True)
         self.connected, self._told_lost = False, True
         if self._in_contact:
             self._in_contact = False
-            ears.contact(False)
+            ears.on_link(False)
 
     async def join(self) -> None:
         """Wait up to ``JOIN_S`` for the mission time of another process."""
@@ -206,7 +206,7 @@ class PeerExchange:
     async def _send(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
         while True:
             await self._outbox.is_not_empty.wait()
-            message = self._outbox.take()
+            message = self._outbox.pop()
             if message is not None:
                 kind, payload = encoded(message)
                 topic = self.channel.topic(message.sender, kind)
@@ -217,7 +217,7 @@ class PeerExchange:
         """Report the contact, after a time in which all processes connect to the broker again."""
         await asyncio.sleep(MAX_WAIT_S + 0.5)
         self._in_contact = True
-        ears.contact(True)
+        ears.on_link(True)
         await asyncio.Event().wait()
 
     async def _tell_time(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
@@ -250,10 +250,10 @@ class PeerExchange:
             if kind == TIME:
                 self._hear_time(decoded_time(payload, self._latest_us), ears)
             else:
-                ears.hear(decoded(vehicle, payload, self._latest_us))
+                ears.on_message(decoded(vehicle, payload, self._latest_us))
         except UnfitError as problem:
             if not self.refused[vehicle]:
-                ears.tell(f"{told.topic}: {problem}; such messages are left out", True)
+                ears.announce(f"{told.topic}: {problem}; such messages are left out", True)
             self.refused[vehicle] += 1
 
     def _hear_time(self, mission_us: int, ears: "PeerListener") -> None:

@@ -63,7 +63,7 @@ class PublishSchedule:
             every_us = self._telemetry_every_us if topic is TELEMETRY else STATE_EVERY_US
             self._due_us[key] = now_us + every_us
 
-    def news(self, state_view: StateView) -> Iterator[Publication]:
+    def announcements(self, state_view: StateView) -> Iterator[Publication]:
         """Announcements that were not sent; each counts as sent when the next is taken."""
         for line in state_view.news_after(self._news_id):
             yield Publication(EVENT, _encode(line))

@@ -220,7 +220,7 @@ class Publisher:
     async def _tell_news(self, client: aiomqtt.Client) -> None:
         while True:
             version = self._hub.state_view.version
-            for told in self._outgoing.news(self._hub.state_view):
+            for told in self._outgoing.announcements(self._hub.state_view):
                 await self._publish(client, told)
             await self._wait_for_news(version)
 
@@ -256,7 +256,7 @@ class Publisher:
         name = message.topic.value.rpartition("/")[2]
         payload = message.payload if isinstance(message.payload, bytes) else b""
         at_us, now_s = self._hub.clock.now_us, clock_us() / 1e6
-        reply = self._doorkeeper.take(name, payload, message.retain, at_us, now_s, wall_us())
+        reply = self._doorkeeper.accept(name, payload, message.retain, at_us, now_s, wall_us())
         if reply is not None:
             self._replies.append(reply)
             self._reply_waits.set()

@@ -40,8 +40,8 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis
     try:
         replay = OpenLoopReplay(what, journal)
         for told in told_in(what):
-            replay.take(told)
-            replay.service.record.news.clear()  # not read here
+            replay.apply(told)
+            replay.service.record.announcements.clear()  # not read here
         complete = True
     finally:
         journal.finish(complete)

@@ -122,9 +122,9 @@ class _Telling:
         for event in self._events():
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
-            self._fire.past(event, commands)
-            self._analysis.record.add(event, commands)
-            self._analysis.record.news.clear()
+            self._fire.apply_history(event, commands)
+            self._analysis.record.apply(event, commands)
+            self._analysis.record.announcements.clear()
             self._note(event, commands)
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US

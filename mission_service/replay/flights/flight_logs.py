@@ -175,7 +175,7 @@ def survey(flight: Flight) -> Survey:
             begin_us = told.at_us
         if told.vehicle not in flown:
             flown[told.vehicle] = Flown(told.vehicle, told.system_id, offset_us)
-        flown[told.vehicle].take(told.event, told.at_us)
+        flown[told.vehicle].apply(told.event, told.at_us)
         end_us = max(end_us, told.at_us)
     if not flown:
         where = "in this part of it" if flight.is_part else "in it"

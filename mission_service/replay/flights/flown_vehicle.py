@@ -62,7 +62,7 @@ class Flown:
         self.releases_us: list[int] = []  # by a gripper
         self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
-    def take(self, event: LogEvent, at_us: int) -> None:
+    def apply(self, event: LogEvent, at_us: int) -> None:
         """Process the next event; ``at_us`` is on the flight's clock."""
         self._begin_us = at_us if self._begin_us is None else min(self._begin_us, at_us)
         self._end_us = max(self._end_us, at_us)
@@ -113,7 +113,7 @@ class Flown:
 
     def _moved(self, here: Position, at_us: int) -> None:
         self.positions += 1
-        self.track.add((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
+        self.track.append_point((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
         down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
         speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
@@ -189,7 +189,7 @@ def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
     for system_id, event in log.entries():
         if system_id not in found:
             found[system_id] = Flown(name_of(log, system_id), system_id, offset_us)
-        found[system_id].take(event, event.at_us)
+        found[system_id].apply(event, event.at_us)
         for each in listen:
             each(system_id, event)
     return found

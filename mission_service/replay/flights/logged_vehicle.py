@@ -39,7 +39,7 @@ class LoggedVehicle:
         self._events: deque[ClientEvent] = deque()
         self._number = 0
 
-    def take(self, event: LogEvent) -> None:
+    def apply(self, event: LogEvent) -> None:
         """Take the next event of the log."""
         if isinstance(event, bridge.Connected):
             self.stack = event.stack

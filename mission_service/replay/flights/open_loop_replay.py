@@ -81,25 +81,25 @@ class OpenLoopReplay:
         if kept is not None:
             self.service.restore(kept)
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot_fields(self) -> dict[str, Any]:
         """The whole state besides the scenario, for copying."""
         return {
             "clock": self.clock,
             "vehicles": self.vehicles,
             "gateways": self.gateways,
             "health_monitor": self._health_monitor,
-            **self.service.kept(),
+            **self.service.snapshot_fields(),
         }
 
-    def take(self, told: Told) -> None:
+    def apply(self, told: Told) -> None:
         """Process the flight's next entry."""
         if not isinstance(told, VehicleLog):
-            self.service.tell(told, told.at_us)
+            self.service.submit(told, told.at_us)
             return
-        self.vehicles[told.vehicle].take(told.event)
-        self.service.take(self.gateways[told.vehicle].events(told.at_us), told.at_us)
+        self.vehicles[told.vehicle].apply(told.event)
+        self.service.handle_events(self.gateways[told.vehicle].events(told.at_us), told.at_us)
         if self._health_monitor is not None:
-            self._health_monitor.look(told.at_us)
+            self._health_monitor.check(told.at_us)
 
 
 def _begun(what: Replaying, state_view: StateView | None) -> dict[str, Any]:

@@ -129,7 +129,8 @@ class Playback:
         if self._work is not self._shown:
             before, self._shown = self.state_view, self._work
             self.state_view.take_the_place_of(before)
-            self.replay.service.record.news.clear()  # published before, or skipped by the seek
+            # published before, or skipped by the seek
+            self.replay.service.record.announcements.clear()
         else:
             self.state_view.tell_replay()
         self.jumps += 1
@@ -158,7 +159,7 @@ class Playback:
                 told = self._spool.get(telling.number)
                 if told is None or self._log_us(told) > until_us:
                     return True
-                telling.replay.take(told)
+                telling.replay.apply(told)
                 telling.number += 1
                 telling.at_us = max(telling.at_us, self._log_us(told))
                 telling.rest = self._journal.rest
@@ -181,5 +182,5 @@ class Playback:
             self._every_us *= 2
 
     def _state_of(self, telling: _Telling) -> _Kept:
-        frozen = Frozen(telling.replay.kept(), self._known)
+        frozen = Frozen(telling.replay.snapshot_fields(), self._known)
         return _Kept(telling.number, telling.at_us, telling.rest, frozen)

@@ -39,7 +39,7 @@ class ClientConnections:
             del self._unproven[caller]
             self._proven[caller] = None
 
-    def leave(self, caller: ClientConnection) -> None:
+    def remove(self, caller: ClientConnection) -> None:
         """Remove a connection that has ended."""
         self._unproven.pop(caller, None)
         self._proven.pop(caller, None)

@@ -89,7 +89,7 @@ class AccessGuard:
                 who, words = scope["state"]["who"], scope["query_string"]
                 scope["state"]["aborted"] = self._abort(who, words)
             places = self._places(scope)
-            if places is not None and not places.enter(client):
+            if places is not None and not places.acquire(client):
                 text = f"{places.most} requests are under way already"
                 raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
@@ -107,7 +107,7 @@ class AccessGuard:
             await _cut(scope)
         finally:
             if places is not None:
-                places.leave(client)
+                places.release(client)
 
     def _places(self, scope: Scope) -> ConcurrencyLimiter | None:
         """The limit that a request counts against; None for routes that are always served."""
@@ -155,7 +155,7 @@ class AccessGuard:
         raise ApiError(401, "this token is not valid", word)
 
     def _refuse_often(self, buckets: RateLimiter, client: str) -> None:
-        wait_s = buckets.take(client, self._now_s())
+        wait_s = buckets.consume(client, self._now_s())
         if wait_s > 0.0:
             again = {"retry-after": str(math.ceil(wait_s))}
             raise ApiError(429, f"too many requests; try again in {math.ceil(wait_s)} s", again)

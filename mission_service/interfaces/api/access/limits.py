@@ -19,7 +19,7 @@ class RateLimiter:
         left = min(self._burst, left + (now_s - at_s) * self._rate_s)
         return 0.0 if left >= 1.0 else (1.0 - left) / self._rate_s
 
-    def take(self, client: str, now_s: float) -> float:
+    def consume(self, client: str, now_s: float) -> float:
         """Take one request from the bucket and return 0, or return the seconds to wait."""
         wait_s = self.wait_s(client, now_s)
         if wait_s == 0.0:
@@ -41,14 +41,14 @@ class ConcurrencyLimiter:
         self._max_each = max_each
         self._inside: Counter[str] = Counter()
 
-    def enter(self, client: str) -> bool:
+    def acquire(self, client: str) -> bool:
         """Count a request until ``leave``; False if the limit is reached."""
         if self._inside.total() >= self.most or self._inside[client] >= self._max_each:
             return False
         self._inside[client] += 1
         return True
 
-    def leave(self, client: str) -> None:
+    def release(self, client: str) -> None:
         """Count a request as ended."""
         self._inside[client] -= 1
         if self._inside[client] <= 0:
