@@ -11,9 +11,9 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
+from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
 from mission_service.guidance.burn.ignition_lines import only_areas
 from mission_service.guidance.burn.line_planner import LinePlan, Situation
-from mission_service.guidance.burn.unit import BurnUnit, ExclusionCircle
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator

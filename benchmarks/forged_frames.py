@@ -25,7 +25,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.framing import frames_of
-from autopilot_bridge.missions.bounds import BOUNDS
+from autopilot_bridge.missions.value_bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario

@@ -19,7 +19,7 @@ from typing import IO
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_injection import FaultyMock
-from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
 from mission_service.simulation.mocks import MockEnvironment, from_scenario

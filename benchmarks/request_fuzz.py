@@ -36,7 +36,7 @@ from mission_service.core import request_events
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import world_of
+from mission_service.fire.simulated_fire import world_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.journal.journal_file import Journal, header_of

@@ -64,7 +64,7 @@ keep_mb = 64
 state_every_s = 10
 """
 # What the map asks for, and programs; the slow ones more rarely.
-OFTEN = ("state", "news", "vehicles", "fire/front", "weather", "fire/corrections")
+OFTEN = ("state", "announcements", "vehicles", "fire/front", "weather", "fire/corrections")
 RARELY = (
     *("fire/contours", "fire/uncertainty", "fire/arrival.png", "fire/arrival.json", "planner"),
     *("vehicles/uas1", "vehicles/uas2/track", "vehicles/uas3/mission", "journal", "openapi.json"),

@@ -290,8 +290,10 @@ class MavsdkClient:
             if isinstance(event, ModeChanged) and event.custom_mode != mode:
                 self._mode_changed(event.custom_mode, now_us)
         self._events.extend(events)
-        news = any(isinstance(event, Connected | LinkRestored | Rebooted) for event in events)
-        if news and self.stack is not None:
+        announcements = any(
+            isinstance(event, Connected | LinkRestored | Rebooted) for event in events
+        )
+        if announcements and self.stack is not None:
             for request in rate_requests(self.stack, self._target):
                 self._outgoing.append(self._codec.encode(request))
 

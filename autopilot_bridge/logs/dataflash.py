@@ -210,7 +210,7 @@ class _Flight:
         self.current: int | None = None
         self._changes = Changes()
 
-    def news(self, event: Battery | GpsFix) -> list[LogEvent]:
+    def announcements(self, event: Battery | GpsFix) -> list[LogEvent]:
         """Where it has changed."""
         return [event] if self._changes.has(event) else []
 
@@ -250,7 +250,10 @@ def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
         flight.velocity = (north, east, fields["VZ"])
     climb_m_s = -float(fields["VZ"])
     speed = Speed(at_us, flight.airspeed_m_s, fields["Spd"], climb_m_s, flight.throttle_percent)
-    return [*flight.news(GpsFix(at_us, fix_name(fields["Status"]), fields["NSats"])), speed]
+    return [
+        *flight.announcements(GpsFix(at_us, fix_name(fields["Status"]), fields["NSats"])),
+        speed,
+    ]
 
 
 def _ctun(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
@@ -344,7 +347,7 @@ def _bat(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     if fields.get("Inst", 0):
         return []
     percent = fields.get("RemPct")
-    return flight.news(
+    return flight.announcements(
         Battery(at_us, 0, percent, round(fields["Volt"], 2), round(fields["Curr"], 1))
     )
 

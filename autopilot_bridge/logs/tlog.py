@@ -29,9 +29,9 @@ from autopilot_bridge.logs.entries import (
     Outputs,
 )
 from autopilot_bridge.logs.record_scanner import LEAP_US, records
-from autopilot_bridge.missions.bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
+from autopilot_bridge.missions.value_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.statustext import StatustextAssembler

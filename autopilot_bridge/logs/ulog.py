@@ -293,7 +293,7 @@ class _Flight:
         self.mission: int | None = None
         self._changes = Changes()
 
-    def news(self, event: ToldOnChange) -> list[LogEvent]:
+    def announcements(self, event: ToldOnChange) -> list[LogEvent]:
         """Where it has changed."""
         return [event] if self._changes.has(event) else []
 
@@ -351,11 +351,11 @@ def _status(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
         found.append(ModeChanged(at_us, *state, word))
     # As PX4's heartbeat has it.
     system = "critical" if fields.get("failsafe") else "active" if state[1] else "standby"
-    return [*found, *flight.news(SystemState(at_us, system))]
+    return [*found, *flight.announcements(SystemState(at_us, system))]
 
 
 def _landed(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return flight.news(LandedState(at_us, "on ground" if fields["landed"] else "in air"))
+    return flight.announcements(LandedState(at_us, "on ground" if fields["landed"] else "in air"))
 
 
 def _mission(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
@@ -392,11 +392,13 @@ def _battery(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
     voltage_v = round(fields["voltage_v"], 2)
     current_a = round(fields["current_a"], 1) if fields["current_a"] >= 0.0 else None  # -1: unknown
-    return flight.news(Battery(at_us, 0, percent, voltage_v, current_a))
+    return flight.announcements(Battery(at_us, 0, percent, voltage_v, current_a))
 
 
 def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return flight.news(GpsFix(at_us, fix_name(fields["fix_type"]), fields["satellites_used"]))
+    return flight.announcements(
+        GpsFix(at_us, fix_name(fields["fix_type"]), fields["satellites_used"])
+    )
 
 
 def _text(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:

@@ -24,7 +24,6 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions import ftp_packet as ftp
-from autopilot_bridge.missions.bounds import list_out_of_bounds
 from autopilot_bridge.missions.ftp_packet import Packet, error_words, packet_of
 from autopilot_bridge.missions.mission_file import (
     HEADER,
@@ -37,6 +36,7 @@ from autopilot_bridge.missions.mission_file import (
 )
 from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.value_bounds import list_out_of_bounds
 
 MAX_UNDER_WAY = 5  # the autopilot drops a sixth without a word
 FIRST_PIECE_BYTES = HEADER.size + 6 * ITEM.size  # 238

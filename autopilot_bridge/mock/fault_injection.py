@@ -11,7 +11,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
-from autopilot_bridge.mock.faults import Faults, Span
+from autopilot_bridge.mock.fault_kinds import Faults, Span
 
 GROUND = (255, 190)  # the ids of the station under test
 SECOND_GROUND = (254, 190)

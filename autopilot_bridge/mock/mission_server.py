@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import NO_POSITION, MissionItem
 from autopilot_bridge.links.codec import Message, item_message, item_of
-from autopilot_bridge.mock.faults import Faults
+from autopilot_bridge.mock.fault_kinds import Faults
 from autopilot_bridge.mock.stack_constants import stack_constants_of
 from autopilot_bridge.stacks.stacks import Stack
 

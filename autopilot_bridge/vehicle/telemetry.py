@@ -170,7 +170,7 @@ class Changes:
         self._told: dict[tuple[str, int], ToldOnChange] = {}
 
     def has(self, event: ToldOnChange) -> bool:
-        """Whether it is news."""
+        """Whether it is announcements."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._told.get(key)

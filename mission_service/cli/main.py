@@ -257,7 +257,7 @@ def config() -> None:
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
     from mission_service.config.scenario import load_scenario
-    from mission_service.fire.simulated import check
+    from mission_service.fire.simulated_fire import check
 
     echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
 

@@ -70,7 +70,7 @@ class ReportOptions:
         from mission_service.runtime.service_log import set_up
 
         set_up(self.log, self.log_level)  # type: ignore[arg-type]  # click has checked it
-        return lambda record, world: record.news.clear()  # the log reads the picture's
+        return lambda record, world: record.announcements.clear()  # the log reads the picture's
 
 
 def report_options(command: Command) -> Command:

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.fire.ensemble import Arrival
-from mission_service.fire.estimated import EstimatedFire
+from mission_service.fire.estimated_fire import EstimatedFire
 
 Floats = NDArray[np.float64]
 

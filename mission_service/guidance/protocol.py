@@ -21,7 +21,7 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
 if TYPE_CHECKING:
-    from mission_service.fire.estimated import EstimatedFire
+    from mission_service.fire.estimated_fire import EstimatedFire
 
 Floats = NDArray[np.float64]
 Phase = Literal["approach", "initial circle", "monitor"]

@@ -11,9 +11,9 @@ from mission_service.config.scenario import Scenario, parse_scenario
 from mission_service.core.core import Core
 from mission_service.errors import JournalError, StateError
 from mission_service.events import LinesSkipped
-from mission_service.fire.observed import ObservedFire
+from mission_service.fire.observed_fire import ObservedFire
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import world_of
+from mission_service.fire.simulated_fire import world_of
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.segments import Chain, begin_state, journal_of
 from mission_service.journal.snapshot import Known, read

@@ -17,7 +17,7 @@ from mission_service.core.core import Core
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, OrderGiven
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import SimulatedFire, world_of
+from mission_service.fire.simulated_fire import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
@@ -32,8 +32,8 @@ from mission_service.runtime.engine import Engine, Progress, unheard, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
+from mission_service.runtime.journal_retention import Keeping
 from mission_service.runtime.peer_listener import PeerListener
-from mission_service.runtime.retention import Keeping
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
@@ -306,12 +306,12 @@ async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down
         service.restore(cut_off.objects)
     await asyncio.to_thread(replay, cut_off, service)
     last_us = max(cut_off.last_us, service.record.at_us)
-    news = resumed(last_us, down_s)
-    clock.go_on(news.at_us, began_us)
+    announcements = resumed(last_us, down_s)
+    clock.go_on(announcements.at_us, began_us)
     if service.state_view is not None:
         service.state_view.clear_all_but("abort")
-        service.state_view.told_before = service.state_view.news_id
-    service.resume(cut_off.missing, news, clock_us(), cut_off.skips(last_us))
+        service.state_view.told_before = service.state_view.announcement_id
+    service.resume(cut_off.missing, announcements, clock_us(), cut_off.skips(last_us))
 
 
 def replay(cut_off: Unfinished, service: Engine) -> None:

@@ -50,7 +50,7 @@ def doors_of(
 
         doors.append(mqtt_door(settings.mqtt, site))
     if settings.cot is not None:
-        from mission_service.interfaces.cot.sender import cot_door
+        from mission_service.interfaces.cot.cot_sender import cot_door
 
         doors.append(cot_door(settings.cot, site))
     return doors
@@ -65,12 +65,12 @@ def request_handler_of(
     items = () if burn is None else burn.go_items
 
     def told(event: AnyOperatorEvent) -> list[str]:
-        news = service.record.announcements
-        before = len(news)
+        announcements = service.record.announcements
+        before = len(announcements)
         service.submit(event, clock_us())
         for on_it in connected(links):
             on_it[0].connection.flush()
-        return [announced.text for _, announced in news[before:]]
+        return [announced.text for _, announced in announcements[before:]]
 
     def status() -> dict[str, Any]:
         return {

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from mission_service.events import Aborted, Observed, Resumed, Telemetry
-from mission_service.fire.observed import ObservedFire
+from mission_service.fire.observed_fire import ObservedFire
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
-from mission_service.replay.stage import Stage
+from mission_service.replay.replay_stage import Stage
 
 ARRIVAL_WITHIN_S = 1.0
 EDGE_WITHIN_CELLS = 1e-6

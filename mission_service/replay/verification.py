@@ -21,7 +21,7 @@ from mission_service.journal.differences import cut, difference_of, fields_that_
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.decisions import decisions_alone, first_difference
 from mission_service.replay.fire_stage import fire_stage
-from mission_service.replay.stage import Stage
+from mission_service.replay.replay_stage import Stage
 
 
 @dataclass(frozen=True)

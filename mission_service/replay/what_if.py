@@ -28,7 +28,7 @@ from mission_service.events import (
     Resumed,
     SettingsChanged,
 )
-from mission_service.fire.observed import ObservedFire
+from mission_service.fire.observed_fire import ObservedFire
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.outputs import summary_of, write_outputs

@@ -53,8 +53,8 @@ from mission_service.events import (
     UploadFinished,
     VehicleEvent,
 )
-from mission_service.fire.observed import OF_FIRE, ObservedFire
-from mission_service.fire.simulated import SimulatedFire, Window
+from mission_service.fire.observed_fire import OF_FIRE, ObservedFire
+from mission_service.fire.simulated_fire import SimulatedFire, Window
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
 from mission_service.journal.journal_file import Journal, command_body, event_body

@@ -9,7 +9,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.runtime.run_statistics import RunStatistics
 
 STATUS_EVERY_US = 120_000_000
@@ -48,9 +48,9 @@ class LiveReport:
 
     def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Print new announcements and a due status line."""
-        for at_us, news in record.announcements:
-            style = "bold yellow" if news.level == "warning" else "cyan"
-            text = f"{clock_text(at_us)}  {news.vehicle}: {news.text}"
+        for at_us, announcement in record.announcements:
+            style = "bold yellow" if announcement.level == "warning" else "cyan"
+            text = f"{clock_text(at_us)}  {announcement.vehicle}: {announcement.text}"
             self._console.print(text, style=style, markup=False)
         record.announcements.clear()
         if record.at_us >= self._next_us:
@@ -92,10 +92,12 @@ class SimProgress:
     def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
         """Move the bar, or print a line."""
         lines = status_lines(record, world)
-        warnings = [news for _, news in record.announcements if news.level == "warning"]
+        warnings = [each for _, each in record.announcements if each.level == "warning"]
         record.announcements.clear()
-        for news in warnings:
-            self._console.print(f"{clock_text(record.at_us)}  {news.vehicle}: {news.text}")
+        for announcement in warnings:
+            self._console.print(
+                f"{clock_text(record.at_us)}  {announcement.vehicle}: {announcement.text}"
+            )
         if self._console.is_terminal:
             self._bar.update(self._task, completed=record.at_us / 1e6, status=lines[0])
         elif record.at_us >= self._next_us:

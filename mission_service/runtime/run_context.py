@@ -11,7 +11,7 @@ from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.missions.mission_figures import Figures, figures_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
@@ -22,7 +22,7 @@ from mission_service.runtime.state_view import StateView
 from mission_service.runtime.vehicle_links import Link
 
 if TYPE_CHECKING:
-    from mission_service.fire.estimated import EstimatedFire
+    from mission_service.fire.estimated_fire import EstimatedFire
 
 
 class RunContext:

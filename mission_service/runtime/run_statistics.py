@@ -67,7 +67,7 @@ class ClosestPair:
 
 
 class RunStatistics:
-    """Folds events and commands into the vehicles' records; ``news`` holds unprinted lines."""
+    """Folds events and commands into figures; ``announcements`` holds unprinted lines."""
 
     def __init__(self, names: tuple[str, ...], start_us: int) -> None:
         self.vehicles = {name: VehicleStatistics() for name in names}

@@ -70,14 +70,14 @@ class LogFollower:
     """The last announcement and alarm of the state view that the log has."""
 
     def __init__(self) -> None:
-        self._log = logging.getLogger("mission_service.news")
+        self._log = logging.getLogger("mission_service.announcements")
         self._last_id = 0
         self._alarms: dict[str, str] = {}
 
     def catch_up(self, context: RunContext) -> None:
         """Log new announcements and changed alarms."""
         state_view = context.state_view
-        for line in state_view.news_after(self._last_id):
+        for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
             level = logging.WARNING if line.level == "warning" else logging.INFO
             said = {"vehicle": line.vehicle, "at_us": line.at_us}

@@ -70,7 +70,7 @@ from mission_service.runtime.published_states import (
     item_state,
 )
 
-MAX_NEWS = 500
+MAX_ANNOUNCEMENTS = 500
 MAX_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
@@ -114,8 +114,8 @@ class StateView:
         self.telemetry: dict[str, TelemetryState] = {}
         self.alarms: dict[str, Alarm] = {}
         self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
-        self.news: deque[Announcement] = deque(maxlen=MAX_NEWS)
-        self.news_id = 0
+        self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
+        self.announcement_id = 0
         self.told_before = 0  # the last announcement from before a restart
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
@@ -130,7 +130,7 @@ class StateView:
             for section in scenario.flown
         }
         self._fire_told_us = at_us
-        self._touch("status", "fire", "burn", "alarms", "news")
+        self._touch("status", "fire", "burn", "alarms", "announcements")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
 
@@ -179,13 +179,15 @@ class StateView:
 
     def announce(self, vehicle: str, text: str, level: str = "info") -> None:
         """Add an announcement to the operators."""
-        self.news_id = self.version + 1  # the id is also the version of the change
-        self.news.append(Announcement(self.news_id, self.at_us, vehicle, level, text))
-        self._touch("news")
+        self.announcement_id = self.version + 1  # the id is also the version of the change
+        self.announcements.append(
+            Announcement(self.announcement_id, self.at_us, vehicle, level, text)
+        )
+        self._touch("announcements")
 
-    def news_after(self, line_id: int) -> list[Announcement]:
+    def announcements_after(self, line_id: int) -> list[Announcement]:
         """Announcements after ``line_id``, for forwarding; none from before a restart."""
-        return [line for line in self.news if line.id > max(line_id, self.told_before)]
+        return [line for line in self.announcements if line.id > max(line_id, self.told_before)]
 
     def fire_changed(self) -> None:
         """Note that an operator has changed the fire."""
@@ -208,7 +210,7 @@ class StateView:
         self.alarms |= of_service
         self._touch("replay")  # first: its readers then read all states again
         self._touch(*(self.changed.keys() - {"replay"}))
-        self.news_id = self.told_before = self.version
+        self.announcement_id = self.told_before = self.version
 
     def _touch(self, *keys: str) -> None:
         self.version += 1

@@ -17,7 +17,7 @@ from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent
 from mission_service.fire.setup import home_of, landscape_of, weather_of
-from mission_service.fire.simulated import SimulatedFire, world_of
+from mission_service.fire.simulated_fire import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine, Progress, unshown

@@ -78,7 +78,7 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
         await reader.until(1)
         kinds = {event for event, _, _ in reader.events}
         assert kinds == {
-            "vehicle", "telemetry", "mission", "fire", "burn", "alarms", "news", "status",
+            "vehicle", "telemetry", "mission", "fire", "burn", "alarms", "announcements", "status",
         }  # fmt: skip
         numbers = [number for _, number, _ in reader.events]
         assert numbers == sorted(numbers)
@@ -124,8 +124,8 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
         moves(flying, 36.4)
         reader = Reader(service, since)
         await reader.until(1)
-        (news, moved) = reader.events
-        assert [line["text"] for line in news[2]] == ["three"]
+        (announcements, moved) = reader.events
+        assert [line["text"] for line in announcements[2]] == ["three"]
         assert moved[0] == "telemetry"
         # A service that was started anew counts from the beginning: all is told again.
         late = Reader(service, state_view.version + 1000)
@@ -251,7 +251,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
     async def go() -> None:
         nonlocal most
         service = served(standing)
-        streams, news = service.app.api.streams, standing.context.state_view
+        streams, announcements = service.app.api.streams, standing.context.state_view
         async with listened_to(service) as address:
             _, writer = await stream_of(service, address, limit=1024)
             found = [each for each in gc.get_objects() if isinstance(each, Connection)]
@@ -263,7 +263,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
             async with asyncio.timeout(PATIENCE_S):
                 while streams.count:
                     for _ in range(20):
-                        news.announce("hawk", "x" * 5000)
+                        announcements.announce("hawk", "x" * 5000)
                     standing.context.ring()
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())
@@ -272,7 +272,9 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
             writer.close()
 
     asyncio.run(go())
-    assert 0 < most < 3_000_000  # news of 500 lines of 5 kB, and what the transport may hold
+    assert (
+        0 < most < 3_000_000
+    )  # announcements of 500 lines of 5 kB, and what the transport may hold
 
 
 def test_who_is_gone_is_noticed(flying: World) -> None:

@@ -457,10 +457,14 @@ def test_what_cannot_be_written_down_is_not_done_but_an_abort_is(
 def test_news_are_told_once(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         flying.context.state_view.announce("hawk", "something")
-        news = await got(http, "/news")
-        assert news[-1]["text"] == "something"
-        assert [line["id"] for line in news] == sorted({line["id"] for line in news})
-        assert await got(http, "/news", after=news[-2]["id"]) == news[-1:]
+        announcements = await got(http, "/announcements")
+        assert announcements[-1]["text"] == "something"
+        assert [line["id"] for line in announcements] == sorted(
+            {line["id"] for line in announcements}
+        )
+        assert (
+            await got(http, "/announcements", after=announcements[-2]["id"]) == announcements[-1:]
+        )
 
     asked(flying, ask)
 

@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 from mission_service.interfaces.api import perimeter_routes
-from mission_service.interfaces.maps import perimeters_in, thinning
+from mission_service.interfaces.maps import perimeter_import, thinning
 from mission_service.interfaces.maps.perimeter_worker import MAX_POINTS
 from mission_service.interfaces.maps.thinning import min_areas_removed, thinned
 from tests.api.worlds import World, client, scenario_of, served, world_in
@@ -67,7 +67,7 @@ def test_none_of_it_is_read_in_the_process_that_flies(
         raise AssertionError("read here")
 
     for name in ("read_perimeter", "read_perimeter_in", "features_in"):
-        monkeypatch.setattr(perimeters_in, name, never)
+        monkeypatch.setattr(perimeter_import, name, never)
     monkeypatch.setattr(thinning, "thinned", never)
     deep = b'{"type": "Feature", "geometry": ' + b"[" * 100_000
     taken, refused = sent(standing, json.dumps(comb(standing, 3000)).encode(), deep)

@@ -39,7 +39,7 @@ class World:
     told: list[AnyOperatorEvent] = field(default_factory=list)
 
     def fly(self, until_s: float) -> None:
-        """Go on until mission time has come so far, and say that there is news."""
+        """Go on until mission time has come so far, and say that there is announcements."""
         self.simulation.run(until_s)
         self.simulation.world.advance(self.simulation.clock.now_us)
         self.context.ring()

@@ -10,7 +10,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.fault_injection import GROUND, SECOND_GROUND, FaultyMock
-from autopilot_bridge.mock.faults import Faults, parse_faults
+from autopilot_bridge.mock.fault_kinds import Faults, parse_faults
 from autopilot_bridge.mock.serving import MockGroup
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.mock_talk import PLANE, PX4, count, each_stack, item, listing

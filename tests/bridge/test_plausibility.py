@@ -12,7 +12,12 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.missions.bounds import BOUNDS, UNKNOWN, list_out_of_bounds, out_of_bounds
+from autopilot_bridge.missions.value_bounds import (
+    BOUNDS,
+    UNKNOWN,
+    list_out_of_bounds,
+    out_of_bounds,
+)
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     ClockChanged,

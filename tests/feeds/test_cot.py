@@ -15,9 +15,9 @@ import pytest
 from pydantic import ValidationError
 
 from mission_service.config.service import CotSection, MqttSection
-from mission_service.interfaces.cot import sender as cot_sender
+from mission_service.interfaces.cot import cot_sender as cot_sender
 from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
-from mission_service.interfaces.cot.sender import cot_door
+from mission_service.interfaces.cot.cot_sender import cot_door
 from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.run_context import RunContext
 from tests.mqtt.certificates import make_certificates

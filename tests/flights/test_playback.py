@@ -38,7 +38,7 @@ def shown(player: Playback) -> Any:
             "telemetry": state_view.telemetry,
             "missions": state_view.missions,
             "alarms": state_view.alarms,
-            "news": [(line.at_us, line.text) for line in state_view.news],
+            "announcements": [(line.at_us, line.text) for line in state_view.announcements],
             "corrections": service.world.corrections(),
             "fire": service.world.fire.arrival_time_s.tobytes().hex(),
             "tracks": {name: list(each.track) for name, each in service.record.vehicles.items()},
@@ -95,11 +95,18 @@ def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_pa
         assert now is not state_view
         # Who has read up to before is told all of it, the replay first; the broker is lost still.
         new = {key: version for key, version in now.changed.items() if version > reader}
-        assert set(new) >= {"replay", "fire", "news", "alarms", "vehicle/hawk", "mission/kite"}
+        assert set(new) >= {
+            "replay",
+            "fire",
+            "announcements",
+            "alarms",
+            "vehicle/hawk",
+            "mission/kite",
+        }
         assert min(new, key=lambda key: new[key]) == "replay"
         assert set(now.alarms) == {"broker"}
         assert now.fire_version > state_view.fire_version
-        assert now.news_after(0) == []
+        assert now.announcements_after(0) == []
         assert player.state().at_us == player.what.mission.of(player.head.begin_us + 3_000_000)
 
 

@@ -53,7 +53,7 @@ def test_it_is_shown_and_moved(replay: Replay) -> None:
     assert at_30["fire"]["corrections"] == []
     assert all(each["at_us"] <= at_30["status"]["at_us"] for each in at_30["telemetry"])
     assert len(replay.get("/vehicles/hawk/track")["properties"]["at_us"]) < 40
-    assert all(line["at_us"] <= at_30["status"]["at_us"] for line in at_30["news"])
+    assert all(line["at_us"] <= at_30["status"]["at_us"] for line in at_30["announcements"])
     replay.post(paused=False)
     began_us = there["log_begin_us"] + 30_000_000
     wait_until(lambda: replay.get("/replay")["log_at_us"] > began_us + 200_000)

@@ -17,8 +17,12 @@ import shapely
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.rasters import read_landscape
 from mission_service.interfaces.maps import uploaded_shapes
-from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES, Perimeter, read_perimeter
-from mission_service.interfaces.maps.perimeters_out import perimeter_geojson
+from mission_service.interfaces.maps.perimeter_export import perimeter_geojson
+from mission_service.interfaces.maps.perimeter_import import (
+    LARGEST_BYTES,
+    Perimeter,
+    read_perimeter,
+)
 from tests.maps.fires import NOW_S, fire, land
 from tests.maps.kml import perimeter_kml
 

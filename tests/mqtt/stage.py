@@ -18,8 +18,8 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.service import MqttSection, ServiceSection
 from mission_service.events import Telemetry
 from mission_service.fire.setup import landscape_of
+from mission_service.interfaces.mqtt.broker_site import site_in
 from mission_service.interfaces.mqtt.publisher import Publisher
-from mission_service.interfaces.mqtt.site import site_in
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics

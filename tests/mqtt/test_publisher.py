@@ -22,8 +22,8 @@ from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt import broker_connection, publisher
 from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
+from mission_service.interfaces.mqtt.broker_site import access_for, site_in
 from mission_service.interfaces.mqtt.peer_exchange import channel_of
-from mission_service.interfaces.mqtt.site import access_for, site_in
 from tests.mqtt.certificates import make_certificates
 from tests.mqtt.stage import ROOT, Listener, Stage, listening, telling
 from tests.patience import PATIENCE_S, until
@@ -232,7 +232,7 @@ def test_user_and_password_are_told_only_to_the_broker(
                 tried = attempts[0]
                 await until(lambda: attempts[0] >= tried + 2)  # again and again
                 assert not stage.publisher.connected
-                (line,) = [line.text for line in state_view.news]
+                (line,) = [line.text for line in state_view.announcements]
                 assert "user or password is wrong" in line
                 (told,) = [command.text for _, command in stage.context.record.announcements]
                 assert told == line
@@ -382,7 +382,7 @@ def test_no_broker_can_say_anything_that_ends_the_service(
             async with telling(server.sockets[0].getsockname()[1], commands=True) as stage:
                 await until(lambda: came > len(STRANGE) + 2)
                 assert stage.asked == []
-                lines = [line.text for line in stage.context.state_view.news]
+                lines = [line.text for line in stage.context.state_view.announcements]
                 assert len(lines) <= 2, lines
             await until(lambda: gone == came)  # the strange server ends too
         gc.collect()  # what nobody has looked at is told now

@@ -118,7 +118,7 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
 def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
     stream = set_up("json")
     with hub_after_a_flight(tmp_path) as context:
-        context.state_view.told_before = context.state_view.news_id
+        context.state_view.told_before = context.state_view.announcement_id
         context.state_view.announce("hawk", "read back")
         service_log.LogFollower().catch_up(context)
     lines = [json.loads(line)["message"] for line in stream.getvalue().splitlines()]

@@ -12,7 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from mission_service.config.service import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
-from mission_service.runtime.retention import Keeping
+from mission_service.runtime.journal_retention import Keeping
 from mission_service.runtime.run_context import RunContext
 from tests.ops.hubs import hub_after_a_flight, upload_failed
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
+from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.line_planner import Situation
-from mission_service.guidance.burn.unit import BurnUnit
 
 Floats = NDArray[np.float64]
 

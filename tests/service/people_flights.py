@@ -51,10 +51,10 @@ class Flight:
         return self.sim.clock.now_us
 
     def tell(self, event: AnyOperatorEvent) -> list[str]:
-        news = self.sim.record.announcements
-        before = len(news)
+        announcements = self.sim.record.announcements
+        before = len(announcements)
         self.sim.service.submit(event, self.sim.link_us)
-        return [told.text for _, told in news[before:]]
+        return [told.text for _, told in announcements[before:]]
 
     @property
     def mode(self) -> str:

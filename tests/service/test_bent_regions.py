@@ -107,7 +107,7 @@ def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
     elif what < 5:
         air.speak(regions, index, left=left)
     elif what < 9 and air.said:
-        # Mostly news.
+        # Mostly announcements.
         regions = air.bring(regions, len(air.said) - 1 - min(draw(4) * draw(8), len(air.said) - 1))
     elif what == 9:
         regions = on_new_ring(regions, *random_growth(regions.cells, draw))

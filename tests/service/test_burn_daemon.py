@@ -47,14 +47,14 @@ class KilledError(Exception):
 def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[str]:
     """Serve while somebody talks to it; to its end, or until it is killed. What was announced."""
     done = False
-    news: list[str] = []
+    announcements: list[str] = []
 
     def watch() -> None:
         if killed and done:
             raise KilledError
 
     def progress(record: RunStatistics, world: Any) -> None:
-        news.extend(announced.text for _, announced in record.announcements)
+        announcements.extend(announced.text for _, announced in record.announcements)
         record.announcements.clear()
 
     def speak() -> None:
@@ -86,7 +86,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         _, others = group.split(KilledError)
         if others is not None:
             raise
-    return news
+    return announcements
 
 
 def events(path: Path) -> list[Any]:
@@ -126,8 +126,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         there.ask(do="present", **WHO)
         there.ask(do="abort")
 
-    news = run(burned, tmp_path, second, killed=True)
-    assert any("resumes the run" in text for text in news)
+    announcements = run(burned, tmp_path, second, killed=True)
+    assert any("resumes the run" in text for text in announcements)
     told = events(path)
     assert [type(event) for event in told] == [
         ChecklistAnswered,
@@ -151,8 +151,11 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     def third(there: ControlClient) -> None:
         assert there.ask(do="status")["status"]["at_s"] < 60.0
 
-    news = run(burned, tmp_path, third, killed=True)
-    assert "the journal of an earlier run is kept as journal-1.jsonl; this is a new one" in news
+    announcements = run(burned, tmp_path, third, killed=True)
+    assert (
+        "the journal of an earlier run is kept as journal-1.jsonl; this is a new one"
+        in announcements
+    )
     assert (tmp_path / "journal-1.jsonl").read_bytes() == whole
     assert events(path) == []
 

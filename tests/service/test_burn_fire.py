@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.burn_frames import SIDE_M, place
 from firemodel.landscape.default import jacksboro
 from mission_service.events import Corrected, Erased, IgnitionReported, Place, Undone, WindSet
-from mission_service.fire.estimated import EstimatedFire
+from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.setup import weather_of
 from tests.service.test_burn_flight import scenario
 

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.mock.fault_injection import FaultyMock
-from autopilot_bridge.mock.faults import parse_faults
+from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ

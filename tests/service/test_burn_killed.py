@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.journal.journal_file import Journal, Rest, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished

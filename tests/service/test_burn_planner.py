@@ -12,6 +12,7 @@ from benchmarks.burn_check import faults
 from firemodel.ellipses.ellipse import EllipseFire, line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.burn_unit import ExclusionCircle
 from mission_service.guidance.burn.line_flight import FlightPoint, fly_line
 from mission_service.guidance.burn.line_planner import (
     LinePlan,
@@ -23,7 +24,6 @@ from mission_service.guidance.burn.line_planner import (
     next_line,
 )
 from mission_service.guidance.burn.plan_validity import plan_problem
-from mission_service.guidance.burn.unit import ExclusionCircle
 from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import (
     AREA,

@@ -14,7 +14,7 @@ from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import Position
 from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper
-from mission_service.guidance.burn.release import (
+from mission_service.guidance.burn.drop_release import (
     ImpactPoint,
     VehicleMotion,
     impact_point,

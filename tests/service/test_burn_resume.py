@@ -151,9 +151,9 @@ def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]
         lock.apply(event)
         lock.on_commands(commands)
     journal.write_commands(list(cut_off.missing))
-    news = resumed(cut_off.last_us, down_s)
-    lock.apply(news)
-    lock.on_commands(turn(journal, handle, news))
+    announcements = resumed(cut_off.last_us, down_s)
+    lock.apply(announcements)
+    lock.on_commands(turn(journal, handle, announcements))
     journal.close()
     return before, lock
 

@@ -9,7 +9,7 @@ import shapely
 
 from mission_service.config.sections import BurnSection, Circle, Station
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.unit import BurnUnit, ExclusionCircle, burn_unit_of
+from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle, burn_unit_of
 from tests.service.burns import SETTINGS, unit
 from tests.service.fires import LAND, drawn
 

@@ -17,7 +17,7 @@ from mission_service.guidance.burn.burn_report import (
     draw_burn,
     slider_times_s,
 )
-from mission_service.guidance.burn.unit import BurnUnit
+from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.whole_burn import BurnLine, WholeBurn, whole_burn
 from tests.service.burns import (
     AREA,

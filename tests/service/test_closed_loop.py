@@ -12,7 +12,7 @@ from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
 from mission_service.runtime.outputs import write_outputs

@@ -12,7 +12,7 @@ from firemodel.spread.schemes import SCHEMES, SchemeName
 from mission_service.config.scenario import SHIPPED, load_scenario
 from mission_service.config.sections import FireSection
 from mission_service.errors import ScenarioError
-from mission_service.fire.simulated import check
+from mission_service.fire.simulated_fire import check
 
 DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Corrected
-from mission_service.fire.estimated import EstimatedFire
+from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.estimated_forecast import EstimatedForecasts
 from mission_service.fire.setup import landscape_of, weather_of
 

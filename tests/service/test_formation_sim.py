@@ -13,7 +13,7 @@ from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, OrderGiven
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
@@ -51,7 +51,10 @@ def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
     said: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.announcements)
+        said.extend(
+            f"{announcements.vehicle}: {announcements.text}"
+            for _, announcements in record.announcements
+        )
         record.announcements.clear()
 
     record, world = simulate(scenario, path, "2026-01-01", listen)

@@ -36,9 +36,9 @@ from mission_service.events import (
     Undone,
     WindSet,
 )
-from mission_service.fire.corrected import MAX_OBSERVATIONS, thinned
+from mission_service.fire.corrected_fire import MAX_OBSERVATIONS, thinned
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import world_of
+from mission_service.fire.simulated_fire import world_of
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 

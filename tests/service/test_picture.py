@@ -25,7 +25,7 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.runtime.state_view import MAX_NEWS, StateView
+from mission_service.runtime.state_view import MAX_ANNOUNCEMENTS, StateView
 
 
 @pytest.fixture
@@ -69,10 +69,10 @@ def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
 
 
 def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
-    for _ in range(MAX_NEWS + 10):
+    for _ in range(MAX_ANNOUNCEMENTS + 10):
         state_view.apply(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
-    assert len(state_view.news) == MAX_NEWS
-    ids = [line.id for line in state_view.news]
+    assert len(state_view.announcements) == MAX_ANNOUNCEMENTS
+    ids = [line.id for line in state_view.announcements]
     assert ids == sorted(set(ids))
     assert ids[-1] <= state_view.version
 

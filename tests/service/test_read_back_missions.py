@@ -111,9 +111,9 @@ class Flight:
         replay(cut_off, again.service)
         again.core, again.world = again.service.core, again.service.world
         again.record = again.service.record
-        news = resumed(max(cut_off.last_us, again.record.at_us), DOWN_US / 1e6)
-        again.clock.go_on(news.at_us, 0)
-        again.service.resume(cut_off.missing, news, link_us + DOWN_US)
+        announcements = resumed(max(cut_off.last_us, again.record.at_us), DOWN_US / 1e6)
+        again.clock.go_on(announcements.at_us, 0)
+        again.service.resume(cut_off.missing, announcements, link_us + DOWN_US)
 
     def tell(self, order: str) -> None:
         asked = OrderGiven(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]

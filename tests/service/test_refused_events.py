@@ -25,7 +25,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import world_of
+from mission_service.fire.simulated_fire import world_of
 from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state

@@ -8,10 +8,10 @@ import pytest
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, WindSet
-from mission_service.fire import corrected as corrected_fire
+from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated import SimulatedFire, world_of
+from mission_service.fire.simulated_fire import SimulatedFire, world_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")

@@ -9,7 +9,7 @@ import pytest
 
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.team.baselines import Bumper
 from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
@@ -91,7 +91,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     said: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(f"{news.vehicle}: {news.text}" for _, news in record.announcements)
+        said.extend(
+            f"{announcements.vehicle}: {announcements.text}"
+            for _, announcements in record.announcements
+        )
         record.announcements.clear()
 
     with pytest.MonkeyPatch.context() as patch:

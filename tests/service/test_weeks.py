@@ -29,7 +29,7 @@ from mission_service.events import (
     Undone,
     WindSet,
 )
-from mission_service.fire import corrected as corrected_fire
+from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime import run_statistics, state_view, track
@@ -139,7 +139,7 @@ def grown(samples: list[Counter[str]]) -> list[str]:
 def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(state_view, "MAX_NEWS", 10)
+    monkeypatch.setattr(state_view, "MAX_ANNOUNCEMENTS", 10)
     monkeypatch.setattr(run_statistics, "MAX_REVERSALS", 1)
     monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MAX_POINTS", 64)

@@ -173,7 +173,7 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
     button = page.get_by_role("button", name="Set: from 270°")
 
     def drawn() -> bool:
-        """From the west, half the dial; news above it may move it meanwhile."""
+        """From the west, half the dial; announcements above it may move it meanwhile."""
         page.locator(".dial").scroll_into_view_if_needed()
         box = page.locator(".dial").bounding_box()
         assert box is not None

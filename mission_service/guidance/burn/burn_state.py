@@ -12,7 +12,8 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
-from mission_service.fire.estimated import EstimatedFire, toward
+from mission_service.fire.estimated_fire import EstimatedFire, toward
+from mission_service.guidance.burn.burn_unit import ExclusionCircle, burn_unit_of
 from mission_service.guidance.burn.hazard import hazard_of
 from mission_service.guidance.burn.line_flight import FlightConstraints
 from mission_service.guidance.burn.line_planner import (
@@ -25,7 +26,6 @@ from mission_service.guidance.burn.line_planner import (
 from mission_service.guidance.burn.plan_mission import plan_points
 from mission_service.guidance.burn.plan_validity import WindFrom, drift_compensated
 from mission_service.guidance.burn.sphere_account import PointXY, SphereAccount
-from mission_service.guidance.burn.unit import ExclusionCircle, burn_unit_of
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle

@@ -47,7 +47,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire.estimated import EstimatedFire
+from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.burn.approved_plan import (
     HIGH_SHARE,

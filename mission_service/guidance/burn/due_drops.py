@@ -8,7 +8,7 @@ import numpy as np
 
 from mission_service.guidance.burn.approved_plan import ApprovedPlan
 from mission_service.guidance.burn.burn_state import BurnState
-from mission_service.guidance.burn.release import (
+from mission_service.guidance.burn.drop_release import (
     ImpactPoint,
     VehicleMotion,
     impact_point,

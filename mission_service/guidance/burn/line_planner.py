@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
+from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.hazard import hazard_of, margins_of
 from mission_service.guidance.burn.ignition_lines import (
     IgnitionLine,
@@ -35,7 +36,6 @@ from mission_service.guidance.burn.line_flight import (
     LineFlight,
     fly_line,
 )
-from mission_service.guidance.burn.unit import BurnUnit
 
 Floats = NDArray[np.float64]
 

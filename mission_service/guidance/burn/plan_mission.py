@@ -12,7 +12,7 @@ from autopilot_bridge.items import MissionItem, change_speed, loiter_unlimited, 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection, VehicleSection
-from mission_service.guidance.burn.unit import burn_unit_of
+from mission_service.guidance.burn.burn_unit import burn_unit_of
 from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mission_service.config.sections import BurnSection
+from mission_service.guidance.burn.drop_release import VehicleMotion, impact_point
 from mission_service.guidance.burn.line_flight import (
     FlightConstraints,
     FlightPoint,
@@ -15,7 +16,6 @@ from mission_service.guidance.burn.line_flight import (
     point_on_leg,
 )
 from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
-from mission_service.guidance.burn.release import VehicleMotion, impact_point
 from mission_service.ignition_plan import IgnitionPlan
 
 ROUNDED_S = 1e-6

@@ -19,8 +19,8 @@ from mission_service.events import (
     SettingsChanged,
     VehicleEvent,
 )
+from mission_service.guidance.front.mission_renewal import CLOSE_BELOW, TURN_BACK, Renewal
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
-from mission_service.guidance.front.renewal import CLOSE_BELOW, TURN_BACK, Renewal
 from mission_service.guidance.front.unmonitored import FrontMonitor
 from mission_service.guidance.front.way import Planners
 from mission_service.guidance.protocol import Compared, Decision, Guidance, Planner, decided
@@ -113,8 +113,12 @@ class FrontFlight(Guidance):
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        news = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
-        return [] if news is None else [say(vehicle, f"team: {news[1]}", warning=news[0])]
+        announcements = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
+        return (
+            []
+            if announcements is None
+            else [say(vehicle, f"team: {announcements[1]}", warning=announcements[0])]
+        )
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]

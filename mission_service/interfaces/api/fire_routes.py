@@ -11,10 +11,10 @@ from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import V1, file, json, route
 from mission_service.interfaces.api.perimeter_routes import read_aside
 from mission_service.interfaces.api.responses import ApiError, answer, body_of, encode
-from mission_service.interfaces.maps import fronts, overlay, perimeters_out
+from mission_service.interfaces.maps import fronts, overlay, perimeter_export
 from mission_service.interfaces.maps.mercator import outline_of
+from mission_service.interfaces.maps.perimeter_import import LARGEST_BYTES
 from mission_service.interfaces.maps.perimeter_worker import Job
-from mission_service.interfaces.maps.perimeters_in import LARGEST_BYTES
 
 GEOJSON = "application/geo+json"
 LONGEST_S = 1e7
@@ -105,7 +105,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
         scenario = api.context.scenario
         return await _shape(
             api,
-            perimeters_out.perimeter_geojson,
+            perimeter_export.perimeter_geojson,
             found.arrival_s,
             api.context.landscape,
             when_s,

@@ -35,9 +35,9 @@ class Frames:
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        if key == "news":  # only announcements after ``since``: differs between clients
-            lines = [line for line in self._hub.state_view.news if line.id > since]
-            return _event("news", version, lines)
+        if key == "announcements":  # only announcements after ``since``: differs between clients
+            lines = [line for line in self._hub.state_view.announcements if line.id > since]
+            return _event("announcements", version, lines)
         kept = self._kept.get(key)
         if kept is None or kept[0] != version:
             kind, _, name = key.partition("/")

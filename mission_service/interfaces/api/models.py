@@ -75,7 +75,7 @@ class FullState(msgspec.Struct):
     fire: dict[str, Any]
     burn: dict[str, Any] | None
     alarms: list[Alarm]
-    news: list[Announcement]
+    announcements: list[Announcement]
     landscape: LandscapeExtent
     rule: str
     planner: dict[str, Any]

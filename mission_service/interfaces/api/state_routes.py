@@ -20,7 +20,7 @@ Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/state``, ``/live``, ``/news`` and ``/abort``."""
+    """Add ``/state``, ``/live``, ``/announcements`` and ``/abort``."""
     land = land_of(api.context)
 
     @routes.get(
@@ -41,7 +41,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 context.fire(),
                 context.burn(),
                 list(state_view.alarms.values()),
-                list(state_view.news),
+                list(state_view.announcements),
                 land,
                 context.scenario.planner.rule,
                 planner_of(context),
@@ -66,11 +66,11 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         return LiveStream(api.streams, since, lambda: api.tokens.still(who))
 
     @routes.get(
-        f"{V1}/news",
+        f"{V1}/announcements",
         **route("look", "The latest 500 announcements.", structs(Announcement)),
     )
-    async def news(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
-        return answer([line for line in api.context.state_view.news if line.id > after])
+    async def announcements(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
+        return answer([line for line in api.context.state_view.announcements if line.id > after])
 
     @routes.post(
         f"{V1}/abort",

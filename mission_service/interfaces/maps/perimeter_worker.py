@@ -15,7 +15,7 @@ import shapely
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
-from mission_service.interfaces.maps.perimeters_in import Perimeter, read_perimeter_in
+from mission_service.interfaces.maps.perimeter_import import Perimeter, read_perimeter_in
 from mission_service.interfaces.maps.thinning import thinned
 
 MAX_RINGS = 50

@@ -8,7 +8,7 @@ from mission_service.fire.forecast import Forecasts
 from mission_service.interfaces.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
-    from mission_service.fire.estimated import EstimatedFire
+    from mission_service.fire.estimated_fire import EstimatedFire
     from mission_service.fire.estimated_forecast import EstimatedForecasts
     from mission_service.runtime.run_context import RunContext
 

@@ -29,8 +29,8 @@ from mission_service.interfaces.mqtt.broker_connection import (
     keep_connected,
     together,
 )
+from mission_service.interfaces.mqtt.broker_site import access_for
 from mission_service.interfaces.mqtt.command_inbox import Inbox
-from mission_service.interfaces.mqtt.site import access_for
 from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 
 if TYPE_CHECKING:

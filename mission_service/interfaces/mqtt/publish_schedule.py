@@ -65,6 +65,6 @@ class PublishSchedule:
 
     def announcements(self, state_view: StateView) -> Iterator[Publication]:
         """Announcements that were not sent; each counts as sent when the next is taken."""
-        for line in state_view.news_after(self._news_id):
+        for line in state_view.announcements_after(self._news_id):
             yield Publication(EVENT, _encode(line))
             self._news_id = line.id

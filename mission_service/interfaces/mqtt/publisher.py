@@ -25,11 +25,11 @@ from mission_service.interfaces.mqtt.broker_connection import (
     keep_connected,
     together,
 )
+from mission_service.interfaces.mqtt.broker_site import Site, site_in
 from mission_service.interfaces.mqtt.command_gate import MAX_BYTES, CommandGate
 from mission_service.interfaces.mqtt.command_inbox import Inbox
 from mission_service.interfaces.mqtt.payloads import Reply, ServiceStatus
 from mission_service.interfaces.mqtt.publish_schedule import Publication, PublishSchedule
-from mission_service.interfaces.mqtt.site import Site, site_in
 from mission_service.interfaces.mqtt.topics import COMMAND, FRONT, POLLED, REPLY, STATUS, Topic
 from mission_service.runtime.clocks import clock_us, wall_us
 

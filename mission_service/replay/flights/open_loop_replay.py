@@ -12,8 +12,8 @@ from typing import Any
 from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
-from mission_service.fire.observed import OF_FIRE, ObservedFire
-from mission_service.fire.simulated import world_of
+from mission_service.fire.observed_fire import OF_FIRE, ObservedFire
+from mission_service.fire.simulated_fire import world_of
 from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog

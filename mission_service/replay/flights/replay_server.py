@@ -13,7 +13,7 @@ import msgspec
 from mission_service.config.service import ServiceSection
 from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
-from mission_service.fire.simulated import SimulatedFire
+from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control

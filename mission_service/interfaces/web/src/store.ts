@@ -26,14 +26,14 @@ export type Topic =
   | "fire"
   | "burn"
   | "alarms"
-  | "news"
+  | "announcements"
   | "status"
   | "replay"
   | "link" // whether the service is heard
   | "chosen" // the vehicle that is looked at
   | "moment"; // the time that is looked at
 
-const MAX_NEWS = 200;
+const MAX_ANNOUNCEMENTS = 200;
 const MISSED_S = 5; // between two places of a vehicle: this page was too slow for more
 export const TRACK_S = 900; // longer ones hide the fire
 const SILENT_MS = 15_000; // the service says something each 10 s
@@ -208,8 +208,8 @@ export class Store {
       case "alarms":
         this.state.alarms = told as Alarm[];
         break;
-      case "news":
-        this.state.news = joined(this.state.news, told as Announcement[]).slice(-MAX_NEWS);
+      case "announcements":
+        this.state.announcements = joined(this.state.announcements, told as Announcement[]).slice(-MAX_ANNOUNCEMENTS);
         break;
       case "replay": {
         const jumped = (told as Replay).jumps !== this.state.replay?.jumps;

@@ -271,7 +271,7 @@ export interface State {
   fire: Fire;
   burn: Burn | null;
   alarms: Alarm[];
-  news: Announcement[];
+  announcements: Announcement[];
   landscape: Landscape;
   rule: string;
   planner: Planner;

@@ -9,9 +9,9 @@ const MAX_LINES = 100;
 
 export function logPanel(store: Store): HTMLElement {
   const alarms = h("ul", { class: "log" });
-  const news = h("ol", { class: "log" });
-  const element = h("div", { class: "panel" }, section("Alarms", alarms), section("Announcements", news));
-  store.on(["news", "alarms"], () => {
+  const announcements = h("ol", { class: "log" });
+  const element = h("div", { class: "panel" }, section("Alarms", alarms), section("Announcements", announcements));
+  store.on(["announcements", "alarms"], () => {
     const told = store.state;
     if (!told) return;
     const held = told.alarms.map((alarm) =>
@@ -19,8 +19,8 @@ export function logPanel(store: Store): HTMLElement {
     );
     fill(alarms, ...(held.length ? held : [h("li", {}, "None.")]));
     fill(
-      news,
-      ...told.news
+      announcements,
+      ...told.announcements
         .slice(-MAX_LINES)
         .reverse()
         .map((line) =>

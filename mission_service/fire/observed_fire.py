@@ -26,7 +26,7 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire.camera import camera_of
-from mission_service.fire.simulated import SimulatedFire, Window
+from mission_service.fire.simulated_fire import SimulatedFire, Window
 
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)
 

@@ -19,7 +19,7 @@ from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
 from mission_service.events import AnyOperatorEvent, Observed, Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
-from mission_service.fire.corrected import CorrectedFire
+from mission_service.fire.corrected_fire import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
 AROUND_CELLS = 3  # around a change in the window that is reported, so that its edge is in it
