@@ -224,7 +224,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """``reach`` from a source; its last direction in ``normals`` is the first guess, and updated."""
+    """``reach`` from a source; its direction in ``normals`` is the first guess and is updated."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],

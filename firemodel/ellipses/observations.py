@@ -19,7 +19,7 @@ class Simulation(Protocol):
 
 
 class PointObservation(NamedTuple):
-    """State of a place at ``at_s``: BURNED (fire came before), BURNING (it comes then), UNBURNED."""
+    """State of a place at ``at_s``: BURNED (fire came before), BURNING (comes then), UNBURNED."""
 
     x_m: float
     y_m: float
