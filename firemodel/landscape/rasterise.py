@@ -132,7 +132,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
 
 
 def _steps(vertices: Floats) -> Floats:
-    """Points (m, 2) in order along the segments of a line (n, 2), one in each cell, and all vertices.
+    """Points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
 
     The lines between columns and rows cut each segment into pieces; each lies in one cell. The
     vertices are included so that lines with a common vertex mark a common cell, even if the vertex

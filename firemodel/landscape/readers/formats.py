@@ -1,8 +1,8 @@
 """Recognises a file's format by its content before GDAL opens it.
 
 GDAL also goes by content, and some of its formats (VRT, OGR-VRT, GDALG, web services) contain names
-of files and URLs that GDAL then opens, whatever the file's extension. Therefore only the few formats
-checked here are accepted.
+of files and URLs that GDAL then opens, whatever the file's extension. Therefore only the few
+formats checked here are accepted.
 """
 
 import json
