@@ -1,6 +1,6 @@
 """The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
 
-The service burns it in step with the clock; a replay burns it again from a journal.
+The service advances it with the clock; a replay advances it again from a journal.
 """
 
 import contextlib
@@ -46,27 +46,27 @@ class ObservedFire:
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def look(self, here: Telemetry) -> Observed | None:
-        """What a vehicle's camera sees from here, if it takes a picture now.
+        """The observation of a vehicle's camera at its position, if an image is due.
 
-        Nothing while the vehicle's position is not measured: the view would be placed wrongly.
+        None while the vehicle's position is not measured: the image would be placed wrongly.
         """
         return self.seen_from(here) if self._is_due(here) else None
 
     def _is_due(self, here: Telemetry) -> bool:
-        """Whether a picture is taken from here; the next one is due a while later."""
+        """True if an image is due; the next one is then due one period later."""
         if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
             return False
         self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
         return True
 
     def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """What a vehicle's camera would see from here, its footprint so much wider."""
+        """The observation from this position, with the footprint widened by ``wider_cells``."""
         return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's report; returns the window of cells that burn otherwise.
+        """Apply an operator's report; returns a window around the cells it changed, or None.
 
-        Raises FireModelError for what cannot be; nothing is changed then.
+        Raises FireModelError for an invalid report; nothing is changed then.
         """
         if isinstance(event, OF_FIRE):
             self.world.advance(event.at_us)
@@ -81,7 +81,7 @@ class ObservedFire:
         elif isinstance(event, VehicleRebooted):
             self._lacking[event.vehicle].clear()
         elif isinstance(event, IgnitionReported):
-            self.world.advance(event.at_us)  # else it would burn from the last observation on
+            self.world.advance(event.at_us)  # else it would burn from the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
@@ -96,10 +96,10 @@ class ObservedFire:
             lacking.add(what)
 
     def past(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
-        """Apply an event of a journal; returns the window of cells that burn otherwise."""
+        """Apply an event of a journal; returns a window around the changed cells, or None."""
         found = None
         if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # killed before it was taken back
+            with contextlib.suppress(FireModelError):  # the run was killed before it was reverted
                 found = self.apply_report(event)
         elif isinstance(event, Telemetry):
             self._is_due(event)
@@ -109,7 +109,7 @@ class ObservedFire:
         return found
 
     def ordered(self, command: AnyCommand) -> None:
-        """Note where a sphere falls, until the drop is confirmed."""
+        """Store the place of a sphere until its drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place
