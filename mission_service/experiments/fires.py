@@ -44,7 +44,7 @@ class Burn:
 
 
 def flat(fuel: NDArray[np.int16], cell_m: float = CELL_M) -> Landscape:
-    """A level landscape of these fuels (y, x)."""
+    """A level landscape with the given fuels (y, x)."""
     return Landscape("EPSG:32611", 5e5, 4e6, cell_m, fuel, np.zeros(fuel.shape, np.float32))
 
 
