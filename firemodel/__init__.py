@@ -1,4 +1,4 @@
-"""Wildfire spread over landscapes: Rothermel's surface model, and fire that grows cell by cell.
+"""Wildfire spread over landscapes: Rothermel's surface fire model on a grid of cells.
 
     from pathlib import Path
     import firemodel

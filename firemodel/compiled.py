@@ -1,8 +1,8 @@
-"""How inner loops are compiled: once, and kept on disk until any source that they may call changes.
+"""Compiles inner loops with Numba, with a cache on disk that depends on all sources they may call.
 
-Numba alone looks only at the file a function is in, so that a function would go on with old code of
-another file that it calls. Here the cache's folder is named after the content of all files of this
-package, of the function's own folder, and of all modules of its package that compile functions.
+Numba's own cache checks only the file of a function, so that changes in other files that the
+function calls are missed. Here the name of the cache folder is a hash of all files of this package,
+of the function's own folder, and of all modules of its package that compile functions.
 """
 
 import hashlib
@@ -21,7 +21,10 @@ PACKAGE = Path(__file__).parent
 
 @cache
 def cache_folder(home: Path) -> Path:
-    """For functions of ``home``: in the package or, if that is read-only, in the user's cache."""
+    """Cache folder for the functions in ``home``.
+
+    It is in this package or, if the package is read-only, in the user's cache.
+    """
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):
         sha.update(source.read_bytes())
@@ -43,7 +46,7 @@ def _top(home: Path) -> Path:
 
 @cache
 def _with_kernels(package: Path) -> tuple[Path, ...]:
-    """The modules of a package that compile functions: kernels call those of other folders."""
+    """The modules of a package that compile functions; kernels call those of other folders."""
     found = (path for path in package.rglob("*.py") if b"firemodel.compiled" in path.read_bytes())
     return tuple(found)
 
@@ -52,20 +55,20 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
-        # Without the GIL: forecasts burn in a thread of their own (nothing they write is shared).
+        # Without the GIL: a forecast runs in its own thread and shares no array that it writes.
         return njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
         NUMBA.CACHE_DIR = given
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """A compiled function."""
+    """Compile a function; it may allocate arrays."""
     return _cached(function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """One for inner loops: it does not count references to arrays, which took up half of the time.
+    """Compile a function for inner loops, without reference counts, which took half of the time.
 
-    Therefore it may not make new arrays; callers give it the room it needs.
+    Therefore it must not allocate arrays; callers pass the arrays it works in.
     """
     return _cached(function, _nrt=False)

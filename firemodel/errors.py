@@ -1,5 +1,5 @@
-"""What is wrong with a landscape, a weather stream or an ignition, in one line."""
+"""The errors of this package: invalid landscapes, weather streams and ignitions."""
 
 
 class FireModelError(ValueError):
-    """Base of the errors of this package; the message names file, cell and value."""
+    """Base class of the errors of this package; the message names file, cell and value."""

@@ -1,4 +1,4 @@
-"""A fire from start to end in one call."""
+"""Runs a fire from ignition to a given time in one call."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,15 +35,15 @@ def burn(
     scheme: SchemeName = "anyangle",
     **settings: Any,
 ) -> Fire:
-    """Burn a landscape from ignitions at 0 s until a time.
+    """Simulate a fire on a landscape, lit at 0 s, for a given duration.
 
     Rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); the default scheme
-    combines them to arrival times along straight lines at any angle (``spread/anyangle.py``).
+    integrates them to arrival times along straight lines at any angle (``spread/anyangle.py``).
 
     Args:
         landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
-        weather: A stream, one entry that holds throughout, or a .raws, .wxs or .csv file (see
+        weather: A stream, a single entry for the whole time, or a .raws, .wxs or .csv file (see
             ``read_weather``). Default: dry, wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
@@ -54,7 +54,7 @@ def burn(
     Returns:
         The fire. ``arrival_time_s`` is float64 (y, x), row 0 in the north: seconds after ignition,
         infinity where fire has not come. ``front(time_s)`` is a shapely MultiPolygon in the
-        landscape's CRS, ``burned_ha`` the burned area, and ``advance(time_s)`` burns on.
+        landscape's CRS, ``burned_ha`` the burned area; ``advance(time_s)`` continues the fire.
 
     Raises:
         FireModelError: A file cannot be used, or an ignition is off the landscape or on ground
@@ -112,7 +112,7 @@ def _cells(
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
     """Row and column of the burnable cells that the shapes of a file touch.
 
-    Raises FireModelError for a file that cannot be used or lies on ground that does not burn.
+    Raises FireModelError if the file cannot be used or all its cells are non-burnable.
     """
     from firemodel.landscape.readers.shapes import read_shapes
 

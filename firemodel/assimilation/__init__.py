@@ -1,5 +1,5 @@
-"""Fires corrected by observations: places with a time, where fire has come, comes or has not come.
+"""Fires corrected by observations. An observation is a place, a time and a state (burned or not).
 
-``camera_front`` and ``map_drawing`` make observations; ``gaussian`` and ``distance_weighting``
-correct a simulation by them, and ``corrected_cells`` a fire of cells.
+``camera_front`` and ``map_drawing`` make observations. ``gaussian`` and ``distance_weighting``
+correct a simulation by observations; ``corrected_cells`` corrects a cellular fire.
 """

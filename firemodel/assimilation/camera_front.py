@@ -1,4 +1,4 @@
-"""Observations from what cameras and sensors see, with no person in between."""
+"""Observations made automatically from the images of cameras and sensors."""
 
 from collections.abc import Sequence
 
@@ -13,12 +13,12 @@ Bools = NDArray[np.bool_]
 
 
 class CameraFront:
-    """Windows of a camera folded into few observations.
+    """Thins the windows of a camera to a limited number of observations.
 
-    Between a cell seen burned and one beside it seen unburned there is the front: burning, at that
-    time. Besides, what the simulation has otherwise is marked burned or unburned. Of each state at
-    most one observation is kept for each square of ``apart_m`` and each ``every_s``, the newest,
-    and of all the newest ``most``.
+    The edge between a burned cell and an unburned neighbour is observed as burning. A cell whose
+    observed state differs from the simulated one is observed as burned or unburned. For each
+    state, each square of ``apart_m`` and each interval of ``every_s`` only the newest observation
+    is kept, and at most ``most`` (the newest) in total.
     """
 
     def __init__(
@@ -29,10 +29,10 @@ class CameraFront:
         self._observations: dict[tuple[int, int, int, int], PointObservation] = {}
 
     def fold(self, row: int, col: int, cells: Sequence[str], at_s: float, fire: Simulation) -> None:
-        """A window (``events.Observed``) with its north-west cell at (row, col).
+        """Add a window (``events.Observed``) whose north-west cell is (row, col).
 
-        Rows run from north to south, with ``b`` burning or burned, ``u`` unburned, anything else
-        not seen. ``fire`` is the simulation as it is without these observations.
+        Each string is a row, from north to south: ``b`` is burning or burned, ``u`` unburned, any
+        other character not observed. ``fire`` is the simulation without these observations.
         """
         window = np.array([list(line) for line in cells])
         if window.size == 0:
@@ -52,7 +52,7 @@ class CameraFront:
         self._keep(places[unburned[known] & simulated], at_s, UNBURNED)
 
     def observations(self) -> Floats:
-        """(n, 4) x, y, at_s, state in order of time."""
+        """The kept observations, (n, 4) x, y, at_s, state, in order of time."""
         newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
             -self.most :
         ]

@@ -19,9 +19,9 @@ Ints = NDArray[np.int64]
 class ArrivalRaster:
     """Arrival times (y, x) of a landscape's cells, infinity for never: an ``AdjustableFire``.
 
-    Fire comes to a cell from where it was lit, found by going back from each cell to the earliest
-    of its neighbours. Rates are logarithms of a factor on the time along all paths, and on that of
-    paths to the east and to the north.
+    The ignition point of each cell is found by stepping back from the cell to its earliest
+    neighbour until no neighbour is earlier. The three rates are logarithms of factors on the
+    travel time: along all paths, along paths to the east and along paths to the north.
     """
 
     rates_sd = np.array([0.7, 0.4, 0.4])
@@ -35,20 +35,20 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """With paths of other times, on top of those it has."""
+        """A copy of this fire with ``rates`` (3,) added to its own rates."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
         return other
 
     def places(self) -> Floats:
-        """Centres of the cells that were lit (n, 2)."""
+        """Centres of the cells where the fire was lit, (n, 2) x, y in metres."""
         cells = np.arange(self._origin.size)
         lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
         return self._centres(cells[lit])
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """From the cell where the fire was lit that comes there first."""
+        """Paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
         rows, cols = self.landscape.shape
@@ -65,7 +65,7 @@ class ArrivalRaster:
         return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point (n, 2): (n,), infinity for never."""
+        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
         paths = self.paths(points_m)
         return paths.lit_s + paths.takes_s
 
@@ -74,7 +74,10 @@ class ArrivalRaster:
         return np.column_stack(self.landscape.xy_of(row, col)).astype(np.float64)
 
     def _between(self, row: Floats, col: Floats) -> Floats:
-        """Between four cells' centres, or that of the nearest where fire comes not to all."""
+        """Arrival times interpolated bilinearly at fractional rows and columns.
+
+        Where fire does not reach all four cells around, the time of the nearest cell.
+        """
         rows, cols = self.landscape.shape
         top, left = (
             np.clip(np.floor(at), 0, most - 2).astype(np.int64)
@@ -93,7 +96,10 @@ class ArrivalRaster:
 
 
 def _origins(arrival_s: Floats) -> Ints:
-    """The cell from which fire came to each (n,); its own number where it was lit, or never."""
+    """For each cell (n,) the number of the cell where its fire was lit.
+
+    An ignition cell and a cell without fire have their own number.
+    """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
     come = np.isfinite(arrival_s)
@@ -124,13 +130,13 @@ def corrected_arrival(
     """Arrival times (y, x) of a cellular fire, corrected by observations (n, 4) x, y, at_s, state.
 
     ``method`` may also be the paper's, with its length: ``lambda fire, observations:
-    PaperCorrected(fire, observations, 30.0)``. Let the fire burn on ahead of what is marked first:
-    what it has not come to is infinite and stays so, but that a cell marked burned or burning burns
-    from the observation's time on.
+    PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond the observed
+    places: a cell that is infinite there stays infinite, unless an observation marks it burned or
+    burning; it then burns from the time of that observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
-    come = np.isfinite(arrival_s)  # cells without fire stay so, and are skipped
+    come = np.isfinite(arrival_s)  # cells without fire are not corrected
     centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
     found = np.full(arrival_s.shape, np.inf)
     found[come] = method(fire, observations).ignition_time_s(centres)
@@ -142,7 +148,7 @@ def corrected_arrival(
 
 
 def warm_up() -> None:
-    """Compile what the first correction needs, by a small one."""
+    """Compile the kernels of a correction by running a small one."""
     from firemodel.landscape.flat import flat_landscape
 
     land = flat_landscape(8, 8, 30.0, 0.0, 3.0)

@@ -1,10 +1,10 @@
 """A fire simulation corrected by observations, as Beachly et al. do it (section IV).
 
-Each observation gives an error: how much later than simulated fire came there
-(``observations.errors_s``). It is carried to other places by a squared exponential k of the
-distance. Where observations are many their errors are averaged, and far from all of them nothing is
-corrected: Σ k e / max(1, Σ k). All observations count alike, whenever they were made: of two at one
-place the mean holds.
+The error e of an observation is the delay of the observed fire behind the simulated one
+(``observations.errors_s``). A squared exponential k of the distance weights the errors at other
+places: the correction is Σ k e / max(1, Σ k). Near many observations this is their weighted mean;
+far from all of them it is 0. The weight does not depend on the time of an observation: two
+observations at one place are averaged.
 """
 
 import math
@@ -18,13 +18,13 @@ from firemodel.ellipses.tiles import first_of, tiles_of
 from firemodel.errors import FireModelError
 
 POINTS_A_TILE = 512
-NEGLIGIBLE = 1e-9  # a squared exponential that is less is none
+NEGLIGIBLE = 1e-9  # a smaller squared exponential counts as 0
 MAX_EXPONENT = -math.log(NEGLIGIBLE)
-# exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of what y / 64 can be.
+# exp(-y) = exp(-y / 64)**64: a series of nine terms about the middle of the range of y / 64.
 PARTS, MIDDLE = 64.0, MAX_EXPONENT / 128.0
-# Where many points are in a square of ``SMOOTH`` lengths, what is computed in NODES x NODES places
-# of it (Chebyshev's) gives a polynomial that is off by less than NEGLIGIBLE of an observation's
-# error.
+# In a square of ``SMOOTH`` lengths with many points, the sums are computed at NODES x NODES
+# Chebyshev nodes and interpolated by a polynomial, with an error of less than NEGLIGIBLE of an
+# observation's error.
 NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
@@ -34,11 +34,12 @@ Floats = NDArray[np.float64]
 
 
 class PaperCorrected:
-    """A fire with observations (n, 4) x, y, at_s, state that reach about ``length_m`` around them.
+    """A fire corrected by observations (n, 4) x, y, at_s, state, each within about ``length_m``.
 
-    A burned or unburned observation that the fire agrees with corrects nothing and does not count.
-    Where fire never comes by the simulation a shift of time cannot help: there a place burns from
-    the earliest time at which an observation within ``length_m`` says so.
+    A burned or unburned observation that agrees with the simulation has no weight. A place that
+    the simulated fire never reaches cannot be corrected by a shift of time: it burns from the
+    time of the earliest burned or burning observation within ``length_m``, provided that the
+    simulated fire does not reach the place of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
@@ -59,12 +60,12 @@ class PaperCorrected:
         self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 
     def corrected_s(self, points_m: Floats, simulated_s: Floats) -> Floats:
-        """As ``ignition_time_s``, where the simulation's own times of these points are known."""
+        """As ``ignition_time_s``, given the simulated arrival times (n,) of the points."""
         found = simulated_s + self.shift_s(points_m)
         never = np.flatnonzero(np.isinf(simulated_s))
         for x, y, at_s in self._anyway:
@@ -73,7 +74,7 @@ class PaperCorrected:
         return found
 
     def shift_s(self, points_m: Floats) -> Floats:
-        """How much later than simulated fire is expected at each point (n, 2): (n,)."""
+        """Expected delay behind the simulated fire in seconds (n,) at each point (n, 2)."""
         tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
         total, weight = np.zeros((2, len(tiles.x)))
         room = np.empty((5, NODES * NODES))
@@ -85,9 +86,9 @@ class PaperCorrected:
 
 @kernel
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
-    """exp(-y) to 1e-10 of it, 0 where it is less than ``NEGLIGIBLE``; without a branch or a call.
+    """exp(-y) with a relative error of 1e-10, and 0 where it is less than ``NEGLIGIBLE``.
 
-    So that several places are computed at once, which exp is not.
+    It has no branch and no call, so that the compiler can vectorise loops over it (exp it cannot).
     """
     z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]
@@ -110,7 +111,10 @@ def _squared_exponential(y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[no-untyped-def]
-    """Σ k e and Σ k at each x, y in a box, of the observations whose k is not 0 all over it."""
+    """Add Σ k e to ``total`` and Σ k to ``weight`` at each x, y in a box.
+
+    Observations whose k is 0 in the whole box are skipped.
+    """
     for observation in range(places.shape[0]):
         x, y, error = places[observation, 0], places[observation, 1], error_s[observation]
         off_x, off_y = max(box[0] - x, x - box[1], 0.0), max(box[2] - y, y - box[3], 0.0)
@@ -125,21 +129,21 @@ def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[
 
 @kernel
 def _powers(values, between):  # type: ignore[no-untyped-def]
-    """From values at the nodes to the coefficients of powers, in both directions; in place."""
+    """Turn values at the nodes into coefficients of powers of x and y, in place."""
     for _ in range(2):
         for i in range(NODES):
             for j in range(NODES):
                 found = 0.0
                 for k in range(NODES):
                     found += TO_POWERS[j, k] * values[i * NODES + k]
-                between[j * NODES + i] = found  # turned over, so that the other axis comes next
+                between[j * NODES + i] = found  # transposed: the second pass is over the other axis
         for k in range(values.size):
             values[k] = between[k]
 
 
 @kernel
 def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
-    """Σ c[i, j] y^i x^j at each place, x and y being -1 to 1 in the box; the powers written out."""
+    """Σ c[i, j] y^i x^j at each place, into ``found``; x and y are scaled to -1 to 1 in the box."""
     for i in range(NODES - 1, -1, -1):
         row = c[i * NODES : (i + 1) * NODES]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
@@ -153,7 +157,7 @@ def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ig
 
 @kernel
 def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ignore[no-untyped-def]
-    """Σ k e and Σ k of each point (sorted); they are 0 before."""
+    """Compute Σ k e and Σ k of each point in the order of the tiles, into arrays of zeros."""
     part = 0.5 / (length_m * length_m)
     tile_boxes = tiles.boxes[first_of(tiles.levels) :]
     node_x, node_y, node_total, node_weight, between = room[0], room[1], room[2], room[3], room[4]
@@ -162,7 +166,7 @@ def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ign
         if begin == end:
             continue
         box = tile_boxes[tile]
-        # Of their own, so that places count from 0 and several can be computed at once.
+        # Slices, so that indices begin at 0 and the loop can be vectorised.
         xs, ys = tiles.x[begin:end], tiles.y[begin:end]
         totals, weights = total[begin:end], weight[begin:end]
         half_x, half_y = 0.5 * (box[1] - box[0]), 0.5 * (box[3] - box[2])

@@ -1,18 +1,18 @@
 """A fire simulation corrected by observations: Gaussian-process regression along fire's paths.
 
-An error of the rate of spread grows along the way from the source. So what is regressed is not the
-time but the logarithm w of the slowness: fire that by the simulation needs e seconds along its path
-needs e · mean(exp w) along it, and an observation at any time constrains the whole path behind it
-and, through what is alike, what lies ahead. Fire so corrected never comes before
-it was lit, and always later further along its path.
+An error in the rate of spread accumulates along the path from the source. The regression is
+therefore not of the arrival time but of the logarithm w of the slowness: a path that takes e
+seconds in the simulation takes e · mean(exp w) in the corrected fire. An observation constrains w
+along the whole path behind it and, by correlation, the path ahead. In the corrected fire no place
+burns before the ignition, and arrival times increase along each path.
 
-What a burn is wrong about has Gaussian priors and is found together (Gauss-Newton, MAP): the
-simulation's rates and wind (``paths.AdjustableFire``), and w as a field over places, for fuel and
-ground. An observation is as wrong as its place times the slowness there; one that burns is held as
-by Student's t, so that a few wrong ones do little, one that is burned or unburned by the
-probability that it is true (Laplace's method). The field's prior sd and length are the most likely
-of a few (marginal likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters
-2, 3 and 5.
+The unknowns have Gaussian priors and are estimated together (Gauss-Newton, MAP): the simulation's
+rates and wind (``paths.AdjustableFire``), and w as a field over places, for errors of fuel and
+terrain. The error of an observation is its position error times the slowness there. A burning
+observation has a Student's t likelihood, so that a few outliers have little influence; a burned or
+unburned one has the probability of its state (Laplace's method). The field's prior sd and length
+are the most likely of a few (marginal likelihood of the linearised regression). See Rasmussen &
+Williams 2006, chapters 2, 3 and 5.
 """
 
 import math
@@ -30,22 +30,22 @@ from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variance
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.ellipses.paths import AdjustableEllipses, AdjustableFire, StraightPaths
 
-PLACE_SD_M = 6.0  # of an observation
-TIME_SD_S = 15.0
-MIN_S = 45.0  # along a path; shorter ones say little
-LOG_SD = 0.05  # of ln of the time along a path, of an observation
-UNEXPLAINED_SD = 0.1  # of the same, of the fire: it finds its path around what is slow
+PLACE_SD_M = 6.0  # of an observation's position
+TIME_SD_S = 15.0  # of an observation's time
+MIN_S = 45.0  # lower limit of the time along a path; shorter times have little information
+LOG_SD = 0.05  # of ln of the observed time along a path
+UNEXPLAINED_SD = 0.1  # of ln of the time along a path, because real fire goes around slow places
 FIELD_SDS = (0.2, 0.3, 0.4)
-# Of the field, in parts of the diagonal of observations and sources.
+# Length scales of the field, as parts of the diagonal of the box of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
-MIN_M = 100.0  # of that diagonal
-NODES = 32  # of the field along its longer side, at most
+MIN_M = 100.0  # lower limit of that diagonal
+NODES = 32  # maximum of the field's nodes along its longer side
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
 CHOSEN_AT = 1
 STEPS_NEAR = 2
-GOOD_ENOUGH = 0.05  # what a step must gain, in ln of the posterior density
-SMALL_RATE = 1e-3  # for slopes
-MAX_LOG = 2.5  # of the field
+GOOD_ENOUGH = 0.05  # gain in ln of the posterior density below which the iteration ends
+SMALL_RATE = 1e-3  # difference for numerical derivatives by the rates
+MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -54,21 +54,21 @@ Floats = NDArray[np.float64]
 
 
 class _Prior(NamedTuple):
-    """Rates, then the field, as L z with z of unit variance."""
+    """Prior of the parameters (rates, then the field) as L z, with z of unit variance."""
 
     sd: float
     length_m: float
     rates_sd: Floats
-    of_rows: Floats  # lower Cholesky factors
+    of_rows: Floats  # lower Cholesky factors of the field's correlation along rows and columns
     of_cols: Floats
 
     def white(self, of_rates: Floats, of_place: Floats) -> Floats:
-        """A L of A = [of_rates (n, k), of_place (n, rows, cols)]: (n, parameters)."""
+        """The product A L (n, parameters) for A = [of_rates (n, k), of_place (n, rows, cols)]."""
         place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
         return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
 
     def colour(self, z: Floats) -> tuple[Floats, Floats]:
-        """Rates (k,) and w (rows, cols)."""
+        """Rates (k,) and field w (rows, cols) of the unit-variance parameters z."""
         k = len(self.rates_sd)
         place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
         return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
@@ -76,29 +76,29 @@ class _Prior(NamedTuple):
 
 @cache
 def _blas() -> ThreadpoolController:
-    """Of several threads sums would depend on the machine; and with small matrices they wait."""
+    """Limits BLAS to one thread: with more, sums depend on the machine, and are no faster here."""
     return ThreadpoolController()
 
 
 class _Look(NamedTuple):
-    """The observations as seen from some rates and field."""
+    """Expected and observed times of the observations under given rates and a given field."""
 
     fire: AdjustableFire
     field: Field
     paths: StraightPaths
-    expected: Floats  # ln of the time along the way
-    observed: Floats
-    sd: Floats  # of observed
+    expected: Floats  # ln of the time along the path (n,)
+    observed: Floats  # the same from the observations (n,)
+    sd: Floats  # standard deviation of ``observed`` (n,)
 
 
 class GaussianCorrected:
-    """A fire with observations (n, 4) x, y, at_s, state; with none of them the fire itself.
+    """A fire corrected by observations (n, 4) x, y, at_s, state; unchanged if there are none.
 
-    Its time grows with n³: some hundred observations. Observations where fire never comes by the
-    simulation are left out: such fire has a source that must be added to it.
+    The computing time grows with n³, which limits n to some hundreds. Observations at places that
+    the simulated fire never reaches are left out: such fire needs another source.
 
-    ``near`` is the same fire with nearly the same observations: its prior is kept and the fit
-    begins where it ended, which takes a third of the time and comes out nearly as without.
+    ``near`` is a correction of the same fire by nearly the same observations. The fit then keeps
+    its prior and begins at its result, which takes a third of the time for nearly the same result.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class GaussianCorrected:
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
         if not len(self._held):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -137,7 +137,10 @@ class GaussianCorrected:
         return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
-        """Standard deviation of that time (n,), of the fire itself; infinity for never."""
+        """Standard deviation of ``ignition_time_s`` (n,) at each point; infinity for never.
+
+        Errors of the observations themselves are not included.
+        """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         if not len(self._rated.places()):
             return np.full(len(points), np.inf)
@@ -152,7 +155,7 @@ class GaussianCorrected:
 
     @cached_property
     def _covariance(self) -> Floats:
-        """Of rates and nodes (parameters, parameters), after the observations."""
+        """Posterior covariance (parameters, parameters) of the rates and the field's nodes."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
         half: NDArray[np.floating] = a
@@ -208,7 +211,7 @@ class GaussianCorrected:
     def _start(
         self, fire: AdjustableFire, field: Field, prior: _Prior
     ) -> tuple[_Look, Floats, float]:
-        """The best of a few rates."""
+        """The first rates (``AdjustableFire.first_rates``) with the highest posterior density."""
         found = []
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
@@ -250,7 +253,7 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """The prior under which the observations that burn are the most likely."""
+        """The prior (sd and length of the field) under which burning observations are likeliest."""
         burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
@@ -271,12 +274,12 @@ class GaussianCorrected:
 
 
 def _same_place(one: Field, other: Field) -> bool:
-    """Whether the nodes of two fields are the same."""
+    """True if two fields have the same nodes."""
     return one.slower.shape == other.slower.shape and one[:3] == other[:3]
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Of ln of the time along the way by further rates (n, k)."""
+    """Derivatives (n, k) of ln of the time along each path by each rate, numerically."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -288,7 +291,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """Around places (k, 2), and their diagonal in metres."""
+    """A field with w = 0 around places (k, 2), and the diagonal of the places' box in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
@@ -304,7 +307,7 @@ def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior
 
 
 def _factor(count: int, apart: float) -> Floats:
-    """Cholesky factor of a squared exponential between places in a row, ``apart`` lengths."""
+    """Cholesky factor of the squared exponential of ``count`` places ``apart`` lengths apart."""
     at = np.arange(count) * apart
     squares = np.square(at[:, None] - at)
     return np.asarray(np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count)), np.float64)
@@ -318,9 +321,9 @@ def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
 
 
 def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Of each observation's log likelihood at f: curvature w, and w f + slope.
+    """Curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
 
-    Of Student's t the curvature is that of the Gaussian which touches it at f.
+    For Student's t, w is the curvature of the Gaussian that touches it at f.
     """
     r = y - f
     w = (TAIL + 1.0) / (TAIL * sd * sd + r * r)
@@ -335,7 +338,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """(f, alpha), f = k alpha, where the Gaussian prior k meets b - w f."""
+    """The mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

@@ -1,4 +1,4 @@
-"""Observations from what people draw on a map: a point, a line, a polygon."""
+"""Observations from shapes that an operator draws on a map: a point, a line or a polygon."""
 
 from typing import Literal
 
@@ -17,14 +17,14 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a shape with these corners (k, 2) x, y in metres.
+    """Observations (n, 4) x, y, at_s, state of a shape with the corners (k, 2) x, y in metres.
 
-    Of a line, and of a polygon's outline, corners and points between them at most ``spacing_m``
-    apart. A polygon that burns has its front there and is not marked inside; one that is burned or
-    unburned is so all over: the outline, and inside a grid of points ``spacing_m`` apart.
+    A line and the outline of a polygon give their corners and points between them, at most
+    ``spacing_m`` apart. A burning polygon has the front on its outline and gives no points inside.
+    A burned or unburned polygon gives also a grid of points inside, ``spacing_m`` apart.
 
-    Raises FireModelError for too few points, a state or spacing that cannot be, or a polygon whose
-    outline crosses itself.
+    Raises FireModelError for too few points, values that are not finite, an unknown state, a
+    spacing that is not positive, or a polygon whose outline crosses itself.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if shape not in MIN_POINTS or len(points) < MIN_POINTS[shape]:
@@ -50,14 +50,14 @@ def observations_of(
 
 
 def _along(line: shapely.LineString, spacing_m: float) -> Floats:
-    if line.length == 0.0:  # all of it is one place
+    if line.length == 0.0:  # all points are the same place
         return shapely.get_coordinates(line)[:1]
     found: Floats = shapely.get_coordinates(shapely.segmentize(line, spacing_m))
     return found
 
 
 def _inside(polygon: shapely.Polygon, spacing_m: float) -> Floats:
-    """A grid, not nearer to the outline than half its spacing."""
+    """Grid points (n, 2) in a polygon, at least half the spacing from its outline."""
     west, south, east, north = polygon.bounds
     x_m, y_m = np.meshgrid(
         np.arange(west + 0.5 * spacing_m, east, spacing_m),

@@ -1,4 +1,4 @@
-"""Fire as ellipses from points and lines, on level ground, for many ignitions at once.
+"""Fire as ellipses from many point and line ignitions, on level ground.
 
-``ellipse`` gives the time of ignition anywhere, ``observations`` the errors against observations.
+``ellipse`` computes arrival times at any place, ``observations`` their errors against observations.
 """

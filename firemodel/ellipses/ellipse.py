@@ -1,15 +1,16 @@
-"""A fire as ellipses that grow from points, whose time of ignition is known anywhere at once.
+"""A fire as ellipses that grow from points, with a closed-form arrival time at any place.
 
 Section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and Ignitions"), with its
 eqs. 1 and 2 corrected: after a time t the ellipse of a point ignition spans from ``-back t`` to
 ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same
 everywhere and the ground is level. Lines are series of points (``line_sources``).
 
-With wind that changes, each point of the front starts an ellipse of its own (Huygens), so that the
-burned area is the Minkowski sum of the periods' ellipses. A place d from the source is in it once,
-for every direction n, d·n <= Σ τ_i h_i(n), with τ_i the time spent in a period and h_i the support
-function of its ellipse. So the place ignites at the greatest, over n, of the times at which both
-sides are equal: each a closed form, with one maximum over n (``ellipse_kernels.reach``).
+If the wind changes, each point of the front starts its own ellipse (Huygens), so that the burned
+area is the Minkowski sum of the periods' ellipses. A place at d from the source is inside as soon
+as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time spent in period i and h_i the
+support function of its ellipse. The arrival time is therefore the maximum over n of the time at
+which both sides are equal. That time has a closed form, and only one maximum over n
+(``ellipse_kernels.reach``).
 """
 
 import math
@@ -28,16 +29,16 @@ from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
 TILE = 64  # points
-DIRECTIONS = 12  # in which a source may be seen to come too late
+DIRECTIONS = 12  # in which a source's reach is bounded
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.int32]
 
 
 class Spread(NamedTuple):
-    """How a fire spreads from ``from_s`` on: m/s with, against and across the wind.
+    """Rates of spread from ``from_s`` on, in m/s: with, against and across the wind.
 
-    ``toward_rad`` is where the wind blows to, anticlockwise from the grid's east.
+    ``toward_rad`` is the direction the wind blows to, anticlockwise from the grid's east.
     """
 
     from_s: float
@@ -52,10 +53,10 @@ def spreads_of(
 ) -> tuple[Spread, ...]:
     """Rothermel's rates of one fuel model on level ground, for each change of the weather.
 
-    Section IV: back and flank spread as the head does without wind. The wind at 20 ft is brought
-    down to the flames as for fuel not under trees. ``grid_deg`` turns a direction from true north
-    to the grid's (``Landscape.grid_deg``); by default the two are the same. Raises FireModelError
-    for an unknown fuel.
+    As in section IV, back and flank have the no-wind rate of the head. The wind at 20 ft is
+    reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
+    north to grid north (``Landscape.grid_deg``); by default the two are the same. Raises
+    FireModelError for an unknown fuel.
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
@@ -78,11 +79,11 @@ def spreads_of(
 def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
     """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
 
-    Corners are sources. ``at_s`` is one time, or one for each corner (n,) of a line lit as
-    a person walks. Midway between two sources the front is behind that of a line by about
-    s²/(8 r) where it has come r to the sides of each (r is ``flank_m_s`` times the time): 3 % of r
-    at r = 2 s; before r = s/2 the two have not met. Raises FireModelError for no points or no
-    spacing.
+    Corners are sources. ``at_s`` is one time for the whole line, or one for each corner (n,) of a
+    line lit on foot. With a spacing s and ellipses of half-width r (``flank_m_s`` times the time),
+    the front midway between two sources is behind that of a continuous line by about s²/(8 r):
+    3 % of r at r = 2 s. Below r = s/2 the two ellipses do not touch. Raises FireModelError for no
+    points or a spacing that is not positive.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0 or not spacing_m > 0.0:
@@ -99,13 +100,14 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
 
 
 class EllipseFire:
-    """Point ignitions ``sources`` (m, 3) x, y, at_s that burn as ``spreads`` say; may be none.
+    """A fire from point ignitions ``sources`` (m, 3) x, y, at_s, with the rates in ``spreads``.
 
-    The first spread also holds before its time. A source lit inside the burned area adds nothing.
+    m may be 0. The first spread also holds before its time. A source lit inside the burned area
+    has no effect.
     """
 
     def __init__(self, spreads: Sequence[Spread], sources: Floats) -> None:
-        """Raises FireModelError for rates, times or places that cannot be."""
+        """Raises FireModelError for invalid rates, times or places."""
         self.spreads = tuple(spreads)
         self.sources = _checked(sources)
         self._table = _table(self.spreads)
@@ -118,15 +120,18 @@ class EllipseFire:
         return more
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point (n, 2) x, y: (n,) s, infinity for never."""
+        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
-        """From which source fire first comes to each point (n, 2): (n,), -1 for never."""
+        """Index (n,) of the source whose fire first reaches each point (n, 2); -1 for never."""
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """Both: ``ignition_time_s`` and, unless not requested (empty), ``sources_of``."""
+        """``ignition_time_s`` and ``sources_of`` in one pass.
+
+        Without ``with_sources`` the second array is empty.
+        """
         points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         one = len(self._table) == 1 and self.spreads[0].head_m_s > 0.0
         sources = self.sources
@@ -175,7 +180,10 @@ def _checked(sources: Floats) -> Floats:
 
 
 def _table(spreads: Sequence[Spread]) -> Floats:
-    """(changes, 6): from_s, centre x, y in m/s, and Q (xx, xy, yy) with h(n) = c·n + √(n·Qn)."""
+    """The spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
+
+    The support function of the ellipse is h(n) = c·n + √(n·Qn).
+    """
     if not spreads:
         raise FireModelError("no spreads; give at least one")
     rows: list[tuple[float, ...]] = []
@@ -202,7 +210,7 @@ def _table(spreads: Sequence[Spread]) -> Floats:
 
 
 def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
-    """For sources lit at these times, in these periods."""
+    """Bounds for sources lit at the times ``lit_s`` (n,), in the periods ``lit_in`` (n,)."""
     angles = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
     nx, ny = np.cos(angles), np.sin(angles)
     from_s, cx, cy, xx, xy, yy = table.T[:, :, None]
@@ -215,16 +223,16 @@ def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:
-    """Back from the order of the tiles to that of the points."""
+    """Values in the order of the tiles, put back into the order of the points."""
     given = np.empty_like(found)
     given[tiles.order] = found
     return given
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """A matrix to multiply x, y with from the right, and e: the time from a source is |d| - e d_x.
+    """A matrix M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
 
-    That solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across.
+    This solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
     """
     a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
     e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)

@@ -1,8 +1,8 @@
-"""The inner loops of ``ellipse``: the time from one source, and the least over all of them.
+"""The inner loops of ``ellipse``: the arrival time from one source, and the least over all sources.
 
-Of all sources only those are tried on a point that may be first somewhere in its tile: down the
-quadtree of ``tiles`` a square keeps of its parent's sources those whose earliest time anywhere in
-it is not after the latest time of another there.
+A point is tried only with the sources that may be first somewhere in its tile. Down the quadtree
+of ``tiles``, each square keeps the sources of its parent whose earliest time in the square is not
+after the latest time of another source there.
 """
 
 import math
@@ -15,31 +15,31 @@ from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
 MAX_STEPS = 100
-WARM_STEPS = 5  # from where the last point was, before the safe way
-CLOSE = 1e-11  # part of the time by which an estimate may still be off
-SLACK = 1e-9  # part of the times by which a source may be behind another and is kept
+WARM_STEPS = 5  # from the solution of the last point, before the search starts with a bracket
+CLOSE = 1e-11  # relative error of the time at which the search ends
+SLACK = 1e-9  # relative delay behind another source up to which a source is kept
 
 Floats = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):
-    """How far fire goes in each of some directions: bounds that are quick to reckon.
+    """Upper bounds of the distance fire covers in each of k directions.
 
-    Fire that is lit at no time at all has gone ``begins_m`` (periods, k) when a period begins; that
-    of a source is behind it by ``lit_m`` (sources, k), for all time.
+    A reference fire that begins with the first period has covered ``begins_m`` (periods, k) at the
+    beginning of each period. The fire of a source is ``lit_m`` (sources, k) behind it at all times.
     """
 
     normals: Floats  # (k, 2)
     speeds: Floats  # (periods, k) m/s
     begins_m: Floats
     lit_m: Floats
-    limit_m: Floats  # (k) room for how far by a limit
-    last: NDArray[np.int64]  # (sources) room for the direction that decided last
+    limit_m: Floats  # (k) work array: distance of the reference fire at a time limit
+    last: NDArray[np.int64]  # (sources) work array: direction that last excluded each source
 
 
 @kernel
 def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
-    """Middle x, y and half of the size."""
+    """Middle x, y and half sizes in x and y of a square's box of points."""
     box = tiles.boxes[first_of(level) + square]
     return (
         0.5 * (box[0] + box[1]),
@@ -49,13 +49,16 @@ def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
     )
 
 
-# With one wind for all time, on a plane stretched so that the time from a source at d is
-# |d| - e d_x: the sources are the sites of an additively weighted Voronoi diagram.
+# Constant wind. The plane is stretched so that the travel time to d from a source is |d| - e d_x;
+# the sources are the sites of an additively weighted Voronoi diagram.
 
 
 @kernel
 def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
-    """(p - origin) times the matrix; returns the place of the first p that is not finite."""
+    """Write (p - origin) times the matrix of each point p into ``found``.
+
+    Returns the index of the first point that is not finite, or the number of points.
+    """
     for k in range(points.shape[0]):
         x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
         if not abs(x) + abs(y) < math.inf:
@@ -67,14 +70,14 @@ def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
-    """Of the sources kept by the parent (level - 1), those that may be first in a square."""
+    """Keep the parent square's sources (level - 1) that may be first somewhere in a square."""
     x, y, half_x, half_y = _box_of(level, square, tiles)
     latest = np.inf
     parent = max(level - 1, 0)
     for k in range(counts[parent]):
         number = kept[parent, k]
         dx, dy = abs(x - sources[number, 0]), abs(y - sources[number, 1])
-        # The part of the time that a place adds, - e x, is the same for all.
+        # The term - e x of a place is left out: it is the same for all sources.
         since = sources[number, 2] + e * sources[number, 0]
         near_x, near_y = max(dx - half_x, 0.0), max(dy - half_y, 0.0)
         far_x, far_y = dx + half_x, dy + half_y
@@ -91,9 +94,10 @@ def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # t
 
 @kernel
 def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type: ignore[no-untyped-def]
-    """The least time of each point (sorted), and its source if ``first`` has room for it.
+    """Compute the arrival time of each point into ``best``, and its source into ``first``.
 
-    ``kept`` (levels + 1, sources) holds all sources on level 0, ``at`` (levels + 1) is -1.
+    Points are in the order of the tiles; an empty ``first`` is not filled. On entry level 0 of
+    ``kept`` (levels + 1, sources) holds all sources, and ``at`` (levels + 1) is -1.
     """
     for tile in range(tiles.begin.size - 2):
         begin, end = tiles.begin[tile], tiles.begin[tile + 1]
@@ -104,7 +108,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
             if at[level] != square:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
-        # Of their own, so that places count from 0 and several can be computed at once.
+        # Slices, so that indices begin at 0 and the loop can be vectorised.
         xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
@@ -122,12 +126,12 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
                     here[place] = time if time < here[place] else here[place]
 
 
-# With wind that changes. A direction n is d + u m, m being d turned left, so that d·n = d·d.
+# Changing wind. A direction n is d + u m, where m is d turned left by 90 degrees, so d·n = d·d.
 
 
 @kernel
 def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The u at which one period's h(n) is least."""
+    """The u at which h(n) of one period is least."""
     cx, cy = table[period, 1], table[period, 2]
     xx, xy, yy = table[period, 3], table[period, 4], table[period, 5]
     c = cy * dx - cx * dy
@@ -140,7 +144,7 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """Σ τ h is least between the u at which the single periods' h are."""
+    """The least and the greatest u at which h(n) of a period is least; Σ τ h is least between."""
     low, high = math.inf, -math.inf
     for number in range(period, table.shape[0]):
         if table[number, 3] + table[number, 5] > 0.0:
@@ -151,9 +155,9 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """When Σ τ h(n) comes to d·n: (time, h then, Σ τ h', Σ τ h''), by u.
+    """The time at which Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
 
-    Or any time from the limit on.
+    If that time is after ``limit_s``, the time returned is any time after the limit.
     """
     nx, ny = dx - u * dy, dy + u * dx
     way = dx * dx + dy * dy
@@ -182,10 +186,10 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """When fire lit at a time comes to d from its source, and the deciding n: (time, nx, ny).
+    """Arrival time at d from a source lit at ``at_s``, and the decisive direction: (time, nx, ny).
 
-    Or any time from the limit on: each u gives a bound from below. ``n`` is a first guess; 0, 0
-    for none.
+    Each u gives a lower bound of the time. The search stops when a bound is at or after
+    ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or (0, 0) for none.
     """
     if dx == 0.0 and dy == 0.0:
         return at_s, nx, ny
@@ -220,7 +224,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """``reach`` from a source, beginning with the n of the last time, which it updates."""
+    """``reach`` from a source; its direction in ``normals`` is the first guess and is updated."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],
@@ -237,7 +241,7 @@ def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type:
 
 @kernel
 def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
-    """Set how far fire lit at no time at all goes by a limit, in each of the directions."""
+    """Set ``bounds.limit_m`` to the distances of the reference fire at a time limit."""
     period = table.shape[0] - 1
     while period > 0 and table[period, 0] > limit_s:
         period -= 1
@@ -249,9 +253,9 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
-    """Whether a source surely comes to all of a box after the limit set.
+    """True if the fire of a source certainly reaches the box only after the limit set.
 
-    It does if in any one direction fire does not go so far in that time.
+    That is so if in any one direction the fire does not cover the distance to the box in time.
     """
     if sources[number, 2] > limit_s:
         return True
@@ -272,9 +276,9 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
 def _keep_changing(  # type: ignore[no-untyped-def]
     level, square, sources, periods, table, bounds, tiles, kept, counts, normals
 ):
-    """As ``_keep_steady``; the one that is first in the middle comes first.
+    """As ``_keep_steady``, for changing wind; the source that is first in the middle is put first.
 
-    What has burned from one source is convex: it has a square once it has its corners.
+    The area burned from one source is convex: it covers a square as soon as it covers its corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)
@@ -317,7 +321,10 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 def changing(  # type: ignore[no-untyped-def]
     sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
 ):
-    """As ``steady``; ``periods`` are those in which the sources are lit, ``normals`` all 0."""
+    """As ``steady``, for changing wind.
+
+    ``periods`` (sources) are the periods in which the sources are lit; ``normals`` is 0 on entry.
+    """
     for tile in range(tiles.begin.size - 2):
         begin, end = tiles.begin[tile], tiles.begin[tile + 1]
         if begin == end:

@@ -1,4 +1,4 @@
-"""Inner loops of ``gaussian``: what a field over places does to the time along straight ways."""
+"""Inner loops of ``gaussian``: the effect of a field over places on times along straight paths."""
 
 from typing import NamedTuple
 
@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 
-PIECES = 8  # of a way
+PIECES = 8  # of a path, for the mean along it
 
 Floats = NDArray[np.float64]
 
 
 class Field(NamedTuple):
-    """exp w between nodes (rows of y, columns of x; row 0 in the south), held beyond the edge."""
+    """exp w on nodes: rows are y (row 0 in the south), columns are x, ``apart_m`` apart.
+
+    Values between nodes are interpolated; beyond the edge the value of the edge holds.
+    """
 
     west_m: float
     south_m: float
@@ -23,7 +26,7 @@ class Field(NamedTuple):
 
 @kernel
 def _corner(x, apart, count):  # type: ignore[no-untyped-def]
-    """The node below and how far it is to the one above."""
+    """The node at or below x, and the fraction of the way from it to the next node."""
     at = min(max(x / apart, 0.0), count - 1.0)
     node = min(int(at), count - 2)
     return node, at - node
@@ -41,7 +44,7 @@ def _at(x, y, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """The mean of exp w along the way to each point."""
+    """Compute the mean of exp w along the path to each point, into ``found`` (n,)."""
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
         dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
@@ -53,7 +56,7 @@ def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
-    """One of the four nodes around a piece of a way, and its share of the whole way."""
+    """One of the four nodes around a piece of a path, and its weight in the whole path's mean."""
     rows, cols = field.slower.shape
     piece = number // 4 + 0.5
     col, right = _corner(x + piece * dx - field.west_m, field.apart_m, cols)
@@ -71,7 +74,10 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Of ln of that mean by w of each node, into found (n, rows, cols), zeros before."""
+    """Compute the derivatives of ln of that mean by w of each node.
+
+    ``found`` (n, rows, cols) is 0 on entry.
+    """
     cols = field.slower.shape[1]
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
@@ -89,9 +95,10 @@ def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def variances(points, origin, of_rates, field, covariance, found):  # type: ignore[no-untyped-def]
-    """Of ln of the time along each way, from of_rates (n, k) and the covariance of all (k + nodes).
+    """Compute the variance of ln of the time along each path, into ``found`` (n,).
 
-    The field counts evenly along the way.
+    ``of_rates`` (n, k) are derivatives by the rates, ``covariance`` (k + nodes, k + nodes) is that
+    of rates and nodes. The field is weighted evenly along the path.
     """
     k = of_rates.shape[1]
     for place in range(points.shape[0]):

@@ -1,4 +1,4 @@
-"""Observations of a fire: a place, a time, and the state of the place at that time."""
+"""Observations of a fire: a place, a time and the state of the place at that time."""
 
 from typing import NamedTuple, Protocol
 
@@ -12,14 +12,14 @@ BURNED, BURNING, UNBURNED = -1, 0, 1
 
 
 class Simulation(Protocol):
-    """A fire whose time of ignition is known everywhere, in the past and in the future."""
+    """A fire with an arrival time at every place, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point: (n, 2) x, y in metres to (n,); infinity for never."""
+        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
 
 
 class PointObservation(NamedTuple):
-    """At ``at_s`` the place is BURNED (it came before), BURNING (it comes then) or UNBURNED."""
+    """State of a place at ``at_s``: BURNED (fire came before), BURNING (comes then), UNBURNED."""
 
     x_m: float
     y_m: float
@@ -28,10 +28,10 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """How much later than simulated the fire came to each observation (n, 4), in s: (n,).
+    """Delay in seconds (n,) of the observed fire behind the simulated one at observations (n, 4).
 
-    Negative for earlier, infinite where the fire never comes by the simulation. A burned or
-    unburned observation that the simulation agrees with has no error.
+    It is negative where the fire came earlier than simulated and infinite where the simulated fire
+    never comes. A burned or unburned observation that agrees with the simulation has an error of 0.
     """
     late_s: Floats = observations[:, 2] - fire.ignition_time_s(observations[:, :2])
     state = observations[:, 3]

@@ -1,6 +1,6 @@
-"""How fire comes to places, in simulations whose rates can be changed: what corrections rest on.
+"""Paths of fire to places in simulations with adjustable rates; the corrections are built on them.
 
-A way is taken as straight, from where fire was lit to the place.
+A path is a straight line from the ignition to the place.
 """
 
 import math
@@ -15,9 +15,10 @@ Floats = NDArray[np.float64]
 
 
 class StraightPaths(NamedTuple):
-    """To n places: from ``origin`` (n, 2) x, y, lit at ``lit_s`` (n,), within ``takes_s`` (n,).
+    """Paths to n places: ignition ``origin`` (n, 2) x, y, its time ``lit_s`` (n,), and duration.
 
-    Where fire never comes, ``takes_s`` is infinite and the rest is of some other way.
+    The travel time ``takes_s`` (n,) is infinite where fire never comes; ``origin`` and ``lit_s``
+    have no meaning there.
     """
 
     origin: Floats
@@ -26,34 +27,34 @@ class StraightPaths(NamedTuple):
 
 
 class AdjustableFire(Protocol):
-    """A fire with its paths, and the same fire at other rates."""
+    """A fire that has paths and whose rates of spread can be adjusted."""
 
     @property
     def rates_sd(self) -> Floats:
-        """Prior standard deviations of what ``rated`` takes; (k,)."""
+        """Prior standard deviations (k,) of the rates that ``rated`` takes."""
 
     @property
     def first_rates(self) -> Floats:
-        """Rates (m, k) to begin the search from."""
+        """Rates (m, k) from which the search begins."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
-        """The fire with other rates; 0 for those it has."""
+        """The fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """To points (n, 2) x, y."""
+        """Paths to points (n, 2) x, y in metres."""
 
     def places(self) -> Floats:
-        """Some x, y (k, 2) between which the fire was lit."""
+        """Places (k, 2) x, y in metres that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point."""
+        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
 
 
 class AdjustableEllipses:
-    """An ``EllipseFire``, at least one source lit.
+    """An ``EllipseFire`` with at least one source, as an ``AdjustableFire``.
 
-    Rates are logarithms of a factor on all, on the head and on the flanks besides, and a turn of
-    the wind in radians.
+    The four rates are: logarithms of factors on all rates of spread, on the head and on the flanks
+    (the last two in addition to the first), and a turn of the wind in radians.
     """
 
     rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
@@ -72,7 +73,7 @@ class AdjustableEllipses:
         self.fire = fire
 
     def rated(self, rates: Floats) -> "AdjustableEllipses":
-        """All spreads of the fire changed alike."""
+        """The fire with the same adjustment of rates and wind in all periods of weather."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
             spread._replace(
@@ -86,15 +87,15 @@ class AdjustableEllipses:
         return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """From the source that fire comes from first."""
+        """Paths to points (n, 2) from the source whose fire reaches each of them first."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
-        """The sources."""
+        """The sources (k, 2) x, y in metres."""
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """When fire comes to each point."""
+        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
         return self.fire.ignition_time_s(points_m)

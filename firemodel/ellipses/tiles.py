@@ -1,4 +1,4 @@
-"""Points sorted into the squares of a quadtree, so that what holds for a square is found once."""
+"""Points sorted into the squares of a quadtree, for computations that are done once a square."""
 
 import math
 from typing import Any, NamedTuple
@@ -15,24 +15,25 @@ Floats = NDArray[np.float64]
 
 
 class Tiles(NamedTuple):
-    """A quadtree of ``levels`` below its root; squares in the order of their Morton numbers.
+    """A quadtree of ``levels`` below its root; squares are in Morton order.
 
-    Square k of a level has four squares on the next one, from 4 k on. The squares of the last
-    level are the tiles: tile k has the points ``begin[k]`` to ``begin[k + 1]``.
+    Square k of a level contains the four squares 4 k to 4 k + 3 of the next level. The squares of
+    the last level are the tiles: tile k has the points ``begin[k]`` to ``begin[k + 1]``.
     """
 
     levels: int
     begin: NDArray[np.int64]  # (tiles + 1)
-    order: NDArray[np.int64]  # (n) the place of each among the points given
+    order: NDArray[np.int64]  # (n) index of each sorted point in the input
     x: Floats  # (n) sorted
     y: Floats
-    boxes: Floats  # (all squares, 4) least and largest x, then y, of the points in each
+    boxes: Floats  # (all squares, 4) minimum and maximum x, then y, of the points in each
 
 
 def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
-    """Points (n, 2) in tiles of about so many, or more if tiles need not be less than a side.
+    """Sort points (n, 2) into tiles of about ``points_a_tile`` points.
 
-    Raises FireModelError for a point that is not finite.
+    With ``side_m``, tiles are not divided further once their sides are at most that. Raises
+    FireModelError for a point that is not finite.
     """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
@@ -58,14 +59,17 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
 
 
 def check_finite(points: Floats, wrong: int) -> None:
-    """Raise FireModelError for the point at a place, unless the place is after the last."""
+    """Raise FireModelError for the point at index ``wrong`` unless that is the number of points."""
     if wrong < len(points):
         raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
 
 
 @kernel
 def _enclose(points, box):  # type: ignore[no-untyped-def]
-    """Widen a box to all points; returns the place of the first that is not finite."""
+    """Widen a box to all points.
+
+    Returns the index of the first point that is not finite, or the number of points.
+    """
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
         if not abs(x) + abs(y) < np.inf:
@@ -77,7 +81,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """0 between each two bits, of up to 16."""
+    """A number of up to 16 bits with a 0 inserted between each two bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333
@@ -86,7 +90,7 @@ def _spread_bits(number):  # type: ignore[no-untyped-def]
 
 @kernel
 def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untyped-def]
-    """A counting sort; ``begin`` has one place more than it needs, for this."""
+    """Sort the points into tiles by counting; ``begin`` has one more element for this."""
     most = (1 << tiles.levels) - 1
     for k in range(points.shape[0]):
         column = min(np.int64((points[k, 0] - west) * per_m), most)
@@ -105,13 +109,13 @@ def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untype
 
 @kernel
 def first_of(level):  # type: ignore[no-untyped-def]
-    """Where a level begins among all squares."""
+    """Index of the first square of a level among all squares."""
     return ((1 << (2 * level)) - 1) // 3
 
 
 @kernel
 def _bound(tiles):  # type: ignore[no-untyped-def]
-    """Infinitely large the wrong way round where no points are."""
+    """Compute the boxes of all squares; for an empty square minima are inf and maxima -inf."""
     boxes, last = tiles.boxes, first_of(tiles.levels)
     for square in range(boxes.shape[0]):
         boxes[square, 0] = boxes[square, 2] = np.inf

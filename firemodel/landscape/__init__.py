@@ -1,4 +1,4 @@
-"""Landscapes: grids of terrain and fuel, and the files they are read from.
+"""Landscapes (grids of terrain and fuel) and their file formats.
 
 ``LAYERS`` are the names of the layers in files and scenarios.
 """

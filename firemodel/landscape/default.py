@@ -1,4 +1,4 @@
-"""The default landscape: real terrain that ships with matplotlib, fuel by a stated rule."""
+"""The default landscape: real terrain that ships with matplotlib, with fuel derived from it."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -19,10 +19,10 @@ STEEP = 0.10  # rise over run
 def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> Landscape:
     """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.35 N, 84.16 W.
 
-    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel is made up by
-    this rule: ground with a slope under 10 % is timber grass (FM 2); steeper slopes that fall
-    towards the south-east, south-west or north-west and between (aspect 135 to 315 degrees, the
-    dry side) are brush (FM 5); the other slopes are hardwood litter (FM 9).
+    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel follows from
+    the terrain: ground with a slope under 10 % is timber grass (FM 2); steeper slopes with an
+    aspect of 135 to 315 degrees (south-east over south-west to north-west, the dry side) are brush
+    (FM 5); the other slopes are hardwood litter (FM 9).
 
     Args:
         rows: Number of cells from north to south.
@@ -48,7 +48,7 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
 
 
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
-    """North-west corner on whole cells, so that the centre is in the middle."""
+    """The north-west corner (x, y in metres), rounded to whole cells, of a grid on the centre."""
     x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
     west = round(x_m / cell_size_m - cols / 2) * cell_size_m
     north = round(y_m / cell_size_m + rows / 2) * cell_size_m
@@ -56,7 +56,7 @@ def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
 
 
 def _sample() -> Path:
-    """Matplotlib's grid; importing matplotlib for it would cost memory and start-up time."""
+    """Path of matplotlib's elevation file, found without importing matplotlib (slow, large)."""
     found = find_spec("matplotlib")
     assert found is not None
     assert found.origin is not None
@@ -68,9 +68,9 @@ def _elevation(
 ) -> NDArray[np.float32]:
     with np.load(_sample()) as grid:
         terrain = grid["elevation"].astype(np.float64)
-        # Row 0 is the northern one and lies at the file's ymax. Its ymin is wrong: it was counted
-        # upwards from ymax instead of down. So placed, the highest cell (1076 m) is the top of
-        # Cross Mountain, 36.1983 N 84.2306 W.
+        # Row 0 is the northernmost and lies at the file's ymax. The file's ymin is wrong: it was
+        # counted upwards from ymax instead of down. With this georeference the highest cell
+        # (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
         north_deg, west_deg, degrees = (float(grid[key]) for key in ("ymax", "xmin", "dx"))
     x_m, y_m = np.meshgrid(
         west_m + (np.arange(cols) + 0.5) * cell_size_m,
@@ -88,7 +88,7 @@ def _elevation(
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:
-    """Fuel by the rule of ``jacksboro``, from a landscape whose own fuel does not matter."""
+    """Fuel (rows, cols) by the rule of ``jacksboro``; the fuel of ``flat`` is not used."""
     sunny = (flat.aspect_deg >= 135.0) & (flat.aspect_deg <= 315.0)
     on_slopes = np.where(sunny, BRUSH, HARDWOOD_LITTER)
     return np.where(flat.slope_tan >= STEEP, on_slopes, GRASS).astype(np.int16)

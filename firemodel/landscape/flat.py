@@ -1,4 +1,4 @@
-"""A landscape without a map: level ground and one fuel around a place."""
+"""A landscape without map data: level ground and one fuel around a place."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def flat_landscape(
     elevation_m: float = 0.0,
     fuel_model: int = 1,
 ) -> Landscape:
-    """Level ground of one fuel, its middle at a place, on the grid of the place's UTM zone.
+    """Level ground of one fuel around a place, on the grid of the place's UTM zone.
 
     Args:
         rows: Number of cells from north to south.

@@ -1,4 +1,4 @@
-"""What is in a file of rasters or shapes, and everything that is wrong with it."""
+"""Describes the content of a file of rasters or shapes, and lists everything wrong with it."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -46,7 +46,7 @@ USUAL_NODATA = (-9999, -32768)
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
-    """``describe_rasters`` or ``describe_shapes``, whichever the file can be read as."""
+    """``describe_rasters`` or ``describe_shapes``, depending on what the file can be read as."""
     try:
         bands_of(path)
     except FireModelError as not_raster:
@@ -66,13 +66,13 @@ def describe_rasters(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> Description:
-    """What is in the rasters of a landscape, or in one file; arguments as of ``read_landscape``.
+    """Describe the rasters of a landscape, or one file; the arguments are ``read_landscape``'s.
 
-    ``file``, ``kind``, ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's unit), ``extent``
-    (south, west, north, east in degrees) of the first band; ``bands``, each with file, number,
-    layer, dtype, unit, nodata, least, most, no_data_cells and, of fuel codes, ``fuels``: (code,
-    name, percent of the cells with a value) and non_burnable_pct; and ``problems``: a line for
-    each thing that ``read_landscape`` would refuse.
+    The keys are: ``file`` and ``kind``; ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's
+    unit) and ``extent`` (south, west, north, east in degrees) of the first band; ``bands``, each
+    with file, number, layer, dtype, unit, nodata, least, most, no_data_cells and, for fuel codes,
+    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``, a
+    line for each thing that ``read_landscape`` would refuse.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -90,11 +90,11 @@ def describe_rasters(
 def describe_shapes(
     path: Path, *, crs: str | None = None, landscape: Landscape | None = None
 ) -> Description:
-    """What is in a file of shapes, and whether it is usable on a landscape.
+    """Describe a file of shapes and check it, on a landscape if one is given.
 
-    ``file``, ``kind``, ``crs``, ``features`` (how many), ``types`` (how many of each), ``extent``
-    (south, west, north, east in degrees), ``problems``: a line for each thing that ``read_shapes``
-    would refuse.
+    The keys are: ``file``, ``kind``, ``crs``, ``features`` (number), ``types`` (number of each),
+    ``extent`` (south, west, north, east in degrees) and ``problems``, a line for each thing that
+    ``read_shapes`` would refuse.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -165,7 +165,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a function gives; None, with its error among the problems, if it refuses."""
+    """The result of a function, or None if it raises; the error is then added to the problems."""
     try:
         return function(*arguments)
     except FireModelError as error:
@@ -181,7 +181,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Each band with its layer; no layer where a file does not say."""
+    """Each band with its layer, which is empty where the file does not name one."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:
@@ -194,7 +194,7 @@ def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Ba
 
 
 def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
-    """What is wrong with each grid, or else what is different from the first good one."""
+    """The problems of each band's grid; for a valid grid its differences from the first one."""
     first: Band | None = None
     for band in bands:
         wrong = list(grid_problems(band, crs))
@@ -221,7 +221,7 @@ def _place_of(band: Band, crs: str | None) -> Description:
 
 
 def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, float, float] | None:
-    """South, west, north, east in degrees of west, south, east, north in a CRS."""
+    """Bounds (west, south, east, north) in a CRS as (south, west, north, east) in degrees."""
     if crs is None or not np.isfinite(bounds).all():
         return None
     transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
@@ -271,7 +271,7 @@ def _band_in_words(
 
 
 def _fuels(present: NDArray[Any], layer: str) -> Description:
-    """Share of each code, of the fuel layer or of a nameless band that holds nothing but codes."""
+    """Share of each fuel code in the fuel layer, or in an unnamed band that has only fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
         return {}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-MAX_ELEVATION_M = 9000.0  # an elevation beyond is a unit or a nodata value gone wrong
+MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
 MAX_SLOPE = 1000.0  # rise over run
 ROWS_AT_ONCE = 256
@@ -26,7 +26,7 @@ ROWS_AT_ONCE = 256
 
 @lru_cache(maxsize=8)
 def transformers(crs: str) -> "tuple[Transformer, Transformer]":
-    """From a CRS to WGS84 (longitude, latitude) and back."""
+    """Transformers from a CRS to WGS84 (longitude, latitude), and back."""
     from pyproj import Transformer
 
     return (
@@ -53,7 +53,7 @@ def check_crs(crs: str, where: str) -> None:
 
 
 def crs_label(crs: str) -> str:
-    """A CRS in few words: its code if it is given by one, else its name."""
+    """A short label of a CRS: its code if it is given by one, else its name."""
     from pyproj import CRS
 
     return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
@@ -62,8 +62,8 @@ def crs_label(crs: str) -> str:
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
     """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
 
-    Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); beyond the edge
-    the ground goes on level. Computed in float64, some rows at a time to stay small.
+    Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); elevations
+    beyond the edge are those of the edge. Computed in float64, in blocks of rows to save memory.
     """
     rows, cols = elevation_m.shape
     padded = np.pad(elevation_m, 1, mode="edge")
@@ -79,7 +79,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Values (y, x) between cell centres at float rows and columns; outside those of the edge."""
+    """Interpolate values (y, x) at float rows and columns; outside, the values of the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
     if isinstance(row, float):  # one place: much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
@@ -103,13 +103,12 @@ class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
-    with row 0 in the north: fuel codes (see ``fuels``), metres above sea level, and, where there
-    are trees, the share of the sky they cover (0 to 1), their height and the height of their lowest
-    branches in metres. ``gradient`` is (2, y, x): rise per metre towards north and towards east;
-    where it is not given it comes from the elevation (see ``horn``), and where it is given there
-    may be no elevation. Positions in the grid are float (row, col) with whole numbers at the
-    centres of cells, so ``round`` gives the cell. Positions and coordinates may be scalars or
-    arrays.
+    with row 0 in the north: fuel codes (see ``fuels``), elevation in metres above sea level and,
+    optionally, canopy cover (0 to 1), canopy height and canopy base height in metres. ``gradient``
+    is (2, y, x): rise per metre towards north and towards east. If it is not given it is computed
+    from the elevation (see ``horn``); if it is given the elevation may be missing. Positions in the
+    grid are float (row, col) with whole numbers at the centres of cells, so ``round`` gives the
+    cell. Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -124,7 +123,7 @@ class Landscape:
     canopy_base_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        """Raises FireModelError naming what cannot be."""
+        """Raises FireModelError naming the invalid value."""
         if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
             raise FireModelError(
                 f"landscape: fuel is {self.fuel_model.shape} cells; it must be (rows, columns)"
@@ -162,7 +161,7 @@ class Landscape:
                 f"landscape: fuel is {self.shape} cells, {name} {layer.shape}; "
                 "both must be (rows, columns) of the same size"
             )
-        within = (layer >= least) & (layer <= most)  # not so for NaN
+        within = (layer >= least) & (layer <= most)  # False for NaN
         if not within.all():
             row, col = divmod(int(np.argmin(within)), self.shape[1])
             raise FireModelError(
@@ -192,7 +191,7 @@ class Landscape:
 
     @cached_property
     def grid_convergence_deg(self) -> float:
-        """Direction of the grid's north at the middle of it, clockwise from true north."""
+        """Direction of grid north at the middle of the grid, clockwise from true north."""
         from pyproj import Proj
 
         rows, cols = self.shape
@@ -200,11 +199,11 @@ class Landscape:
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
     def grid_deg(self, true_deg: float) -> float:
-        """A direction clockwise from true north, clockwise from the grid's north."""
+        """Convert a direction clockwise from true north to clockwise from grid north."""
         return true_deg - self.grid_convergence_deg
 
     def true_deg(self, grid_deg: Any) -> Any:
-        """Directions clockwise from the grid's north, 0 to 360 clockwise from true north."""
+        """Convert directions clockwise from grid north to 0 to 360 clockwise from true north."""
         return (grid_deg + self.grid_convergence_deg) % 360.0
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
@@ -222,7 +221,7 @@ class Landscape:
         )
 
     def lat_lon_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
-        """WGS84 latitude and longitude in degrees."""
+        """WGS84 latitude and longitude in degrees of projected coordinates in metres."""
         lon, lat = transformers(self.crs)[0].transform(x_m, y_m)
         return lat, lon
 
@@ -237,7 +236,10 @@ class Landscape:
         return np.column_stack(self.xy_of_lat_lon(lat, lon))
 
     def cell_of_lat_lon(self, lat_deg: float, lon_deg: float) -> tuple[int, int]:
-        """Row and column of the cell at a WGS84 place; FireModelError off the landscape."""
+        """Row and column of the cell at a WGS84 place.
+
+        Raises FireModelError for a place off the landscape.
+        """
         x_m, y_m = self.xy_of_lat_lon(lat_deg, lon_deg)
         if not self.contains(x_m, y_m):
             raise FireModelError(
@@ -252,9 +254,9 @@ class Landscape:
         return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
-        """Elevation between cell centres (bilinear); outside the grid that of its edge.
+        """Elevation in metres, bilinear between cell centres; outside the grid that of its edge.
 
-        Raises FireModelError if the landscape has none.
+        Raises FireModelError if the landscape has no elevation.
         """
         z = self.elevation_m
         if z is None:
@@ -271,9 +273,9 @@ class Landscape:
         return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
 
     def digest(self) -> str:
-        """SHA-256 of everything that makes this landscape.
+        """SHA-256 of the landscape's grid and layers.
 
-        The gradient counts only where it is not what the elevation says by itself.
+        The gradient is left out if it is the one computed from the elevation.
         """
         sha = hashlib.sha256(
             repr(

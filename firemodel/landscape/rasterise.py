@@ -1,4 +1,4 @@
-"""From geometries to cells: where a fire is lit, and barriers that it cannot slip through."""
+"""Geometries as cells: ignitions, and barriers that fire cannot cross."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -21,9 +21,9 @@ SHORTEST = 1e-12  # part of a segment
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
     """Cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
 
-    Of a point the cell it lies in; of a line all cells it crosses, in a chain joined by sides; of a
-    polygon those whose centre is inside, or one cell inside if it is too small to have any. What
-    lies off the grid is left out.
+    A point gives its cell. A line gives all cells it crosses, each joined to the next by a side. A
+    polygon gives the cells whose centre is inside, or one cell if it contains no centre. Parts off
+    the grid are left out.
     """
     touched = np.zeros(landscape.shape, dtype=np.bool_)
     for part in _parts(geometries):
@@ -50,8 +50,8 @@ def with_barriers(
 ) -> Landscape:
     """The landscape with a fuel code that does not burn in all cells that geometries touch.
 
-    Lines are closed to spread in any direction, since their cells are joined by sides. Of polygons
-    the outline counts as well, so that a river narrower than a cell holds as a line does.
+    Fire cannot cross a line in any direction, since its cells are joined by sides. The outline of
+    a polygon is a barrier too, so that a river narrower than a cell stops fire as a line does.
 
     Args:
         landscape: The landscape; it is not changed.
@@ -62,7 +62,7 @@ def with_barriers(
         The landscape with barriers.
 
     Raises:
-        FireModelError: The code burns.
+        FireModelError: ``code`` is a fuel that burns.
     """
     if code not in NON_BURNABLE:
         known = ", ".join(map(str, NON_BURNABLE))
@@ -75,7 +75,7 @@ def with_barriers(
 
 
 def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
-    """Points, lines and polygons, out of collections too."""
+    """The points, lines and polygons of geometries, including those in collections."""
     for geometry in geometries:
         if hasattr(geometry, "geoms"):
             yield from _parts(geometry.geoms)
@@ -120,9 +120,9 @@ def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[
 
 
 def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
-    """The cells of every segment, and those that join two which meet in a corner only."""
+    """Mark the cells of every segment, and a joining cell where two touch at a corner only."""
     rows, cols = touched.shape
-    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # spares walking far off the grid
+    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # leaves out parts far off the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
         chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
@@ -132,10 +132,11 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
 
 
 def _steps(vertices: Floats) -> Floats:
-    """A point in each cell along segments (n, 2), in order, all vertices among them (m, 2).
+    """Points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
 
     The lines between columns and rows cut each segment into pieces; each lies in one cell. The
-    vertices are there so that lines which share one share its cell, even where it lies on an edge.
+    vertices are included so that lines with a common vertex mark a common cell, even if the vertex
+    lies on the edge of a cell.
     """
     start, way = vertices[:-1], np.diff(vertices, axis=0)
     numbers = np.arange(len(way))

@@ -1,7 +1,7 @@
 """Moisture of dead fuel that follows the weather: equilibrium, time lag and rain.
 
-For air in the shade: sun on the fuel, which dries it further, is left out, and so is the height
-of the place. Moistures are percent of the oven-dry weight.
+The fuel is in the shade: drying by the sun is left out, and so is elevation. Moistures are percent
+of the oven-dry weight.
 """
 
 import numpy as np
@@ -14,10 +14,10 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 
 
 def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float | Floats) -> Floats:
-    """Moisture that wood ends up with in air of this temperature and relative humidity (percent).
+    """Equilibrium moisture of wood in air of this temperature and relative humidity (percent).
 
     Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1.
-    Its three pieces meet only to within one percent of moisture.
+    Between its three pieces are jumps of up to one percent of moisture.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)
@@ -29,10 +29,10 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
 
 
 def rain_moisture_pct(rain_hours: float) -> Floats:
-    """What the three classes tend to while it rains, after so many hours of rain in a day.
+    """Moisture (3,) that the classes tend to in rain, by the hours of rain in the last 24 h.
 
-    Cohen & Deeming 1985: 35 % for the 1-h fuel, 41 + hours/2 for the 100-h fuel. The 10-h fuel has
-    35 % too, as in the Forest Service's WIMS (TechNote 99-01).
+    Cohen & Deeming 1985: 35 % for the 1-h fuel, 41 + hours/2 for the 100-h fuel. The 10-h fuel also
+    tends to 35 %, as in the Forest Service's WIMS (TechNote 99-01).
     """
     return np.array([35.0, 35.0, 41.0 + 0.5 * rain_hours])
 
@@ -40,12 +40,15 @@ def rain_moisture_pct(rain_hours: float) -> Floats:
 def after_time_lag(
     moisture: Floats, tends_to: Floats, elapsed_h: float, time_lag_h: Floats
 ) -> Floats:
-    """Moisture on its way: one time lag leaves 1/e of the gap (Byram 1963; Fosberg 1970)."""
+    """Moisture after an elapsed time; one time lag leaves 1/e of the gap to ``tends_to``.
+
+    Byram 1963; Fosberg 1970.
+    """
     return tends_to + (moisture - tends_to) * np.exp(-elapsed_h / time_lag_h)
 
 
 def rain_hours(at_s: Floats, rain_mm: Floats) -> Floats:
-    """Hours of rain in the 24 h up to the end of each step, from n times and amounts: n - 1."""
+    """Hours of rain (n - 1,) in the 24 h up to the end of each step, from n times and amounts."""
     wet_h = np.where(rain_mm[:-1] > 0.0, np.diff(at_s), 0.0) / HOUR_S
     so_far_h = np.concatenate([[0.0], np.cumsum(wet_h)])
     before: Floats = np.interp(at_s[1:] - DAY_S, at_s, so_far_h)

@@ -1,8 +1,8 @@
 """Rothermel's surface fire spread model, one function per equation.
 
 Rothermel 1972 (INT-115), with Albini's 1976 revisions, as set out by Andrews 2018
-(RMRS-GTR-371), and, where these leave a choice, as the Forest Service's `behave` does it. The
-equations are in their published units (feet, minutes, pounds, Btu); the functions at the end give
+(RMRS-GTR-371). Where these leave a choice, it is that of the Forest Service's `behave`. The
+equations are in their published units (feet, minutes, pounds, Btu); the functions at the end return
 metres and seconds.
 """
 
@@ -24,7 +24,7 @@ M_S_PER_MPH = 0.44704
 KW_M_PER_BTU_FT_S = 3.464140419
 # Upper bounds of the size classes by which net loads are weighted (Albini 1976, p. 15).
 SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
-# Places of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
+# Indices of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
 MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
@@ -43,17 +43,17 @@ class Moisture:
 
     @property
     def classes(self) -> tuple[float, float, float, float, float]:
-        """In the order of a fuel model's classes."""
+        """Moistures in the order of a fuel model's classes."""
         return self.dead_1h, self.dead_10h, self.dead_100h, self.live_herb, self.live_woody
 
 
 @dataclass(frozen=True, slots=True)
 class FuelBed:
-    """What the spread equations need of one fuel model at one moisture.
+    """Coefficients of the spread equations for one fuel model at one moisture.
 
-    ``no_wind_rate_ft_min`` is R0; the wind factor is ``wind_c * U**wind_b`` with U in ft/min (the
-    packing ratio's part is in ``wind_c``), the slope factor ``slope_k * tan(slope)**2``, which is
-    never above ``wind_limit_ft_min`` (see ``slope_factor``).
+    ``no_wind_rate_ft_min`` is R0. The wind factor is ``wind_c * U**wind_b`` with U in ft/min
+    (``wind_c`` includes the term of the packing ratio). The slope factor is ``slope_k *
+    tan(slope)**2``, at most ``wind_limit_ft_min`` (see ``slope_factor``).
     """
 
     no_wind_rate_ft_min: float
@@ -120,10 +120,10 @@ def slope_coefficient(packing: float) -> float:
 
 
 def cured_fraction(live_herb_moisture: float) -> float:
-    """Part of a dynamic model's herbaceous load that is dead, no unit; moisture is a fraction.
+    """Fraction of a dynamic model's herbaceous load that is dead; moisture is a fraction.
 
-    All below 30 %, none above 120 % (Scott & Burgan 2005), in `behave`'s rounding of the line
-    between: at exactly 120 % a thousandth is dead.
+    It is 1 below 30 % and 0 above 120 % (Scott & Burgan 2005), with a line between as rounded in
+    `behave`: at exactly 120 % it is 0.001.
     """
     if live_herb_moisture < 0.30:
         return 1.0
@@ -133,8 +133,8 @@ def cured_fraction(live_herb_moisture: float) -> float:
 def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, Floats]:
     """Loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, ``DEAD`` before ``LIVE``.
 
-    Cured herbaceous fuel is a dead class of its own, as fine as the live and as wet as the 1-h
-    fuel (Andrews 2018; Burgan 1979, INT-226).
+    Cured herbaceous fuel is a separate dead class with the SAV of the live herbaceous fuel and the
+    moisture of the 1-h fuel (Andrews 2018; Burgan 1979, INT-226).
     """
     cured = cured_fraction(moisture.live_herb) if fuel.dynamic else 0.0
     one, ten, hundred, herb, woody = fuel.loads_lb_ft2
@@ -147,7 +147,7 @@ def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, F
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
     """M_x of the live fuel, a fraction (Albini 1976, p. 16; Andrews 2018).
 
-    It falls with the moisture of the dead fuel and is never below M_x of the dead fuel.
+    It decreases with the moisture of the dead fuel and is at least M_x of the dead fuel.
     """
     loads, savs, moistures = size_classes(fuel, moisture)
     dead = loads[DEAD] * np.exp(-138.0 / savs[DEAD])
@@ -161,9 +161,10 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """g_ij, no unit: a class counts with the area of all classes of its size (Albini 1976, p. 15).
+    """g_ij, no unit: the weight of a class is the area of all classes of its size.
 
-    ``shares`` are the classes' parts of the surface area of the dead, or of the live, fuel.
+    ``shares`` are the classes' fractions of the surface area of the dead, or of the live, fuel
+    (Albini 1976, p. 15).
     """
     sizes = (savs_1_ft[:, None] < SIZE_CLASS_SAV_1_FT).sum(axis=1)
     return np.array(
@@ -176,7 +177,7 @@ def reaction_part_lb_ft2(
 ) -> float:
     """w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
 
-    Times Γ' and the heat content it is that fuel's part of the reaction intensity.
+    Multiplied by Γ' and the heat content this is that fuel's part of the reaction intensity.
     """
     net_load = (net_load_weights(shares, savs_1_ft) * loads_lb_ft2).sum() * (1.0 - MINERAL_CONTENT)
     damping = moisture_damping(float((shares * moistures).sum()), extinction) * mineral_damping()
@@ -219,34 +220,34 @@ def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
 
 
 def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:
-    """φ_w (Rothermel 1972, eq. 47); midflame wind."""
+    """φ_w, no unit, from the midflame wind (Rothermel 1972, eq. 47)."""
     return bed.wind_c * np.power(wind_ft_min, bed.wind_b)
 
 
 def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
-    """The strongest effective wind that still adds to the spread (Rothermel 1972, eq. 87)."""
+    """The effective wind above which the spread rate no longer grows (Rothermel 1972, eq. 87)."""
     return 0.9 * reaction_intensity_btu_ft2_min
 
 
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
-    """φ_s (Rothermel 1972, eq. 51).
+    """φ_s, no unit (Rothermel 1972, eq. 51).
 
-    Never above the number of the wind limit in ft/min, an oddity of `behave` that is felt only on
-    steep slopes when the fuel is about to be too wet to burn.
+    It is at most the number of the wind limit in ft/min, as in `behave`. This matters only on steep
+    slopes with fuel near its extinction moisture.
     """
     limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
     return np.minimum(bed.slope_k * np.square(slope_tan), limit)
 
 
 def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
-    """The wind that alone would give this combined wind and slope factor (Albini 1976, p. 88)."""
+    """The wind without slope that has this combined wind and slope factor (Albini 1976, p. 88)."""
     return np.power(np.asarray(factor) / bed.wind_c, 1.0 / bed.wind_b) / FT_MIN_PER_M_S
 
 
 def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
-    """Length over width of the ellipse (Anderson 1983, INT-305), at most 8 as in `behave`.
+    """Length-to-width ratio of the ellipse (Anderson 1983, INT-305), at most 8 as in `behave`.
 
-    Anderson's 0.2566 and 0.1548 per m/s, as `behave` rounds them: 0.1147 and 0.0692 per mph.
+    Anderson's 0.2566 and 0.1548 per m/s are rounded as in `behave` to 0.1147 and 0.0692 per mph.
     """
     wind_mph = effective_wind_m_s / M_S_PER_MPH
     ratio = 0.936 * np.exp(0.1147 * wind_mph) + 0.461 * np.exp(-0.0692 * wind_mph) - 0.397
@@ -254,30 +255,30 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
-    """e of an ellipse of this length over width."""
+    """Eccentricity e of an ellipse with this length-to-width ratio."""
     return np.sqrt(np.square(length_to_breadth) - 1.0) / length_to_breadth
 
 
 def rate_towards(
     largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float | Floats
 ) -> float | Floats:
-    """R(γ) = R_max (1 - e)/(1 - e cos γ), γ from the direction of fastest spread."""
+    """R(γ) = R_max (1 - e)/(1 - e cos γ), with γ measured from the direction of fastest spread."""
     return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * np.cos(off_heading_rad))
 
 
 def heat_per_area_btu_ft2(bed: FuelBed) -> float:
-    """Reaction intensity times residence time 384/σ (Anderson 1969)."""
+    """Heat per unit area: reaction intensity times residence time 384/σ (Anderson 1969)."""
     return bed.reaction_intensity_btu_ft2_min * 384.0 / bed.sav_1_ft
 
 
 def fireline_intensity_kw_m(bed: FuelBed, rate_m_s: float | Floats) -> float | Floats:
-    """Byram's intensity (Andrews 2018)."""
+    """Byram's fireline intensity in kW/m from the spread rate (Andrews 2018)."""
     rate_ft_s = np.asarray(rate_m_s) / M_PER_FT
     return heat_per_area_btu_ft2(bed) * rate_ft_s * KW_M_PER_BTU_FT_S
 
 
 def flame_length_m(intensity_kw_m: float | Floats) -> float | Floats:
-    """Byram 1959: 0.45 I^0.46 in feet and Btu/ft/s."""
+    """Flame length in metres (Byram 1959): 0.45 I^0.46 in feet and Btu/ft/s."""
     return 0.45 * np.power(np.asarray(intensity_kw_m) / KW_M_PER_BTU_FT_S, 0.46) * M_PER_FT
 
 
@@ -289,11 +290,11 @@ def fastest_spread(
     upslope_deg: Floats,
     wind_limit: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Fastest spread with wind and slope from any two directions, added as vectors.
+    """Fastest spread, with the factors of wind and slope added as vectors (Andrews 2018).
 
-    Arrays of one shape (the wind may be the same for all); directions clockwise from north. With
-    ``wind_limit`` the effective wind, and the rate with it, stops at ``wind_limit_ft_min``.
-    Returns (rate along the slope m/s, direction deg, effective wind m/s). Andrews 2018.
+    Arrays have one shape (the wind may be a scalar); directions are clockwise from north. With
+    ``wind_limit`` the effective wind, and thereby the rate, is limited to ``wind_limit_ft_min``.
+    Returns (rate along the slope in m/s, direction in degrees, effective wind in m/s).
     """
     still = bed.no_wind_rate_ft_min
     by_wind = np.asarray(wind_factor(bed, np.asarray(midflame_wind_m_s) * FT_MIN_PER_M_S))

@@ -1,4 +1,4 @@
-"""Weather in steps: each entry holds from its time until the next one's."""
+"""Weather in steps: each entry holds from its time until the time of the next entry."""
 
 import bisect
 import math
@@ -19,8 +19,8 @@ Numbers = float | NDArray[np.floating]
 class Weather:
     """Conditions from ``at_s`` on.
 
-    Wind is 6.1 m (20 ft) above the vegetation and named by where it comes from, degrees clockwise
-    from north. Moistures are percent of the oven-dry weight.
+    Wind is 6.1 m (20 ft) above the vegetation; its direction is the one it comes from, in degrees
+    clockwise from north. Moistures are percent of the oven-dry weight.
     """
 
     at_s: float
@@ -34,7 +34,7 @@ class Weather:
 
     @property
     def moisture(self) -> Moisture:
-        """As fractions."""
+        """The moistures as fractions."""
         return Moisture(
             self.dead_1h_pct / 100.0,
             self.dead_10h_pct / 100.0,
@@ -45,10 +45,10 @@ class Weather:
 
 
 class WeatherStream:
-    """Entries in order of time, the first at 0 s or earlier."""
+    """Weather entries in order of time, the first at 0 s or earlier."""
 
     def __init__(self, entries: Sequence[Weather]) -> None:
-        """Raises FireModelError naming the entry and the value that cannot be."""
+        """Raises FireModelError naming the entry and its invalid value."""
         if not entries:
             raise FireModelError("weather: no entries; give at least one, at 0 s")
         for number, entry in enumerate(entries):
@@ -67,31 +67,31 @@ class WeatherStream:
         self._times = [entry.at_s for entry in entries]
 
     def index_at(self, time_s: float) -> int:
-        """Index of the entry that holds at a time."""
+        """Index of the entry in effect at a time."""
         return max(bisect.bisect_right(self._times, time_s) - 1, 0)
 
     def at(self, time_s: float) -> Weather:
-        """The entry that holds at a time."""
+        """The entry in effect at a time."""
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
-        """The same with this wind from a time on, whatever was forecast for then."""
+        """The stream with this wind from ``at_s`` on; all later entries are dropped."""
         entry = replace(
             self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
         )
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":
-        """The stream from a time on; the entry that holds then also covers earlier times."""
+        """The stream from a time on; the entry in effect then is extended back to 0 s."""
         first, *later = self.entries[self.index_at(time_s) :]
         return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
 
     def change_times(self) -> tuple[float, ...]:
-        """When the weather changes."""
+        """Times in seconds of all entries but the first."""
         return tuple(self._times[1:])
 
     def changes(self) -> tuple[Weather, ...]:
-        """The first entry and those that are not like the one before."""
+        """The first entry and each entry that differs from the one before."""
         pairs = zip(self.entries[1:], self.entries[:-1], strict=True)
         others = [new for new, old in pairs if replace(new, at_s=0.0) != replace(old, at_s=0.0)]
         return (self.entries[0], *others)
@@ -114,7 +114,7 @@ def _check(number: int, entry: Weather) -> None:
 
 
 def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
-    """Wind 20 ft (6.1 m) above the vegetation from that 10 m above it, in the same unit.
+    """Wind 20 ft (6.1 m) above the vegetation from the wind 10 m above it, in the same unit.
 
     Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
     """
@@ -122,7 +122,7 @@ def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
 
 
 def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> Floats:
-    """Part of the trees' height that is crown, no unit, 0 where there are no trees."""
+    """Crown ratio (crown length over tree height), a fraction; 0 where there are no trees."""
     height_m = np.asarray(canopy_height_m, dtype=np.float64)
     some = np.where(height_m > 0.0, height_m, 1.0)
     ratio = np.where(height_m > 0.0, 1.0 - np.asarray(canopy_base_m) / some, 0.0)
@@ -130,10 +130,10 @@ def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> F
 
 
 def unsheltered_factor(depth_ft: Floats) -> Floats:
-    """Wind adjustment factor of fuel not under trees, 0 where there is no fuel.
+    """Wind adjustment factor of fuel that is not under trees; 0 where there is no fuel.
 
-    The mean wind between the top of the fuel and twice its depth (Andrews 2012, after Albini &
-    Baughman 1979, INT-221).
+    It is that of the mean wind between the top of the fuel and twice its depth (Andrews 2012, after
+    Albini & Baughman 1979, INT-221).
     """
     some = np.where(depth_ft > 0.0, depth_ft, 1.0)
     return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)
@@ -142,7 +142,7 @@ def unsheltered_factor(depth_ft: Floats) -> Floats:
 def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
     """Wind adjustment factor below a canopy (Andrews 2012, after Albini & Baughman 1979).
 
-    ``crown_fill`` is the part of the volume below the tree tops that crowns fill.
+    ``crown_fill`` is the fraction of the volume below the tree tops that is filled by crowns.
     """
     profile = np.log((20.0 + 0.36 * canopy_height_ft) / (0.13 * canopy_height_ft))
     return 0.555 / (np.sqrt(crown_fill * canopy_height_ft) * profile)
@@ -154,12 +154,12 @@ def wind_adjustment_factor(
     canopy_height_m: Numbers = 0.0,
     crown_ratio: Numbers = 0.0,
 ) -> float | Floats:
-    """Midflame wind over wind 20 ft above the vegetation, no unit (Andrews 2012, RMRS-GTR-266).
+    """Ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
     Fuel depth in ft; canopy cover and crown ratio are fractions. Numbers, or arrays of one shape.
     Fuel is sheltered where crowns (cones: cover times crown ratio over 3) fill at least 5 % of the
     volume and, as in `behave`, the canopy is at least 6 ft high.
-    Raises FireModelError for a cover or ratio that is no fraction.
+    See RMRS-GTR-266. Raises FireModelError for a cover or ratio outside 0 to 1.
     """
     for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
         wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))

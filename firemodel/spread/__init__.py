@@ -1,5 +1,5 @@
-"""Fire that spreads over a landscape: schemes, fronts, maps and files of the result.
+"""Fire spread over a landscape: schemes, fronts, and maps and files of the results.
 
-``schemes`` lists the spread schemes, ``fire`` is what they share, ``burning`` starts from a fire
-that is there already, ``behaviour``, ``writers`` and ``arrival_map`` give the results.
+``schemes`` lists the spread schemes, ``fire_scheme`` is their common base, ``burning`` starts from
+an existing fire; ``behaviour``, ``writers`` and ``arrival_map`` compute and write the results.
 """

@@ -1,13 +1,15 @@
-"""Arrival times at any angle: fire comes to a cell in a straight line from a source.
+"""Arrival times at any angle: fire reaches a cell along a straight line from a source.
 
-A source is the centre of a burned cell, or a point where the front stood when the weather changed.
-A cell that burns offers its neighbours two paths: straight from its own source, or from itself. The
-time along a line is added up over the cells it crosses (``travel_time``). Cells are taken in order
-of time (Dijkstra 1959; the parents as in Nash et al. 2007, "Theta*"). Where conditions are the same
-all around, lines may be of any length, and arrival times are those of the exact ellipse.
+A source is the centre of a burned cell, or a point of the front at a change of the weather. A
+burning cell offers its neighbours two paths: a straight line from its own source, or from itself.
+The time along a line is the sum over the cells it crosses (``travel_time``). Cells are processed in
+order of time (Dijkstra 1959; sources are chosen as the parents in Nash et al. 2007, "Theta*").
+Where conditions are uniform lines may have any length, and arrival times are those of the exact
+ellipse.
 
-When the weather changes, each line under way is cut where the fire is on it, and that point becomes
-the source of the rest: what has not burned is rated again, and no way already covered is lost.
+When the weather changes, each line under way is cut at the position of the fire, and that point
+becomes the source of the remaining line. Only the remaining distance has the new rate, so that the
+progress of the fire is kept.
 """
 
 import bisect
@@ -33,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class AnyAngleFire(Fire):
-    """The default scheme; see the module."""
+    """The default spread scheme, described in the module's docstring."""
 
     def __init__(
         self,
@@ -44,7 +46,7 @@ class AnyAngleFire(Fire):
         *,
         wind_limit: bool = False,
     ) -> None:
-        """Raises FireModelError where nothing can burn."""
+        """Raises FireModelError for an ignition on ground that cannot burn."""
         super().__init__(landscape, weather, ignitions, burning, wind_limit)
         if burning and burning.area is not None:
             self.start_area = StartArea(burning.area, burning.at_s)
@@ -62,8 +64,8 @@ class AnyAngleFire(Fire):
         self._paths = empty_paths(0)
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
-        self._since_s = self.time_s  # when the paths set out
-        # The next one last.
+        self._since_s = self.time_s  # time at which the paths begin
+        # In reverse order: the next ignition is the last element.
         self._ignitions = sorted(((t, row * cols + col) for row, col, t in ignitions), reverse=True)
         if burning:
             burned = np.isfinite(burning.arrival_s.ravel())
@@ -115,7 +117,7 @@ class AnyAngleFire(Fire):
                 self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """With the weather as it is now."""
+        """Burn until a time under the present weather entry."""
         while True:
             size, self._used = burn_until(
                 to_time_s,
@@ -165,7 +167,7 @@ class AnyAngleFire(Fire):
         self._set_out(paths.first(counts[0]), tips.first(counts[1]))
 
     def _set_out(self, paths: ActivePaths, tips: ActivePaths) -> None:
-        """On these paths, all others being given up, at the time since_s."""
+        """Start the fire on these paths at ``_since_s``, dropping all other paths."""
         self._paths = paths
         count = tips.target.size
         while self._points.shape[0] < self._used + count:
@@ -186,7 +188,7 @@ class AnyAngleFire(Fire):
         self._heap = Heap(heap.times, heap.cells, size)
 
     def arrival_vectors(self) -> Floats:
-        """Metres towards north and east (2, y, x) from each cell's source; 0 where it was lit."""
+        """Vectors (2, y, x) in metres north and east from each cell's source; 0 where lit."""
         labels, (rows, cols) = self._labels, self.landscape.shape
         n, burned = rows * cols, np.isfinite(labels.arrival_s)
         centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)

@@ -1,4 +1,4 @@
-"""The inner loop of ``anyangle``: cells catch fire in order of time."""
+"""The inner loop of ``anyangle``, which ignites cells in order of time."""
 
 import numpy as np
 
@@ -7,16 +7,19 @@ from firemodel.spread.heap import drop_first, push
 from firemodel.spread.labels import place_of, squeezes
 from firemodel.spread.travel_time import STEP_COL, STEP_ROW, cell_at, crossing_s, from_piece, travel
 
-MAX_LINE_CELLS = 32  # over changing ground
+MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
 KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
 KNIGHT_COL = np.array([1, 2, 2, 1, -1, -2, -2, -1])
-ROUNDING = 1e-12  # a way must be better by more than this part of the time
-WORTH_A_POINT = 0.002  # part of the time by which a new source must be better
+ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
+WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
 
 
 @kernel
 def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Take cells off the heap until a time, or until it has no room; returns its new size."""
+    """Ignite cells from the heap until a time, or until the heap or the points are full.
+
+    Returns the heap's new size and the number of points in use.
+    """
     arrival_s, best_s, sources = labels
     cols = ground.cols
     n = arrival_s.size
@@ -52,7 +55,7 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
                 if path_s < limit_s:
                     best, via = max(from_s + path_s, now), source
                 if other >= n and source >= n and points[other - n, 2] == from_s:
-                    # Both set out from one front: perhaps better from between them.
+                    # Both sources are on the same front: try a source between them.
                     time, at_row, at_col = from_piece(
                         from_row,
                         from_col,
@@ -82,8 +85,8 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
                 best_s[target] = best
                 sources[target] = via if via >= 0 else cell
                 size = push(times, cells, size, best, target)
-        # Where a cell becomes the source of most of what is ahead, also the knight's moves: with
-        # eight directions alone a thin ellipse would be late between two of them.
+        # A cell that becomes the source of most cells ahead also tries the knight's moves: with
+        # only eight directions a narrow ellipse would be late between two of them.
         if source != cell and max(abs(row - from_row), abs(col - from_col)) + 1.0 <= reachable:
             continue
         for side in range(8):

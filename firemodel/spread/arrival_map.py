@@ -12,7 +12,7 @@ from firemodel.landscape.landscape import Landscape
 Floats = NDArray[np.float64]
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
 MAX_ISOCHRONES = 12
-MIN_SCALE_H = 1 / 60  # of the scale of colours, though all may burn at once
+MIN_SCALE_H = 1 / 60  # minimum range of the colour scale in hours
 
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
@@ -32,7 +32,7 @@ def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None
 def start_map(
     land: Landscape, arrival_s: Floats, frame: Frame, *, isochrones: bool = False
 ) -> tuple[Any, Any]:
-    """A figure and its axes with everything but what others add; km from the south-west corner."""
+    """A figure and its axes with the base map and the fire; axes in km from the SW corner."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
     from matplotlib.figure import Figure
@@ -69,9 +69,9 @@ def start_map(
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
-    """A square around the fire, and points (k, 2) besides, with a margin.
+    """A square frame around the fire and further points (k, 2), with a margin.
 
-    Points that are not finite (too far away for the projection) do not count.
+    Points that are not finite (too far away for the projection) are ignored.
     """
     rows, cols = np.nonzero(np.isfinite(arrival_s))
     points = np.stack(land.xy_of(rows, cols), axis=1)
@@ -87,7 +87,7 @@ def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = 
 
 
 def _window(land: Landscape, frame: Frame) -> tuple[tuple[slice, slice], Frame]:
-    """The cells to be seen, and their extent in km."""
+    """The rows and columns within a frame, and their extent in km."""
     rows, cols = land.shape
     size = land.cell_size_m / 1e3
     left, right = max(math.floor(frame[0] / size), 0), min(math.ceil(frame[1] / size), cols)
@@ -99,7 +99,7 @@ def _window(land: Landscape, frame: Frame) -> tuple[tuple[slice, slice], Frame]:
 
 def _draw_isochrones(axes: Any, hours: Any, extent: Frame) -> None:
     step = _round_step(float(np.ptp(hours.compressed())), MAX_ISOCHRONES)
-    # None at the first time of all, which is no line but the cells of a fire taken over.
+    # No isochrone at the earliest time, at which only cells of the initial fire burn.
     first = math.floor(hours.min() / step + 1e-9) + 1
     levels = np.arange(first, math.floor(hours.max() / step) + 1) * step
     if min(hours.shape) < 2 or not len(levels):
@@ -122,7 +122,7 @@ def _draw_scale(axes: Any, frame: Frame) -> None:
 
 
 def _round_step(span: float, most: int) -> float:
-    """The smallest of ..., 1, 2, 5, 10, ... that fits into a span so many times at most."""
+    """The smallest of ..., 1, 2, 5, 10, ... that divides a span into at most ``most`` steps."""
     if span <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(span / most))

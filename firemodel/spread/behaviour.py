@@ -1,4 +1,4 @@
-"""How fire burned where and when it came: spread rate, direction, intensity, flame length."""
+"""Fire behaviour at the arrival in each cell: spread rate, direction, intensity, flame length."""
 
 import math
 from typing import NamedTuple
@@ -22,23 +22,23 @@ Floats = NDArray[np.float64]
 
 
 class Behaviour(NamedTuple):
-    """Of the front as it came to each cell, float32 (y, x), NaN where it has not come."""
+    """Behaviour of the front at its arrival in each cell, float32 (y, x), NaN where unburned."""
 
     spread_rate_m_s: NDArray[np.float32]  # along the slope
-    toward_deg: NDArray[np.float32]  # which way the front moved, clockwise from true north
+    toward_deg: NDArray[np.float32]  # direction in which the front moved, from true north
     intensity_kw_m: NDArray[np.float32]  # Byram's
     flame_length_m: NDArray[np.float32]
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
-    """Fire behaviour as the front came to each cell.
+    """Fire behaviour at the arrival of the front in each cell.
 
-    Rates are those of the front, across it, from the cell's ellipse (Rothermel 1972; Anderson 1983,
-    INT-305) and the direction fire came from; where fire was lit, they are those of the head.
-    Intensity is Byram's, flame length after Byram 1959.
+    Rates are normal to the front, from the cell's ellipse (Rothermel 1972; Anderson 1983, INT-305)
+    and the direction from which fire came; in ignition cells they are those of the head. Intensity
+    is Byram's, flame length after Byram 1959.
 
     Args:
-        fire: A fire, as far as it has burned.
+        fire: A fire, advanced to the time of interest.
 
     Returns:
         Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m),
@@ -67,7 +67,7 @@ def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:
             continue
-        # Fire that comes at the very moment of a change has burned under the weather before it.
+        # An arrival at the exact time of a change belongs to the weather before the change.
         entry = max(np.searchsorted(began_s, arrival_s[cell]) - 1, 0)
         a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
         if a == 0.0:
@@ -79,7 +79,7 @@ def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[
         if north == 0.0 and east == 0.0:
             rate, north, east, _ = head_of(cell, entry, terrain, tables)
         else:
-            # The front lies across the gradient of the time A |v| - B v.
+            # The front is normal to the gradient of the time A |v| - B v.
             up = rise_north * north + rise_east * east
             length = math.sqrt(north * north + east * east + up * up)
             to_north = a * (north + up * rise_north) / length - b_north

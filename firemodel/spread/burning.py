@@ -1,4 +1,4 @@
-"""A fire that is already there: from a mapped perimeter, or from arrival times."""
+"""Initial fires from a mapped perimeter or from arrival times."""
 
 from collections.abc import Iterable
 
@@ -13,8 +13,8 @@ from firemodel.landscape.rasterise import cells_of
 from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
-APART_CELLS = 0.5  # points on a front, at most
-EDGE_CELLS = 1e-6  # what runs along the edge of the grid is no front
+APART_CELLS = 0.5  # maximum distance of points on a front
+EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is no front
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +22,11 @@ Floats = NDArray[np.float64]
 def burning_from_perimeter(
     polygons: Iterable[BaseGeometry], landscape: Landscape, at_s: float
 ) -> Burning:
-    """The fire whose burned area at a time is that of polygons in the landscape's CRS.
+    """The fire whose burned area at ``at_s`` is given by polygons in the landscape's CRS.
 
-    Cells (y, x) whose centre is inside count as burned at that time, and of a polygon that holds no
-    centre the cell it lies in. The front is on all outlines, those of unburned islands among them,
-    where they are on the grid; where polygons meet there is none. Raises FireModelError if no front
-    is on the grid.
+    Cells (y, x) whose centre is inside burn at that time; a polygon that contains no centre burns
+    one cell. The front is on all outlines on the grid, including those of unburned islands, but not
+    on boundaries between polygons. Raises FireModelError if no front is on the grid.
     """
     area = shapely.union_all(list(polygons))
     front = _front_on(area, landscape)
@@ -42,10 +41,10 @@ def burning_from_perimeter(
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
-    """The fire as it was at a time, from arrival times (y, x; infinity where it never came).
+    """The state of a fire at ``at_s`` from its arrival times (y, x), infinity where unburned.
 
-    Later arrivals say only where between two cells the front was (``front.front_polygons``). Raises
-    FireModelError if nothing had burned by then, or everything.
+    Later arrivals are used only to locate the front between two cells (``front.front_polygons``).
+    Raises FireModelError if no cell had burned by then, or all cells.
     """
     check_shape(arrival_s, landscape)
     burned = arrival_s <= at_s
@@ -65,9 +64,9 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
-    """Points (k, 2) on all rings, as float (row, column), of which those on the grid."""
+    """Points (k, 2) on the outlines of an area that lie on the grid, as float (row, column)."""
     rings = shapely.get_parts(area.boundary)
-    drawn = shapely.length(rings) > 0.0  # the rest are points: cells that burn since just now
+    drawn = shapely.length(rings) > 0.0  # the others are points: cells that have just ignited
     rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)
     x_m, y_m = shapely.get_coordinates(rings).T
     row, col = landscape.row_col_of(x_m, y_m)

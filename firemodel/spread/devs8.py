@@ -1,13 +1,13 @@
 """Discrete-event spread over cells in eight directions, with the rules of DEVS-FIRE.
 
 Hu, Sun & Ntaimo 2012 (Simulation 88, 259-279), and its authors' program, des-fire. A burning cell
-spreads towards each neighbour with the rate of its own fuel, slope and wind, brought down to the
-map. What is left of the way is kept for each direction, so that a change of weather changes the
-rate and loses no progress. The next event is always the earliest arrival anywhere.
+spreads towards each neighbour at the rate of its own fuel, slope and wind, projected onto the map.
+The remaining distance is kept for each direction, so that a change of weather changes the rate and
+keeps the progress. The next event is always the earliest arrival on the landscape.
 
-Fire that can only go in eight directions burns less than the ellipse it is made of: on even ground
-the octagon with its corners on the ellipse, 78 % of it at a length/width of 1.43 and 60 % at 2.21
-where the wind blows along one of the eight, up to 5 points less between two.
+Spread in only eight directions burns less than the ellipse. On uniform ground it burns the octagon
+with its corners on the ellipse: 78 % of its area at a length-to-width ratio of 1.43 and 60 % at
+2.21 if the wind blows along one of the directions, and up to 5 percentage points less between two.
 """
 
 import copy
@@ -40,14 +40,14 @@ from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
 from firemodel.spread.local_spread import burnable_codes, perturbed, tables_of, terrain_of
 
-# The papers name no value; des-fire has 0.
+# The papers give no value; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
 
 Floats = NDArray[np.float64]
 
 
 class Devs8Fire(Fire):
-    """The scheme of DEVS-FIRE; see the module."""
+    """The scheme of DEVS-FIRE, described in the module's docstring."""
 
     def __init__(
         self,
@@ -59,12 +59,13 @@ class Devs8Fire(Fire):
         wind_limit: bool = False,
         ignition_intensity_kw_m: float = IGNITION_INTENSITY_KW_M,
     ) -> None:
-        """A cell ignites when fire comes to it while its own fireline intensity passes a threshold.
+        """A cell ignites if its own fireline intensity exceeds a threshold when fire reaches it.
 
-        That is Byram's, at its head. A cell that does not pass it waits for weather in which it
-        does (in des-fire for another neighbour), and one that burns stands still (in des-fire it
-        goes out); a cell of ``ignitions`` burns in any case. A fire that is already there sets out
-        again from the centres of its outermost cells. Raises FireModelError where nothing can burn.
+        The intensity is Byram's, at the head. A cell below the threshold ignites when weather
+        raises its intensity above it (in des-fire, when fire comes from another neighbour). A
+        burning cell below the threshold stops spreading (in des-fire it goes out). Cells of
+        ``ignitions`` always burn. An initial fire spreads from the centres of its outermost cells.
+        Raises FireModelError for an ignition on ground that cannot burn.
         """
         if not 0.0 <= ignition_intensity_kw_m < math.inf:
             raise FireModelError(
@@ -93,7 +94,7 @@ class Devs8Fire(Fire):
         self.advance(self.time_s)
 
     def _take_over(self, burning: Burning) -> NDArray[np.int64]:
-        """Cells of a fire that is already there with something around them left to burn."""
+        """Take over the cells of an initial fire; returns those with unburned neighbours."""
         burned = np.isfinite(burning.arrival_s)
         self.arrival_time_s[burned] = burning.arrival_s[burned]
         can_burn = self._ground.terrain.fuel.reshape(burned.shape) >= 0
@@ -134,7 +135,7 @@ class Devs8Fire(Fire):
             self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """With the weather as it is now."""
+        """Burn until a time under the present weather entry."""
         while True:
             self._make_room(8)
             self._keep(*burn_until(to_time_s, self._arrival_s, *self._state()))
@@ -157,7 +158,7 @@ class Devs8Fire(Fire):
         self._halted = self._halted._replace(size=halted_size)
 
     def _make_room(self, more: int) -> None:
-        """For so many more events, and as many again so that it is not often called for."""
+        """Grow the arrays to twice the size needed for ``more`` events if they are too small."""
         times, keys, size = self._heap
         if size + more > times.size:
             self._heap = EventHeap(
@@ -180,7 +181,7 @@ class Devs8Fire(Fire):
 
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
-    """The rate at which each fuel has this intensity, under each entry: (entries, fuels)."""
+    """Rate (entries, fuels) in m/s at which each fuel has this intensity under each entry."""
     fuels = [FUEL_MODELS[code] for code in burnable_codes(landscape)]
     beds = [fuel_bed(fuel, entry.moisture) for entry in entries for fuel in fuels]
     per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])

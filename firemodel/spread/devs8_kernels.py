@@ -1,4 +1,4 @@
-"""The inner loops of ``devs8``: events on a heap, and what they do."""
+"""The inner loops of ``devs8``: events on a heap and their effects."""
 
 import math
 from typing import NamedTuple
@@ -21,17 +21,17 @@ Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
-    """What the rates are computed with; cells in one row (n)."""
+    """Inputs of the spread rates; cells are flattened (n)."""
 
     cols: int
     cell_m: float
     terrain: Terrain
     tables: Tables
-    slowest_m_s: Floats  # (entries, fuels) the rate a cell must pass to ignite and to spread
+    slowest_m_s: Floats  # (entries, fuels) rate above which a cell ignites and spreads
 
 
 class EventHeap(NamedTuple):
-    """The events to come (see ``heap``)."""
+    """Future events by time (see ``heap``)."""
 
     times: Floats
     keys: NDArray[np.int64]
@@ -39,7 +39,7 @@ class EventHeap(NamedTuple):
 
 
 class Halted(NamedTuple):
-    """Ways on which fire does not go on under the weather there is, and what is left of them."""
+    """Paths on which fire stands still under the present weather, and their remaining distances."""
 
     keys: NDArray[np.int64]
     left_m: Floats
@@ -63,7 +63,7 @@ def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
 
 @kernel
 def _go(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
-    """Put a way into the heap, or among the halted; returns the new sizes of both."""
+    """Put a path into the heap, or among the halted ones; returns the new sizes of both."""
     cell, side = key // SIDES, key % SIDES
     if not _passes(cell, head[0], ground, entry):
         halted.keys[halted_size], halted.left_m[halted_size] = key, left_m
@@ -74,7 +74,7 @@ def _go(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, en
 
 @kernel
 def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
-    """Set out from a cell towards all neighbours left to burn; returns as ``_go``."""
+    """Start paths from a cell to all neighbours that can still burn; returns as ``_go``."""
     cols, fuel = ground.cols, ground.terrain.fuel
     row, col = cell // cols, cell % cols
     for side in range(8):
@@ -92,7 +92,7 @@ def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, gr
 
 @kernel
 def set_out(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """``_spread`` from several cells."""
+    """``_spread`` from several cells; returns as ``_go``."""
     heap_size, halted_size = heap.size, halted.size
     for cell in cells:
         head = head_of(cell, entry, ground.terrain, ground.tables)
@@ -104,7 +104,7 @@ def set_out(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore
 
 @kernel
 def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Take events off the heap until a time, or until there is no room; returns as ``_go``."""
+    """Process events from the heap until a time, or until an array is full; returns as ``_go``."""
     times, keys, heap_size = heap
     halted_size = halted.size
     while heap_size > 0 and times[0] <= to_time_s:
@@ -130,9 +130,9 @@ def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: igno
 
 @kernel
 def change_rates(now, before, stood, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """All ways, from the heap and the halted before, at the rates of the next entry of the weather.
+    """Put all paths, moving and halted, on the heap at the rates of the next weather entry.
 
-    What was covered stays covered. Returns as ``_go``.
+    The distance already covered is kept. Returns as ``_go``.
     """
     terrain, tables = ground.terrain, ground.tables
     heap_size, halted_size = 0, 0

@@ -1,4 +1,4 @@
-"""What every spread scheme has in common: one burning fire, its states and its front."""
+"""The common base of all spread schemes: one burning fire, its states and its front."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ Ignition = tuple[int, int, float]  # row, column, time in s
 
 
 class Burning(NamedTuple):
-    """A fire that is already there when the model takes over (see ``burning``)."""
+    """An initial fire that the model continues (see ``burning``)."""
 
     at_s: float
     arrival_s: Floats  # (y, x) infinity where it has not burned
     front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
-    area: Any = None  # what has burned, if known better than by cells; shapely, landscape's CRS
+    area: Any = None  # burned area if known better than by cells; shapely, landscape's CRS
 
 
 class StartArea(NamedTuple):
-    """What had burned of a fire taken over, as it was mapped; shapely, landscape's CRS."""
+    """Burned area of an initial fire as it was mapped; shapely, in the landscape's CRS."""
 
     area: Any
     at_s: float
@@ -38,7 +38,7 @@ class StartArea(NamedTuple):
 class Fire(ABC):
     """One burning fire. Time is in seconds and only goes forward.
 
-    ``arrival_time_s`` is float64 (y, x): when each cell caught fire, infinity where it has not yet.
+    ``arrival_time_s`` is float64 (y, x): the ignition time of each cell, infinity where unburned.
     It is the fire's own array, not a copy: do not write to it.
     """
 
@@ -46,7 +46,7 @@ class Fire(ABC):
     weather: WeatherStream
     wind_limit: bool
     time_s: float
-    start_area: StartArea | None  # of a fire taken over; None where the scheme has cells only
+    start_area: StartArea | None  # of an initial fire; None if the scheme has only cells
     arrival_time_s: Floats
 
     def __init__(
@@ -57,7 +57,7 @@ class Fire(ABC):
         burning: Burning | None,
         wind_limit: bool = False,
     ) -> None:
-        """Raises FireModelError where nothing can burn, or for a fire that does not fit."""
+        """Raises FireModelError for an invalid ignition, or an initial fire on another grid."""
         self.landscape = landscape
         self.weather = weather
         self.wind_limit = wind_limit
@@ -71,7 +71,7 @@ class Fire(ABC):
     def _burn_until(self, to_time_s: float) -> None: ...
 
     def advance(self, to_time_s: float) -> None:
-        """Let it burn until ``to_time_s``; costs in proportion to what newly burns."""
+        """Burn until ``to_time_s``; the cost is proportional to the newly burned area."""
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
                 f"the fire is at {self.time_s} s and cannot go to {to_time_s} s; "
@@ -84,9 +84,9 @@ class Fire(ABC):
     def _light(self, ignition: Ignition) -> None: ...
 
     def light(self, row: int, col: int, at_s: float) -> None:
-        """Light a cell of the fire under way, now or later; one burned by then burns no more.
+        """Light a cell now or later; no effect if the cell has burned by then.
 
-        Raises FireModelError for a time past, or where nothing can burn.
+        Raises FireModelError for a past time, or a cell that cannot burn.
         """
         check_ignitions(self.landscape, [(row, col, at_s)], self.time_s)
         self._light((int(row), int(col), float(at_s)))
@@ -94,46 +94,48 @@ class Fire(ABC):
 
     @abstractmethod
     def copy(self) -> Self:
-        """The same fire, to go on apart from this one; what never changes is shared.
+        """An independent copy of this fire; data that never changes is shared.
 
-        Costs a few ms with 500 x 500 cells.
+        Takes a few ms with 500 x 500 cells.
         """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """As ``copy``: ``deepcopy`` would part arrays that share their memory."""
+        """As ``copy``: a plain ``deepcopy`` would separate arrays that share memory."""
         return self.copy()
 
     @abstractmethod
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """Have all wind from now on be so many times as strong and come from so much further
-        clockwise than ``weather`` says, and fire spread so many times as fast besides.
+        """Change wind and spread from now on, relative to ``weather``.
+
+        The wind speed is multiplied by ``wind_factor``, the wind direction turned clockwise by
+        ``turn_deg``, and the spread rate multiplied by ``spread_factor``.
         """
 
     def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most leave nothing
-        """Leave to another generator what is left to chance from now on."""
+        """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """(y, x) when each cell burned and, next to the fire, when it is expected by now.
+        """Arrival times (y, x) of burned cells, and expected times of cells next to the fire.
 
-        Infinity elsewhere; from these times ``front`` is drawn.
+        Infinity elsewhere. ``front`` is drawn from these times.
         """
         return self._expected_s().copy()
 
     def burned(self) -> NDArray[np.bool_]:
-        """Which cells burn or have burned by now (y, x)."""
+        """Mask (y, x) of the cells that have ignited by now."""
         return self.arrival_time_s <= self.time_s
 
     @property
     def burned_ha(self) -> float:
-        """The area burned by now, in whole cells."""
+        """Burned area in hectares, in whole cells."""
         cells = int(np.count_nonzero(self.burned()))
         return cells * self.landscape.cell_size_m**2 / 1e4
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
         """State of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
-        A cell burns as long as it has a neighbour (of eight) left to burn. Raises FireModelError
-        for a time that the fire has not come to.
+        A cell is BURNING as long as one of its eight neighbours can still burn. Raises
+        FireModelError for a time after the fire's.
         """
         self._check_past(time_s)
         cannot = np.isin(self.landscape.fuel_model, list(NON_BURNABLE))
@@ -145,23 +147,23 @@ class Fire(ABC):
     def front(self, time_s: float) -> Any:
         """Burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
-        Its edge runs between the cells' centres, where the fire was at that time. Raises
-        FireModelError for a time that the fire has not come to.
+        Its edge is interpolated between the cells' centres. Raises FireModelError for a time after
+        the fire's.
         """
         self._check_past(time_s)
         found = front_polygons(self._expected_s(), time_s, self.landscape)
         return with_start(found, self.start_area, time_s)
 
     def arrival_vectors(self) -> Floats:
-        """Metres towards north and east (2, y, x) of the last straight way by which fire came.
+        """Vectors (2, y, x) in metres north and east of the last straight path to each cell.
 
-        Here from the neighbour that burned first; 0 where it was lit.
+        By default from the neighbour that burned first; 0 where the fire was lit.
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
-        """(y, x) arrival times, of unburned cells too where they are known."""
+        """Arrival times (y, x), with expected times of unburned cells where they are known."""
         return self.arrival_time_s
 
     def _check_past(self, time_s: float) -> None:
@@ -170,14 +172,14 @@ class Fire(ABC):
 
 
 def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
-    """A burned area at a time, with what a fire taken over had burned by then."""
+    """A burned area at a time, united with the area of an initial fire from its time on."""
     if start is None or time_s < start.at_s:
         return area
     return multipolygon(area.union(start.area))
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:
-    """Raise FireModelError for the first ignition where or when nothing can burn."""
+    """Raise FireModelError for the first ignition that is off the grid, too early or unburnable."""
     rows, cols = landscape.shape
     for row, col, time_s in ignitions:
         if not (0 <= row < rows and 0 <= col < cols):
@@ -194,7 +196,7 @@ def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s:
 
 
 def check_burning(burning: Burning, landscape: Landscape) -> None:
-    """Raise FireModelError unless a fire that is there already fits the landscape and its time."""
+    """Raise FireModelError unless an initial fire fits the landscape and its own time."""
     at_s, arrival_s, front, _ = burning
     if not np.isfinite(at_s):
         raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")

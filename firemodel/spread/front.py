@@ -1,4 +1,4 @@
-"""From burned cells to the fire's front: an ordered loop of cells, or polygons."""
+"""The fire's front from burned cells, as an ordered loop of cells or as polygons."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 
-MIN_S = 1e-6  # on the far side of a front that has only just come to a cell
+MIN_S = 1e-6  # minimum time assumed beyond a front that has just reached a cell
 Floats = NDArray[np.float64]
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
 
 def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The largest burned region that hangs together by sides or corners (y, x)."""
+    """The largest burned region (y, x) whose cells are connected by sides or corners."""
     from scipy import ndimage
 
     labels, count = ndimage.label(burned, structure=np.ones((3, 3)))
@@ -27,9 +27,9 @@ def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Outer boundary cells of the largest burned region, (n, 2) as (row, col).
 
-    An ordered closed loop, anticlockwise on a north-up map; consecutive cells are neighbours (8),
-    and a tail one cell wide is passed on both ways. Moore tracing, ended when the first step is
-    about to be taken again (Jacob's criterion).
+    The loop is closed and anticlockwise on a north-up map; consecutive cells are neighbours (8),
+    and a branch one cell wide is passed in both directions. Moore tracing, which ends when it would
+    repeat the first step (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
     if not region.any():
@@ -51,7 +51,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
             first_step = first_step or step
         row, col = row + step[0], col + step[1]
         loop.append((row, col))
-        # Go on from the empty cell looked at just before, seen from the new cell.
+        # Continue from the empty cell that was examined last, relative to the new cell.
         before = _AROUND[(side - 1) % 8]
         back = (before[0] - step[0], before[1] - step[1])
         came_from = _AROUND.index(back)
@@ -61,7 +61,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which cells (y, x) have one of these among their eight neighbours."""
+    """Mask (y, x) of the cells with at least one of ``cells`` among their eight neighbours."""
     padded = np.pad(cells, 1)
     rows, cols = cells.shape
     found = np.zeros_like(cells)
@@ -71,9 +71,9 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
-    """Which of the eight neighbours burned first, as steps (rows, columns), each (y, x).
+    """Steps (rows, columns), each (y, x), to the one of eight neighbours that burned first.
 
-    (0, 0) where none burned before the cell itself.
+    (0, 0) where no neighbour burned before the cell itself.
     """
     padded = np.pad(arrival_s, 1, constant_values=np.inf)
     rows, cols = arrival_s.shape
@@ -94,10 +94,10 @@ def multipolygon(area: Any) -> Any:
 
 
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
-    """Where fire had come by a time, from arrival times (y, x), as a shapely MultiPolygon.
+    """Burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
 
-    The edge is where the time between two cells' centres, drawn straight, is the one asked for;
-    at most halfway to a cell that fire does not come to, and to the edge of the landscape.
+    The edge is interpolated linearly between the centres of cells. It is at most halfway to a cell
+    that fire does not reach, or to the edge of the landscape.
     """
     from contourpy import FillType, contour_generator
     from shapely.geometry import MultiPolygon, Polygon
@@ -118,10 +118,10 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
 
 
 def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
-    """How long after a time fire comes, in a window and the cells around it.
+    """Arrival times minus ``time_s`` in a window and the cells around it.
 
-    Where it never comes, as long as it is ago at most in the cells beside, so that the edge lies
-    halfway and never further.
+    A cell that fire never reaches has the largest time since arrival among its neighbours, so that
+    the interpolated edge is at most halfway to it.
     """
     wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
     ahead_s = padded_s[wider] - time_s

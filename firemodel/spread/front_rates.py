@@ -1,4 +1,4 @@
-"""How fast a front moves outwards: the spread of straight pieces of it across themselves."""
+"""Outward speed of a fire front: the spread of its straight pieces along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 
 
 class FrontRates:
-    """Spread of fronts on a landscape, under its weather or under a measured wind."""
+    """Spread rates of fronts on a landscape, under its weather or under a measured wind."""
 
     def __init__(
         self, landscape: Landscape, weather: WeatherStream, wind_limit: bool = False
@@ -26,16 +26,16 @@ class FrontRates:
     def at(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
-        """Speed in m/s, over the ground, at which the front in each cell moves across itself.
+        """Horizontal speed in m/s (n,) at which the front in each cell moves along its normal.
 
         Args:
             rows, cols: the cells (n).
-            north, east: where the front faces there (n), unit vectors on the grid.
-            at_s: the weather is the one that holds at this time.
+            north, east: outward normals of the front there (n), unit vectors on the grid.
+            at_s: the time of the weather.
 
-        0 where nothing burns. The furthest that fire comes in one second towards (north, east)
-        from anywhere on a straight front: the support of the ellipse A |v| - B v = 1, |v| taken on
-        the slope (Huygens; ``local_spread`` has A and B).
+        0 where nothing burns. The speed is the support of the ellipse A |v| - B v = 1 in the
+        direction (north, east), with |v| measured on the slope (Huygens; A and B are those of
+        ``local_spread``).
         """
         entry = self._weather.index_at(at_s)
         return self._of(self._tables, entry, rows, cols, north, east)
@@ -49,7 +49,7 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """As ``at``, but under a wind (speed at 20 ft in m/s, degrees it is from)."""
+        """As ``at``, but under a given wind (speed at 20 ft in m/s, direction from in degrees)."""
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])

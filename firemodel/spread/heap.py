@@ -1,11 +1,11 @@
-"""A binary heap of (time, key) in two arrays, compiled. Ties are broken by key, always alike."""
+"""A compiled binary heap of (time, key) in two arrays. Equal times are ordered by key."""
 
 from firemodel.compiled import kernel
 
 
 @kernel
 def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
-    """Add an entry, for which there must be room in the arrays; returns the heap's new size."""
+    """Add an entry; the arrays must have room for it. Returns the heap's new size."""
     child = size
     while child > 0:
         parent = (child - 1) // 2
@@ -19,7 +19,7 @@ def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
 
 @kernel
 def drop_first(times, keys, size):  # type: ignore[no-untyped-def]
-    """Remove the earliest entry (at place 0); returns the heap's new size."""
+    """Remove the earliest entry (at index 0); returns the heap's new size."""
     size -= 1
     time, key = times[size], keys[size]
     parent = 0

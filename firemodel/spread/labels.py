@@ -11,15 +11,15 @@ Floats = NDArray[np.float64]
 
 
 class Labels(NamedTuple):
-    """When fire comes to each cell, and from which source; cells in one row (n)."""
+    """Arrival time and source of fire in each cell; cells are flattened (n)."""
 
     arrival_s: Floats  # (n) infinity until it burns
     best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns
-    source: NDArray[np.int32]  # (n) a cell, or n + place among the points; -1 if fire is not near
+    source: NDArray[np.int32]  # (n) a cell, or n + index of a point; -1 if no fire is near
 
 
 class Heap(NamedTuple):
-    """Which cell fire comes to next (see ``heap``)."""
+    """Cells that fire reaches next, by time (see ``heap``)."""
 
     times: Floats
     cells: NDArray[np.int32]
@@ -27,17 +27,17 @@ class Heap(NamedTuple):
 
 
 class ActivePaths(NamedTuple):
-    """Lines on which fire was under way when the weather last changed."""
+    """Lines along which fire was moving when the weather last changed."""
 
-    target: NDArray[np.int32]  # (k) the cell it leads to
-    at: Floats  # (k, 2) where the fire was: row, column
+    target: NDArray[np.int32]  # (k) the cell at the end of the line
+    at: Floats  # (k, 2) position of the fire: row, column
 
     def first(self, count: int) -> "ActivePaths":
         return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
 def empty_paths(room: int) -> ActivePaths:
-    """Room for so many."""
+    """Uninitialised arrays for ``room`` paths."""
     return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
 
 
@@ -52,7 +52,7 @@ def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def squeezes(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
-    """Whether a diagonal step leads between two cells that cannot burn."""
+    """True if a diagonal step passes between two cells that cannot burn."""
     return (
         row != to_row
         and col != to_col

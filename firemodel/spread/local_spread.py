@@ -1,8 +1,7 @@
-"""Rothermel in every cell of a landscape: how fast, which way and how thinly fire leaves it.
+"""Rothermel's spread ellipse in every cell: rate, direction of the head and eccentricity.
 
-The equations are those of ``rothermel``, compiled to run cell by cell: the terms of each fuel come
-from ``rothermel.fuel_bed``, once for each entry of the weather, and only wind and slope are left
-for the cell.
+The equations are those of ``rothermel``, compiled. The terms of each fuel are computed by
+``rothermel.fuel_bed`` once for each weather entry; only wind and slope are computed for each cell.
 """
 
 import math
@@ -26,22 +25,22 @@ _eccentricity = kernel(rothermel.eccentricity)
 
 
 class Terrain(NamedTuple):
-    """What a cell's spread depends on and time does not change; cells in one row (n)."""
+    """Inputs of a cell's spread that do not change with time; cells are flattened (n)."""
 
-    fuel: NDArray[np.int16]  # (n) place in the tables, -1 where nothing burns
+    fuel: NDArray[np.int16]  # (n) index in the tables, -1 where nothing burns
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
 
 
 class Tables(NamedTuple):
-    """What it depends on besides, for each entry of the weather."""
+    """Inputs of the spread for each weather entry."""
 
     terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
-    wind: Floats  # (entries, 3): speed m/s at 20 ft, where it blows to (grid north, east; unit)
+    wind: Floats  # (entries, 3): speed m/s at 20 ft, unit vector it blows to (grid north, east)
 
 
 def terrain_of(landscape: Landscape) -> Terrain:
-    """The landscape's cells in one row."""
+    """The flattened cells of a landscape."""
     codes = burnable_codes(landscape)
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
     place[codes] = np.arange(len(codes))
@@ -51,7 +50,7 @@ def terrain_of(landscape: Landscape) -> Terrain:
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
-    """Midflame wind over wind at 20 ft (y, x), below trees where there are any."""
+    """Ratio (y, x) of the midflame wind to the wind at 20 ft, sheltered where there are trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
     depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
@@ -61,7 +60,7 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
     base_m = np.zeros(1, np.float32) if landscape.canopy_base_m is None else landscape.canopy_base_m
     base_m = np.broadcast_to(base_m, landscape.shape)
     found = np.empty(landscape.shape, dtype=np.float32)
-    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # to stay small
+    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # in blocks, to save memory
         rows = slice(top, top + ROWS_AT_ONCE)
         ratio = crown_ratio_from_base(height_m[rows], base_m[rows])
         depths = depth_ft[landscape.fuel_model[rows]]
@@ -70,7 +69,7 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
 
 
 def burnable_codes(landscape: Landscape) -> list[int]:
-    """Codes of the fuels that are there, in rising order."""
+    """Codes of the landscape's burnable fuels, in ascending order."""
     present = np.bincount(landscape.fuel_model.ravel()).nonzero()[0]
     return [int(code) for code in present if int(code) in FUEL_MODELS]
 
@@ -78,7 +77,7 @@ def burnable_codes(landscape: Landscape) -> list[int]:
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
     """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``.
 
-    The wind, given from true north, is turned to the grid's.
+    Wind directions are converted from true north to grid north.
     """
     codes = burnable_codes(landscape)
     terms = np.empty((len(entries), len(codes), 6))
@@ -103,9 +102,10 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 def perturbed(
     tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
 ) -> Tables:
-    """Tables up to an entry, then that entry again and all after it with other wind and rates.
+    """Tables in which an entry is split: its second part and all later entries are perturbed.
 
-    ``turn_deg`` is clockwise.
+    The wind speed is multiplied by ``wind_factor`` and its direction turned clockwise by
+    ``turn_deg``; the spread rate is multiplied by ``spread_factor``.
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
@@ -150,11 +150,11 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 @kernel
 def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """(A, B north, B east) in s/m: fire needs A |v| - B v for a horizontal vector v.
+    """(A, B north, B east) in s/m: the time along a horizontal vector v is A |v| - B v.
 
-    |v| is the length on the plane in the slope, B horizontal. In that plane the ellipse with the
-    ignition in a focus gives A = 1/(R (1 - e)) and a B of e A towards the fastest spread R, which
-    is here brought down to the horizontal. A is 0 where nothing spreads.
+    |v| is the length on the sloping plane, B is horizontal. In that plane the ellipse with the
+    ignition in a focus gives A = 1/(R (1 - e)) and B = e A towards the fastest spread R; here B is
+    projected to the horizontal. A is 0 where fire does not spread.
     """
     if terrain.fuel[cell] < 0:
         return 0.0, 0.0, 0.0

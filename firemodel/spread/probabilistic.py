@@ -1,21 +1,21 @@
-"""The automaton of the virtual-agents paper (section 3.3): fire that spreads by chance.
+"""The cellular automaton of the virtual-agents paper (section 3.3), with random spread.
 
-At each update a burning cell sets fire to each neighbour left to burn with a probability p_spread,
-the same everywhere. Of the landscape only its shape and the cells that do not burn count (the paper
-has none of these), and the weather not at all.
+At each update a burning cell ignites each unburned neighbour with the same probability p_spread.
+The automaton uses only the landscape's shape and its non-burnable cells (the paper has none), and
+no weather.
 
-What the paper leaves open, and what is done here:
+The paper leaves these points open:
 
-- When a cell has burned. "Cells that were burning in the previous time step become burned", that
-  is ``burning_steps = 1``: but with p_spread = 0.01 such a fire is out after an update or two (a
-  cell lights 0.04 others), while the paper's burn for 190. So by default a cell burns until nothing
-  around it is left.
-- Which cells are neighbours. The four beside: with p_spread = 0.01 and cells that burn on, fires of
-  460 and 2600 cells grow in 190 updates to 830 and 3430 on average (table 2: about 800 and 3400);
-  with eight they would to 1670 and 5070. With 0.025 a fire of 1000 grows to 2510, where table 2 has
-  about 3050; no reading tried (eight neighbours, 25 to 100 burning_steps, a first shape grown with
-  another probability) comes nearer to all three.
-- What happens between updates: nothing. 190 updates in 20 minutes are 6.3 s each.
+- Burning time of a cell. "Cells that were burning in the previous time step become burned" means
+  ``burning_steps = 1``. But with p_spread = 0.01 such a fire dies out after one or two updates (a
+  cell ignites 0.04 others), while the paper's fires burn for 190. By default a cell therefore burns
+  until all its neighbours have burned.
+- Neighbours of a cell: the four that share a side. With p_spread = 0.01 and this burning time,
+  fires of 460 and 2600 cells grow in 190 updates to 830 and 3430 on average (table 2: about 800 and
+  3400); with eight neighbours they would grow to 1670 and 5070. With 0.025 a fire of 1000 cells
+  grows to 2510, where table 2 has about 3050. No other interpretation tried (eight neighbours, 25
+  to 100 burning_steps, an initial shape grown with another probability) is closer to all three.
+- The state between updates does not change. 190 updates in 20 minutes are 6.3 s each.
 """
 
 import copy
@@ -46,11 +46,12 @@ Floats = NDArray[np.float64]
 
 
 class ProbabilisticFire(Fire):
-    """See the module. ``burned_out_s`` (y, x) is when each cell had burned, infinity until then.
+    """The automaton described in the module's docstring.
 
-    Updates come every ``update_s`` after the start; a cell lit between two of them, or at the time
-    of one, spreads from the next one on. ``rng`` is drawn from only for what burns, in an order
-    that does not depend on how ``advance`` is cut.
+    ``burned_out_s`` (y, x) is the time at which each cell stopped burning, infinity before. Updates
+    are every ``update_s`` after the start; a cell lit between two updates, or at the time of one,
+    spreads from the next one on. Random numbers are drawn only for burning cells, in an order that
+    does not depend on the steps of ``advance``.
     """
 
     def __init__(
@@ -65,10 +66,10 @@ class ProbabilisticFire(Fire):
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
-        """``burning_steps`` is for how many updates a cell burns, None until nothing is left to it.
+        """``burning_steps`` is the number of updates a cell burns; None: until neighbours burned.
 
-        Of a fire that is already there cells burn on for what is left of that, by their times of
-        arrival. Raises FireModelError where nothing can burn, or for a number that cannot be.
+        Cells of an initial fire burn for the remaining updates, counted from their arrival times.
+        Raises FireModelError for an ignition on a cell that cannot burn, or an invalid number.
         """
         _check(p_spread, update_s, burning_steps)
         super().__init__(landscape, weather, ignitions, burning)
@@ -80,8 +81,8 @@ class ProbabilisticFire(Fire):
         self.arrival_time_s = np.full(landscape.shape, np.inf)
         self.burned_out_s = np.full(landscape.shape, np.inf)
         self._ignitions = sorted(((t, row, col) for row, col, t in ignitions), reverse=True)
-        self._cells = np.empty(0, dtype=np.int64)  # those that burn
-        self._lasted = np.empty(0, dtype=np.int64)  # for how many updates
+        self._cells = np.empty(0, dtype=np.int64)  # burning cells
+        self._lasted = np.empty(0, dtype=np.int64)  # number of updates each has burned
         if burning:
             self._take_over(burning)
         self.advance(self.time_s)
@@ -107,7 +108,7 @@ class ProbabilisticFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        """Chance included: left alone, both burn alike."""
+        """As in ``Fire``, with the state of the generator: both fires then burn identically."""
         found = copy.copy(self)
         found.arrival_time_s = self.arrival_time_s.copy()
         found.burned_out_s = self.burned_out_s.copy()
@@ -117,7 +118,7 @@ class ProbabilisticFire(Fire):
         return found
 
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """As in ``Fire``, by p_spread; wind does not matter here."""
+        """As in ``Fire``: ``spread_factor`` multiplies p_spread; wind has no effect here."""
         self._p_spread = min(self._p_spread * spread_factor, 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
@@ -160,14 +161,14 @@ class ProbabilisticFire(Fire):
         self._cells, self._lasted = cells[:size], lasted[:size]
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """As in ``Fire``, but a cell burns for as long as the automaton has it burn."""
+        """As in ``Fire``, but a cell is BURNING until the automaton marks it burned out."""
         self._check_past(time_s)
         state = np.where(self.burned_out_s <= time_s, BURNED, BURNING)
         unburned = np.where(self._can_burn, UNBURNED, CANNOT_BURN)
         return np.where(self.arrival_time_s <= time_s, state, unburned).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """As in ``Fire``, but halfway between cells: nothing is on its way between updates."""
+        """As in ``Fire``, but the edge is always halfway between cells."""
         self._check_past(time_s)
         ago_s = np.where(self.arrival_time_s <= time_s, 1.0, -np.inf)
         return front_polygons(-ago_s, 0.0, self.landscape)

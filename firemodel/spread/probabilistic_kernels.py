@@ -11,7 +11,7 @@ STEP_COL = np.array([0, 1, 0, -1])
 
 @kernel
 def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyped-def]
-    """The neighbour on a side if it is left to burn, else -1."""
+    """The neighbour on a side if it is unburned and can burn, else -1."""
     row, col = cell // cols + STEP_ROW[side], cell % cols + STEP_COL[side]
     if not (0 <= row < arrival_s.size // cols and 0 <= col < cols):
         return -1
@@ -23,7 +23,7 @@ def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyp
 def update(  # type: ignore[no-untyped-def]
     at_s, spreads, cells, lasted, count, arrival_s, burned_out_s, can_burn, cols, burning_steps
 ):
-    """Spread from the first ``count`` cells, then drop what has burned; returns how many burn."""
+    """Spread from the first ``count`` cells and drop burned-out cells; returns the number left."""
     size = count
     for k in range(count):
         for side in range(4):

@@ -1,8 +1,9 @@
-"""What becomes of an any-angle fire when the weather changes.
+"""Restarts an any-angle fire when the weather changes.
 
-Each line under way is cut where the fire is on it. Of the cuts on the best lines to neighbouring
-cells, those close together are joined: fire sets out from all along the front (Huygens), not from
-single points, or else a fire that is slow against the changes would lose its shape.
+Each line under way is cut at the position of the fire. The cuts on the best lines to neighbouring
+cells are joined where they are close together: fire then spreads from the whole front (Huygens),
+not only from single points. Without this a fire would lose its shape if the weather changes often
+compared with its spread.
 """
 
 import numpy as np
@@ -13,14 +14,14 @@ from firemodel.spread.heap import push
 from firemodel.spread.labels import ActivePaths, place_of, squeezes
 from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_piece, travel
 
-NEAR_FRONT_CELLS = 2  # which cells a front that is given sets out for
-WINDOW_CELLS = 3  # how far away the piece of front may be from which fire comes to a cell
+NEAR_FRONT_CELLS = 2  # distance up to which an initial front has paths to cells
+WINDOW_CELLS = 3  # maximum distance of a cell from the piece of front that ignites it
 
 Floats = NDArray[np.float64]
 
 
 def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
-    """From the points of a front to the unburned cells around each."""
+    """Paths from the points (k, 2) of a front to the unburned cells around each."""
     rows, cols = shape
     around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
     cell = np.floor(front + 0.5).astype(np.int64)
@@ -35,11 +36,11 @@ def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActiveP
 
 @kernel
 def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
-    """Find every line on which fire is under way at a time; returns (their number, of tips).
+    """Find every line along which fire is moving at a time; returns the numbers (found, tips).
 
-    Into found go the paths of the last time that have not come to their end, and those that cells
-    burned since then offer to their neighbours; into tips, for each cell next to the fire, how far
-    the fire has come on the best of all.
+    ``found`` receives the paths of the last change that are not completed, and those from cells
+    burned since then to their neighbours. ``tips`` receives, for each cell next to the fire, the
+    position of the fire on the best line to it.
     """
     arrival_s, best_s, sources = labels
     cols = ground.cols
@@ -58,7 +59,7 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
     for k in range(heap.size):
         target = np.int64(heap.cells[k])
         if arrival_s[target] < np.inf or best_s[target] != heap.times[k]:
-            continue  # an entry that a better one has made void
+            continue  # replaced by a better entry
         to_row, to_col = target // cols, target % cols
         at_row, at_col, at_s_ = place_of(sources[target], points, labels, cols)
         if sources[target] == target:
@@ -91,7 +92,7 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
                 )
                 at_row = from_row + part * (to_row - from_row)
                 at_col = from_col + part * (to_col - from_col)
-                known = False  # the same source by way of another neighbour
+                known = False  # True if another neighbour gave the same source
                 for other in range(first, count):
                     known |= found.at[other, 0] == at_row and found.at[other, 1] == at_col
                 if not known:
@@ -103,9 +104,9 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
 
 @kernel
 def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyped-def]
-    """Row and column on the joined front from which fire comes to a cell first, as it seems.
+    """Row and column on the joined front from which fire is estimated to reach a cell first.
 
-    NaN if no piece of front is near. Tip k is marked in sources as -2 - k.
+    NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
     """
     cols = ground.cols
     rows = sources.size // cols
@@ -139,7 +140,7 @@ def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyp
 
 @kernel
 def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-untyped-def]
-    """Put a way into best (time, row, column) of a tip if it is the better one."""
+    """Store a path in ``best`` (time, row, column) of tip k if it is faster."""
     target, cols = tips.target[k], ground.cols
     limit_s = best[k, 0] - at_s
     path_s, _ = travel(
@@ -151,9 +152,9 @@ def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-
 
 @kernel
 def set_out(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Start again from paths and tips: labels, a heap, the points that are sources; (points, size).
+    """Restart the fire from paths and tips: sets the labels, the heap and the source points.
 
-    best (tips, 3) is room to work in.
+    ``best`` (tips, 3) is a work array. Returns the number of points in use and the heap's size.
     """
     _, best_s, sources = labels
     n = sources.size

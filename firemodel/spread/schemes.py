@@ -1,7 +1,7 @@
-"""The spread schemes: name, class and settings of each. A new scheme is one module and one entry.
+"""The spread schemes: name, class and settings. A new scheme needs one module and one entry here.
 
-Scenario files, experiments and the command line look schemes up here. Modules are imported when a
-fire is made, since they compile kernels.
+Scenario files, experiments and the command line look up schemes here. A scheme's module is imported
+only when a fire is created, since it compiles kernels.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ SchemeName = Literal["anyangle", "devs8", "probabilistic"]
 
 
 class Scheme(NamedTuple):
-    """Where the ``Fire`` of a scheme is, and what may be set."""
+    """The ``Fire`` class of a scheme and its settings."""
 
     module: str
     fire: str  # the name of the class
@@ -44,14 +44,14 @@ def new_fire(
     seed: int | tuple[int, ...] = 0,
     **settings: Any,
 ) -> "Fire":
-    """A fire that spreads by a scheme, at its start.
+    """Create a fire that spreads by a scheme.
 
     Args:
         name: The scheme, a key of ``SCHEMES``.
         landscape: Terrain and fuel.
         weather: The weather from 0 s on.
         ignitions: (row, column, time in s) of each cell that is lit.
-        burning: A fire that is already there, for the model to take over.
+        burning: An initial fire that the model continues.
         seed: Seed of the random generator, for schemes that draw from one.
         settings: The scheme's ``settings``, by name; those left out have their defaults.
 

@@ -1,4 +1,4 @@
-"""How long fire needs along a straight line over a landscape, each cell with its own ellipse."""
+"""Travel time of fire along a straight line over cells, each with its own spread ellipse."""
 
 import math
 from collections.abc import Sequence
@@ -22,23 +22,23 @@ Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
-    """What lines are computed with; cells in one row (n)."""
+    """Inputs of travel times; cells are flattened (n)."""
 
     cols: int
     cell_m: float
     terrain: Terrain
     tables: Tables
-    reach: NDArray[np.int16]  # (n) how many cells around, to all sides, are like it
-    # One record of 32 bytes per cell, so that one look into memory gives all: A, B north, B east
-    # in float64 (places 0 to 2; A is NaN if not yet worked out, 0 if nothing spreads), and the
-    # rise towards north and east in float32 (places 6 and 7).
+    reach: NDArray[np.int16]  # (n) distance in cells within which all cells are like this one
+    # One record of 32 bytes per cell, read in one memory access: A, B north, B east in float64
+    # (indices 0 to 2; A is NaN if not yet computed, 0 if nothing spreads), and the rise towards
+    # north and east in float32 (indices 6 and 7).
     slowness: Floats  # (n, 4)
     rise: NDArray[np.float32]  # (n, 8), the same memory
-    learned: NDArray[np.int32]  # (n + 1) how many cells are worked out, then which
+    learned: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
 
 
 def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool) -> Ground:
-    """Nothing of it is worked out yet: that happens cell by cell where fire comes."""
+    """The ``Ground`` of a landscape; slownesses are computed later, cell by cell as needed."""
     terrain = terrain_of(landscape)
     n, cols = terrain.fuel.size, landscape.shape[1]
     slowness = np.full((n, 4), np.nan)
@@ -98,7 +98,7 @@ def _learn(cell, ground, entry):  # type: ignore[no-untyped-def]
 
 @kernel
 def forget(ground):  # type: ignore[no-untyped-def]
-    """Before another entry of the weather is used."""
+    """Clear the computed slownesses; required before another weather entry is used."""
     for place in range(1, ground.learned[0] + 1):
         ground.slowness[ground.learned[place], 0] = np.nan
     ground.learned[0] = 0
@@ -106,9 +106,9 @@ def forget(ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
-    """Time over a horizontal vector (m, length squared) if all of it lay in one cell.
+    """Time in seconds along a horizontal vector in metres, at the slowness of one cell.
 
-    0 if nothing spreads there.
+    ``length2`` is the squared length of the vector. 0 if fire does not spread in the cell.
     """
     slowness, rise = ground.slowness, ground.rise
     if slowness[cell, 0] != slowness[cell, 0]:
@@ -129,10 +129,10 @@ def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no-untyped-def]
-    """Follow a line to the centre of a cell for limit_s at most.
+    """Follow a line to the centre of a cell for at most ``limit_s``.
 
-    Positions are float rows and columns. Returns (time, part of the line covered); the time is
-    limit_s if the line is not covered by then, and also if something on it does not burn.
+    Positions are float rows and columns. Returns (time, fraction of the line covered); the time is
+    ``limit_s`` if the line is not completed by then, or crosses a cell that does not burn.
     """
     down, right = to_row - row, to_col - col
     north, east = -down * ground.cell_m, right * ground.cell_m
@@ -141,8 +141,8 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
     crossings_row, crossings_col = abs(to_row - at_row), abs(to_col - at_col)
     cell = int(at_row) * ground.cols + int(at_col)
     if max(crossings_row, crossings_col) <= ground.reach[cell]:
-        crossings_row = crossings_col = 0.0  # all of it is like the first cell
-    # Where the line next leaves a row and a column of cells, as shares of its length.
+        crossings_row = crossings_col = 0.0  # all its cells are like the first one
+    # Positions at which the line next leaves a row and a column, as fractions of its length.
     row_step, next_row, each_row = 0, 2.0, 0.0
     if crossings_row > 0.0:
         row_step = ground.cols if down > 0.0 else -ground.cols
@@ -174,15 +174,16 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
 
 @kernel
 def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
-    """Where on a straight piece of front fire sets out to come to a cell first: (time, row, col).
+    """The point of a piece of front from which fire reaches a cell first: (time, row, col).
 
-    As if all lay in that cell. With w the way from one end to the cell and d the piece, the time
-    A |w - s d| - B (w - s d) is least where its derivative by s is 0. The time is in s/m times
-    cells, infinite if the piece is too long to be one or nothing spreads in the cell.
+    The slowness of the target cell is used for the whole path. With w the vector from one end of
+    the piece to the cell and d the piece, the time A |w - s d| - B (w - s d) is least where its
+    derivative by s is 0. The time is in s/m times cells; it is infinite if the two ends are too far
+    apart to be one piece, or if fire does not spread in the cell.
     """
     d_north, d_east = row - other_row, other_col - col
     d2 = d_north * d_north + d_east * d_east
-    crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # so that its slowness is known
+    crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # computes the slowness of the cell
     a = ground.slowness[target, 0]
     if not 0.0 < d2 <= MAX_PIECE_CELLS * MAX_PIECE_CELLS or a == 0.0:
         return np.inf, row, col

@@ -1,4 +1,4 @@
-"""Results as files that other programs read."""
+"""Writes results as GeoTIFF and GeoJSON files."""
 
 import json
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def write_geotiff(
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
     """Polygons in the landscape's CRS as a MultiPolygon of RFC 7946.
 
-    WGS84 longitude and latitude to a centimetre, outer rings anticlockwise, as rows of [lon, lat].
+    Coordinates are WGS84 [lon, lat], rounded to a centimetre; outer rings are anticlockwise.
     """
     from shapely import get_parts, set_precision, transform
     from shapely.geometry.polygon import orient
@@ -53,7 +53,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 
     rounded = set_precision(transform(area, to_lon_lat), MIN_DEG)
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
-    # Not as shapely's mapping has it: what is whole in 1e-7 degrees is no longer so in floats.
+    # Rounded again: multiples of 1e-7 degrees from shapely are not exact decimals as floats.
     return {
         "type": "MultiPolygon",
         "coordinates": [
@@ -72,8 +72,8 @@ def fronts_geojson(
     """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
-    the status says that they are not approved. ``time_zero`` is 0 s by the calendar, if known.
-    Raises FireModelError for a time that the fire has not come to.
+    the status is that of a perimeter that is not approved. ``time_zero`` is the calendar time of
+    0 s, if known. Raises FireModelError for a time after the fire's.
     """
     features = []
     for time_s in times_s:
@@ -105,13 +105,13 @@ def write_fronts(
 
     Args:
         path: The file to write.
-        fire: A fire that has burned as far as the last of the times.
-        times_s: When, in seconds, one feature each.
+        fire: A fire, advanced at least to the last of the times.
+        times_s: Times in seconds, one feature for each.
         name: The incident's name.
         time_zero: The calendar time of 0 s, if known.
 
     Raises:
-        FireModelError: The fire has not burned as far as one of the times.
+        FireModelError: One of the times is after the fire's.
         OSError: The file cannot be written.
     """
     found = fronts_geojson(fire, times_s, name, time_zero)
@@ -119,11 +119,11 @@ def write_fronts(
 
 
 def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
-    """Write when and how the fire came to each cell as GeoTIFFs on the landscape's grid.
+    """Write arrival times and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
 
     Args:
         folder: An existing folder.
-        fire: A fire, as far as it has burned.
+        fire: A fire, advanced to the time of interest.
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,

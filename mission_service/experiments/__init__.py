@@ -1,1 +1,1 @@
-"""The papers' experiments: fires that are burned once, and planners flown over them."""
+"""The papers' experiments: fires that are simulated once, and planners flown over them."""

@@ -52,7 +52,7 @@ class BoundaryFollower:
 
     @property
     def cell(self) -> tuple[int, int]:
-        """Row and column."""
+        """Row and column of the vehicle's cell."""
         return self._row - 1, self._col - 1
 
     def onwards(self, clockwise: bool, at_s: float) -> None:

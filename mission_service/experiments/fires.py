@@ -1,4 +1,4 @@
-"""The fires of the papers' experiments, burned once and looked at as often as one likes."""
+"""The fires of the papers' experiments, simulated once and then read at any time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,22 +34,22 @@ class Burn:
     arrival_s: Floats
 
     def burned(self, at_s: float) -> NDArray[np.bool_]:
-        """Which cells (y, x) have caught fire by a time."""
+        """Mask (y, x) of the cells that have ignited by a time."""
         return self.arrival_s <= at_s
 
     @cached_property
     def enclosed_s(self) -> Floats:
-        """When each cell (y, x) burned or was cut off from the outside."""
+        """Time (y, x) at which each cell burned or was cut off from the outside."""
         return enclosed_s(self.arrival_s)
 
 
 def flat(fuel: NDArray[np.int16], cell_m: float = CELL_M) -> Landscape:
-    """A level landscape of these fuels (y, x)."""
+    """A level landscape with the given fuels (y, x)."""
     return Landscape("EPSG:32611", 5e5, 4e6, cell_m, fuel, np.zeros(fuel.shape, np.float32))
 
 
 def of_one_fuel(code: int) -> NDArray[np.int16]:
-    """The same fuel everywhere."""
+    """A level landscape with one fuel."""
     return np.full((CELLS, CELLS), code, np.int16)
 
 
@@ -80,7 +80,7 @@ def burn(
     speed_m_s: float,
     deploy_s: float = HOUR_S,
 ) -> Burn:
-    """Let a fire burn to its end."""
+    """Simulate a fire to its end."""
     fire = new_fire(scheme, landscape, weather, [(*ignition, 0.0)])
     fire.advance(end_s)
     arrival_s = fire.arrival_time_s.copy()

@@ -136,7 +136,7 @@ def _seeded(seed: int) -> Iterator[None]:
 
 
 def fitnesses(many: Sequence[Genes], seed: int) -> list[float]:
-    """What a worker does: the fitness of some chromosomes on the scenarios of a seed."""
+    """The task of a worker: the fitness of some chromosomes on the scenarios of a seed."""
     return [fitness(genes, seed) for genes in many]
 
 

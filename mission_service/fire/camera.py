@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from mission_service.config.sections import VehicleSection
 
-EDGE = 1e-9  # of the unit of lengths; what is on an edge is inside
+EDGE = 1e-9  # tolerance: a place on an edge is inside
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Its footprint is a disc, or, with ``along_rad``, a rectangle that turns with the vehicle.
+    """A camera with a disc as footprint or, with ``along_rad``, a rectangle aligned to the heading.
 
-    Fields of view in rad: across the track, and along it.
+    ``across_rad`` and ``along_rad`` are the fields of view across and along the track, in rad.
     """
 
     across_rad: float
@@ -34,14 +34,14 @@ class Camera:
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Which places (arrays) are outside a rectangle around 0, 0, its length along a heading."""
+    """Mask of the places outside a rectangle around (0, 0) with its length along a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))
 
 
 def camera_of(vehicle: VehicleSection) -> Camera:
-    """The camera a vehicle carries."""
+    """The camera of a vehicle."""
     along_deg = vehicle.camera_along_deg
     along_rad = None if along_deg is None else math.radians(along_deg)
     return Camera(math.radians(vehicle.camera_fov_deg), along_rad)

@@ -1,9 +1,9 @@
-"""A cellular fire that operators correct: pens, eraser, undo, and another wind.
+"""A cellular fire that operators correct by pens, eraser, undo and another wind.
 
-The fire without corrections burns on in parallel, so that an undo restores it. After each change
-the corrected fire starts again at that moment from corrected arrival times.
-Of more than ``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of
-the fire without corrections, is no longer listed and can no longer be undone.
+The fire without corrections is simulated in parallel, so that an undo restores it. After each
+change the corrected fire is restarted at that time from corrected arrival times. If there are more
+than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes part of the fire
+without corrections, is no longer listed and can no longer be undone.
 """
 
 import copy
@@ -31,35 +31,35 @@ from mission_service.fire.correction_log import CorrectionLog, Held, not_erased,
 
 Floats = NDArray[np.float64]
 
-AHEAD_S = 3600.0  # how far the fire burns ahead of the fit, for observations out there
+AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the observations to fit
 
-MAX_OBSERVATIONS = 150  # a fit takes as long as the cube of their number
+MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
 
 Begin = Callable[[Burning, WeatherStream], Fire]
 
 
 class CorrectedFire:
-    """Applies operators' reports; ``begin`` starts a fire from the burned area at a time."""
+    """Applies operators' reports; ``begin`` starts a fire from its burning state at a time."""
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
         self.log = CorrectionLog()
         self._landscape = landscape
         self._begin = begin
-        self._base: Fire | None = None  # without corrections, while there are some
+        self._base: Fire | None = None  # the fire without corrections; None if there are none
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """The fire, and the fire without corrections: ignitions are applied to both."""
+        """The fire and, if there are corrections, the fire without them; both get ignitions."""
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
         return [fire, self._base]
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """The fire from now on; the same object if nothing has changed.
+        """Apply a report; returns the fire from now on, the same object if nothing has changed.
 
-        Raises FireModelError for an impossible report; nothing is changed then.
+        Raises FireModelError for an invalid report; nothing is changed then.
         """
         match event:
             case WindSet():
@@ -86,7 +86,7 @@ class CorrectedFire:
                 return fire
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """A fire with the valid corrections; the same object if there are none."""
+        """The fire with the corrections in effect; ``base`` itself if they give no observation."""
         spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
         observations = thinned(observations_held(held, self._landscape, spacing_m))
         if not len(observations):
@@ -104,7 +104,8 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """At most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
-    They suffice to correct the fire around them; all drawn cells keep their state by ``as_drawn``.
+    These suffice to correct the fire around them; the state of all drawn cells is set exactly by
+    ``as_drawn``.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -114,7 +115,7 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning:
-    """The burned area of a fire at its time."""
+    """The burning state of a fire at its time."""
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
 
 
@@ -122,7 +123,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """Arrival times (y, x) in which every drawn cell has exactly the state that was drawn.
 
     A fit weighs observations against each other and the model; a drawn cell is certain. Later
-    strokes override earlier ones. Only the edge of a burning area is used.
+    strokes override earlier ones. A burning area sets only the cells on its outline.
     """
     found = arrival_s.copy()
     for each in held:
@@ -139,7 +140,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
-    """The cells (n, 2) of a stroke, less those that were erased."""
+    """The cells (n, 2) of a stroke without the erased ones."""
     correction = held.correction
     places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])

@@ -1,4 +1,4 @@
-"""The log of operators' corrections of the fire: drawing, erasing, undo and redo. Pure."""
+"""The corrections of the fire in effect after drawing, erasing, undo and redo. Pure."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,22 +18,23 @@ STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class Held(NamedTuple):
-    """A valid correction without the parts inside the circles of ``erasures`` (all later)."""
+    """A correction in effect, except in the circles of ``erasures`` (all later than it)."""
 
     correction: Corrected
     erasures: tuple[Erased, ...]
 
 
 class CorrectionLog:
-    """The valid steps and the undone steps of all operators.
+    """The steps in effect and the steps undone, of all operators together.
 
-    An erasure removes only parts drawn before it. Undo reverts the last step, a correction or an
-    erasure; a new step discards the undone ones. Undo and redo without a step have no effect.
+    An erasure removes only corrections drawn before it. Undo reverts the last step, a correction or
+    an erasure; a new step clears the steps that can be redone. Without a step to undo or redo,
+    these have no effect.
     """
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
-        self.taken_back: list[Step] = []  # the last one is redone first
+        self.taken_back: list[Step] = []  # undone steps; the last one is redone first
 
     def apply(self, event: AnyEvent) -> bool:
         """Process an event; returns whether the set of valid corrections changed."""
@@ -52,7 +53,7 @@ class CorrectionLog:
                 return False
 
     def held(self) -> tuple[Held, ...]:
-        """The valid corrections in the order of drawing, without erased points."""
+        """The corrections in effect in the order of drawing, without erased points."""
         found: list[Held] = []
         erasures: tuple[Erased, ...] = ()
         for step in reversed(self.steps):
@@ -63,14 +64,14 @@ class CorrectionLog:
         return tuple(reversed(found))
 
     def settle(self, count: int) -> tuple[Held, ...]:
-        """Remove the first ``count`` steps; returns those of their corrections that are valid."""
+        """Remove the first ``count`` steps; returns their corrections that are in effect now."""
         settled = {id(step) for step in self.steps[:count]}
         found = tuple(each for each in self.held() if id(each.correction) in settled)
         del self.steps[:count]
         return found
 
     def status(self) -> list[dict[str, Any]]:
-        """Each valid correction: state, shape, operator, station, times."""
+        """Each correction in effect: state, shape, operator, station, times."""
         return [
             {
                 "state": held.correction.state,
@@ -89,14 +90,17 @@ class CorrectionLog:
 def observations_of_correction(
     correction: Corrected, landscape: Landscape, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a drawn shape. Raises FireModelError."""
+    """Observations (n, 4) x, y, at_s, state of a correction.
+
+    Raises FireModelError for a shape that cannot be used.
+    """
     places = landscape.xy_of_places(correction.points)
     at_s, state = correction.marked_at_us / 1e6, STATES[correction.state]
     return observations_of(correction.shape, places, at_s, state, spacing_m)
 
 
 def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
-    """Observations (n, 4) of all valid corrections, without erased ones."""
+    """Observations (n, 4) of all corrections in effect, without the erased ones."""
     found = [np.empty((0, 4))]
     for each in held:
         observations = observations_of_correction(each.correction, landscape, spacing_m)
@@ -107,7 +111,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """A mask of the positions (n, 2) x, y that lie outside all erasures."""
+    """Mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
@@ -115,13 +119,13 @@ def not_erased(
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
-    """Whether a position lies within the circle of an erasure."""
+    """True if a place lies within the circle of an erasure."""
     middle = (erasure.lat_deg, erasure.lon_deg)
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
 def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """Whether it is erased completely; a part of a line or polygon may always remain."""
+    """True if a correction is a point that is erased; lines and polygons are always kept."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

@@ -1,4 +1,4 @@
-"""A fire let burn ahead: once as it is expected, and many times a little otherwise."""
+"""Forecasts of a fire: one expected run, and an ensemble of perturbed runs."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -11,9 +11,9 @@ from firemodel.spread.fire_scheme import Fire, StartArea
 
 # Odd, and no share of them is 10, 50 or 90 %: bands never run along the centres of cells.
 MEMBERS = 15
-# How far off the model may be, one standard deviation. Cruz & Alexander 2013 (Environ. Model.
-# Softw. 47, 16-28) saw 1278 rates of spread: 35 % is as good as models get, their weather included.
-# Rates grow with the wind to a power of 1.2 to 1.6, so that these two make 0.37 together.
+# Standard deviation of the model's error. Cruz & Alexander 2013 (Environ. Model. Softw. 47, 16-28)
+# compared 1278 rates of spread: 35 % is the best that models achieve, errors of weather included.
+# Rates grow with the wind to a power of 1.2 to 1.6, so that these two combine to 0.37.
 SPREAD_LOG_SD = 0.25
 WIND_LOG_SD = 0.2  # 1 m/s of 5
 # Our choice, without a source: two of three winds come from within 15 degrees of what is reported.
@@ -23,25 +23,25 @@ Floats = NDArray[np.float64]
 
 
 class Arrival(NamedTuple):
-    """When fire comes where: the past as it was, the future as it is expected."""
+    """Arrival times of a fire: the past as simulated, the future as forecast."""
 
-    at_s: float  # the past ends here
-    until_s: float  # as late as requested, or later
-    arrival_s: Floats  # (y, x); later than until_s it is known next to the fire only, else infinity
+    at_s: float  # time of the forecast
+    until_s: float  # at least the requested time
+    arrival_s: Floats  # (y, x); after until_s only cells next to the fire have one, else infinity
     version: int
-    start_area: StartArea | None = None  # of a fire taken over, for fronts
+    start_area: StartArea | None = None  # of an initial fire, for fronts
 
 
 class Member(NamedTuple):
-    """When one fire comes where, in the rows and columns from ``top`` and ``left`` on."""
+    """Arrival times of one run, in a window of rows from ``top`` and columns from ``left``."""
 
     top: int
     left: int
-    after_s: NDArray[np.float32]  # (y, x) seconds after the ensemble set out, infinity for never
+    after_s: NDArray[np.float32]  # (y, x) seconds after the ensemble's start, infinity for never
 
 
 class Ensemble(NamedTuple):
-    """Fires that set out alike."""
+    """Perturbed runs of one fire from the same state."""
 
     at_s: float
     until_s: float
@@ -51,7 +51,7 @@ class Ensemble(NamedTuple):
 
 
 class Perturbation(NamedTuple):
-    """What is different in one of them."""
+    """The perturbation of one run, as in ``Fire.perturb``."""
 
     wind_factor: float
     turn_deg: float
@@ -59,9 +59,9 @@ class Perturbation(NamedTuple):
 
 
 def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
-    """Drawn in equal parts of each distribution (Latin hypercube; McKay et al. 1979).
+    """Perturbations by Latin hypercube sampling (McKay et al. 1979).
 
-    The same each time, so that a forecast computed again moves only as the fire does.
+    They are the same for the same seed, so that successive forecasts differ only by the fire.
     """
     rng = np.random.default_rng((seed, count))
     middle = ndtri((np.arange(count) + 0.5) / count)
@@ -78,9 +78,9 @@ def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
 
 
 def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival:
-    """When a fire comes where until a time. It is burned up for that: give a copy.
+    """Advance a fire to a time and return its arrival times. ``fire`` is changed: pass a copy.
 
-    Chance, where the scheme has any, is drawn again: the fire's own is not foreseen.
+    A random scheme uses another generator, so that the forecast does not predict the fire's draws.
     """
     at_s = fire.time_s
     fire.draw_from(np.random.default_rng((seed, 0)))
@@ -91,7 +91,10 @@ def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival
 def ensemble_of(
     fire: Fire, until_s: float, version: int, seed: int, go_on: Callable[[], bool] = lambda: True
 ) -> Ensemble:
-    """A fire's ensemble until a time; the fire is left as it is. Ends early when not to go on."""
+    """The ensemble of a fire until a time; the fire is not changed.
+
+    It ends with fewer members as soon as ``go_on()`` is False.
+    """
     members = []
     for number, otherwise in enumerate(perturbations(seed), start=1):
         if not go_on():
@@ -105,7 +108,7 @@ def ensemble_of(
 
 
 def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
-    """(y, x) share of an ensemble in which each cell has burned by a time."""
+    """Fraction (y, x) of an ensemble's members in which each cell has burned by a time."""
     burned = np.zeros(ensemble.shape)
     for top, left, after_s in ensemble.members:
         rows, cols = after_s.shape
@@ -114,7 +117,7 @@ def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
 
 
 def _cut(arrival_s: Floats, at_s: float) -> Member:
-    """What has burned, in few bytes; what had by ``at_s`` stays so exactly (0 s or less)."""
+    """Arrival times as a compact float32 window; cells burned by ``at_s`` stay at 0 s or less."""
     burned = np.isfinite(arrival_s)
     rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
     if not rows.size:

@@ -1,4 +1,4 @@
-"""The estimated fire of a burn: from what was lit, the wind, corrections and cameras."""
+"""The estimated fire of a burn, from ignitions, wind, corrections and cameras."""
 
 import math
 from typing import TYPE_CHECKING
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # of the points that stand for a line
-OBSERVATION_SPACING_M = 5.0  # of a line or polygon drawn
-PAPER_LENGTH_M = 40.0  # the best of benchmarks.beachly_lengths
+LINE_SPACING_M = 2.0  # of the point sources of a line
+OBSERVATION_SPACING_M = 5.0  # along a drawn line or polygon
+PAPER_LENGTH_M = 40.0  # the best in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
 CAMERA_EVERY_S = 15.0  # between corrections by cameras; one takes a tenth of a second
-WHOLE_AFTER = 1.25  # times as many observations as at the last fit from nothing comes another
+WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
 
 
 class EstimatedFire:
@@ -51,7 +51,7 @@ class EstimatedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        # Spheres of the line under way; its flight keeps clear of them by itself.
+        # Spheres of the current line, whose flight keeps clear of them by other means.
         self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
@@ -60,7 +60,7 @@ class EstimatedFire:
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         self._fitted: GaussianCorrected | None = None
-        self._whole = 0  # observations at the last fit that began from nothing
+        self._whole = 0  # observations at the last fit from the start
         for line in burn.lit:
             self._sources = np.vstack(
                 [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
@@ -68,26 +68,26 @@ class EstimatedFire:
 
     @property
     def simulation(self) -> Simulation:
-        """The fire as estimated now, corrections included; without the spheres in ``held``."""
+        """The present estimate of the fire with corrections, without the spheres in ``held``."""
         if self._simulation is None:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """When fire comes to a place (s), from spheres in ``held`` too."""
+        """Arrival time of fire at a place in seconds, including fire from spheres in ``held``."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
 
     @property
     def base(self) -> EllipseFire:
-        """The same without corrections."""
+        """The estimated fire without corrections."""
         if self._base is None:
             self._base = self.lights(self._sources)
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """The fire of some sources (n, 3) x, y, at_s alone."""
+        """A fire from sources (n, 3) x, y, at_s alone, with the burn's fuel and weather."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             fuel = self._burn.fuel_model
@@ -111,7 +111,7 @@ class EstimatedFire:
     def apply(self, event: object) -> bool:
         """Apply an event; whether the estimate changed.
 
-        Raises FireModelError for a correction that cannot be drawn; nothing is changed then.
+        Raises FireModelError for a correction with an invalid shape; nothing is changed then.
         """
         before = self.version
         match event:
@@ -121,7 +121,7 @@ class EstimatedFire:
                 )
             case Corrected() | Erased() | Undone() | Redone():
                 if isinstance(event, Corrected):
-                    # Raises for what cannot be drawn, before anything changes.
+                    # Raises for an invalid shape, before anything changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.apply(event)
                 self._mark()
@@ -138,25 +138,25 @@ class EstimatedFire:
         return self.version != before
 
     def hold(self, source: tuple[float, float, float]) -> None:
-        """A sphere of the line under way: x, y, and when it ignites."""
+        """Add a sphere of the current line: x, y in metres and its ignition time in seconds."""
         self.held = np.vstack([self.held, source])
 
     def let_go(self) -> None:
-        """The line is complete: its spheres count as fires from now on."""
+        """Complete the current line: its spheres become sources of the estimate."""
         if len(self.held):
             held, self.held = self.held, np.empty((0, 3))
             self.ignite(held)
             self._mark()
 
     def ignite(self, sources: Floats) -> None:
-        """Points (n, 3) x, y, at_s burn from then on."""
+        """Add sources (n, 3) x, y, at_s to the estimate."""
         self._sources = np.vstack([self._sources, sources])
         if self._base is not None:
             self._base = self._base.lit(sources)
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Wind from a time on (20 ft, degrees it comes from), in place of what was forecast."""
+        """Set the wind (at 20 ft) from a time on; it replaces the later weather entries."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
@@ -164,14 +164,14 @@ class EstimatedFire:
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
-        """The weather assumed for a time."""
+        """The weather entry in effect at a time."""
         return WeatherStream(tuple(self._entries)).at(at_s)
 
     def _mark(self) -> None:
         """Collect the observations from corrections and cameras."""
         drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
         seen = self._seen.observations()
-        if len(self.held):  # on camera their fires look like others near them
+        if len(self.held):  # a camera cannot separate the spheres' fires from others near them
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
         observations = np.vstack([drawn, seen])
@@ -180,7 +180,7 @@ class EstimatedFire:
             self._changed()
 
     def _changed(self) -> None:
-        """Fit at once: a fit starts from the last one, so it may not depend on when it is read."""
+        """Fit now: a fit starts from the last one, so it must not depend on the time of reading."""
         self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
 
@@ -192,6 +192,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """A wind from true north as a velocity on the grid: x, y in m/s."""
+    """A wind (direction from, relative to true north) as a velocity x, y on the grid in m/s."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

@@ -1,4 +1,4 @@
-"""Forecasts of a burn's estimated fire, on which its plans are based; not the simulated truth."""
+"""Forecasts of a burn's estimated fire, on which plans are based (not of the simulated truth)."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,13 +14,13 @@ from mission_service.fire.estimated_fire import EstimatedFire
 
 Floats = NDArray[np.float64]
 
-# Of the time since it was lit, where no correction constrains the simulation's error:
-# as much as spread and wind are uncertain together (ensemble.py).
+# Relative standard deviation of the time since ignition without corrections: the combined
+# uncertainty of spread and wind (ensemble.py).
 UNCORRECTED_SD = 0.37
 
 
 class EstimatedForecasts:
-    """As ``Forecasts``; a simulation has the future as well as the past."""
+    """As ``Forecasts``, from an estimate that includes future arrival times."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class EstimatedForecasts:
         row, col = np.indices(landscape.shape)
         centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
         self._centres_m = np.column_stack(centres)
-        self.took_s = 0.0  # nothing is burned ahead
+        self.took_s = 0.0  # no fire is simulated for these forecasts
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
@@ -43,12 +43,12 @@ class EstimatedForecasts:
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
     async def probability(self, at_s: float) -> Floats:
-        """(y, x) probability that fire has come by a time."""
+        """Probability (y, x) that fire has reached each cell by a time."""
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
     def close(self) -> None:
-        """Nothing goes on."""
+        """Has no effect; present as in ``Forecasts``."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
         estimate = self._estimate_of()
@@ -60,7 +60,7 @@ class EstimatedForecasts:
         return version, simulation, found[2]
 
     def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
-        sd_of = getattr(simulation, "sd_s", None)  # the paper's correction does not know it
+        sd_of = getattr(simulation, "sd_s", None)  # the paper's correction has none
         if sd_of is None:
             first_s = float(arrival_s.min())
             sd_s = UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)

@@ -21,12 +21,12 @@ from mission_service.fire.ensemble import (
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
-LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now: the next of these to what is asked for
+LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; a request is rounded up to one of these
 LONGEST_S = LENGTHS_S[-1]
-# Burned further than that, so that a slider at "now and three hours" finds it made for a while.
+# Added to the length, so that requests for "now and three hours" are served by it for a while.
 FURTHER_S = 1200.0
-OLD_S = 180.0  # of mission time, when a forecast is computed again
-REST_S = 10.0  # of real time between two, unless people changed the fire
+OLD_S = 180.0  # age in mission time at which a forecast is computed again
+REST_S = 10.0  # minimum real time between two, unless operators changed the fire
 
 Floats = NDArray[np.float64]
 Made = TypeVar("Made", Arrival, Ensemble)
@@ -39,7 +39,7 @@ class _Slot(Generic[Made]):
         self.make: Callable[[Fire, float, int], Made] = make
         self.newest: Made | None = None
         self.begun_s = -math.inf  # real time
-        self.length_s = 0.0  # as far as was ever asked for
+        self.length_s = 0.0  # longest requested so far
         self.work: asyncio.Task[None] | None = None
 
 
@@ -57,7 +57,7 @@ class Forecasts:
         self._fire_of, self._version_of = fire_of, version_of
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
         self._open = True
-        self.took_s = 0.0  # the last one
+        self.took_s = 0.0  # computing time of the last forecast
         self._arrivals: _Slot[Arrival] = _Slot(
             lambda fire, until_s, version: burned_ahead(fire, until_s, version, seed)
         )
@@ -68,7 +68,7 @@ class Forecasts:
         )
 
     async def arrival(self, until_s: float) -> Arrival:
-        """When fire comes where, until a time or later; of the past what is known now.
+        """Arrival times until ``until_s`` or later; for a past time those of the present fire.
 
         Raises FireModelError for a time more than LONGEST_S from now, or not a number.
         """
@@ -80,7 +80,7 @@ class Forecasts:
         return await self._fresh(self._arrivals, until_s)
 
     async def probability(self, at_s: float) -> Floats:
-        """(y, x) share of an ensemble in which each cell has burned by a time; 0 or 1 in the past.
+        """Probability (y, x) that each cell has burned by a time (0 or 1 for a past time).
 
         Raises FireModelError as ``arrival``.
         """
@@ -91,7 +91,7 @@ class Forecasts:
         return probability_at(await self._fresh(self._ensembles, at_s), at_s)
 
     def close(self) -> None:
-        """Cancel what is being computed."""
+        """Cancel running computations."""
         self._open = False
         self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -100,7 +100,7 @@ class Forecasts:
         while not self._serves(kept, until_s, asked_s):
             if kept.work is None or kept.work.done():
                 kept.work = asyncio.create_task(self._work(kept, until_s))
-            # A cancelled request does not cancel the computation: others may wait for it.
+            # A cancelled request does not cancel the computation: other requests may await it.
             await asyncio.shield(kept.work)
         assert kept.newest is not None
         return kept.newest

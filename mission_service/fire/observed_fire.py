@@ -1,6 +1,6 @@
 """The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
 
-The service simulates it in step with the clock; a replay simulates it again from a journal.
+The service advances it with the clock; a replay advances it again from a journal.
 """
 
 import contextlib
@@ -53,20 +53,20 @@ class ObservedFire:
         return self.seen_from(here) if self._is_due(here) else None
 
     def _is_due(self, here: Telemetry) -> bool:
-        """Whether an image is due at this position; if so, sets the time of the next one."""
+        """True if an image is due; the next one is then due one period later."""
         if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
             return False
         self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
         return True
 
     def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """The observation at a position with a footprint enlarged by a distance."""
+        """The observation from this position, with the footprint widened by ``wider_cells``."""
         return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's report; returns the window of changed cells.
+        """Apply an operator's report; returns a window around the cells it changed, or None.
 
-        Raises FireModelError for an impossible report; nothing is changed then.
+        Raises FireModelError for an invalid report; nothing is changed then.
         """
         if isinstance(event, OF_FIRE):
             self.world.advance(event.at_us)
@@ -81,7 +81,7 @@ class ObservedFire:
         elif isinstance(event, VehicleRebooted):
             self._lacking[event.vehicle].clear()
         elif isinstance(event, IgnitionReported):
-            self.world.advance(event.at_us)  # else lit from the last observation
+            self.world.advance(event.at_us)  # else it would burn from the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
@@ -99,7 +99,7 @@ class ObservedFire:
         """Apply an event of a journal; returns the window of changed cells."""
         found = None
         if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # the run was killed before its removal
+            with contextlib.suppress(FireModelError):  # the run was killed before it was reverted
                 found = self.apply_report(event)
         elif isinstance(event, Telemetry):
             self._is_due(event)

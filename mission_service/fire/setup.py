@@ -1,4 +1,4 @@
-"""From a scenario to the landscape, the weather and the fire it describes."""
+"""Creates the landscape, the weather and the fire of a scenario."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,12 +26,12 @@ from mission_service.config.sections import (
 )
 from mission_service.errors import ScenarioError
 
-STALLED = 100  # updates without growth, after which it is looked at whether anything still burns
-LASTING_S = 3600.0  # as long a record of weather may hold without more ado
+STALLED = 100  # updates without growth after which the fire is checked for burning cells
+LASTING_S = 3600.0  # time that the last weather record may hold without a note
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
-    """The landscape a scenario names, its barriers burned in."""
+    """The landscape of a scenario, with its barriers."""
     section = scenario.landscape
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
@@ -75,7 +75,7 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
-    """The weather a scenario gives, or that of the file it names."""
+    """The weather of a scenario, from its entries or its weather file."""
     if scenario.weather_file is not None:
         return _from_file(scenario.weather_file)
     return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
@@ -113,7 +113,7 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """What burns already when the model takes over."""
+    """The initial fire of a scenario, or None."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -136,7 +136,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
-    """A fire of at least so many cells, which the automaton has grown by the scenario's seed."""
+    """An initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
     from firemodel.spread.burning import burning_from_arrival
 
     fire = new_fire(
@@ -177,7 +177,7 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 
 
 def notes_on(scenario: Scenario) -> list[str]:
-    """What is no error and yet may not be as it was meant."""
+    """Notes on settings that are valid but possibly not intended."""
     if scenario.weather_file is None:
         return []
     entries = weather_of(scenario).entries
@@ -192,14 +192,14 @@ def notes_on(scenario: Scenario) -> list[str]:
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
-    """The fire a scenario describes, not yet lit."""
+    """The fire of a scenario at its start."""
     ignitions = _ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
 
 
 def check_fire(scenario: Scenario, landscape: Landscape) -> None:
-    """Raise what ``fire_of`` raises, without loading a spread scheme."""
+    """Raise the errors of ``fire_of``, without loading a spread scheme."""
     burning, at_s = burning_of(scenario, landscape), 0.0
     weather_of(scenario)
     if burning is not None:
@@ -211,7 +211,7 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
 def begun_again(
     scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
 ) -> Fire:
-    """The fire a scenario describes from what burns at a time, with what is lit later."""
+    """The fire of a scenario restarted from a burning state, with the later ignitions."""
     later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
     return _fire(scenario, landscape, weather, later, burning)
 
@@ -246,9 +246,9 @@ def _fire(
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Where the crew reports the fire (x, y): the ignition, or a point reported inside the fire.
+    """The reported position of the fire (x, y): the ignition, or a point reported inside the fire.
 
-    Of a burn it is where its firing boss stands.
+    In a burn it is the position of the firing boss.
     """
     planner, burn = scenario.planner, scenario.burn_flown
     if burn is not None:

@@ -1,6 +1,6 @@
-"""The simulated truth: the landscape, the fire that burns on it, and cameras that observe it.
+"""The simulated truth: the landscape, the fire on it, and the cameras that observe it.
 
-Nothing but observations leaves this module towards the planners.
+Planners receive only observations from this module.
 """
 
 import math
@@ -22,11 +22,11 @@ from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected_fire import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
-AROUND_CELLS = 3  # around a change in the window that is reported, so that its edge is in it
+AROUND_CELLS = 3  # margin of a reported window, so that it contains the edge of the change
 
 
 class Window(NamedTuple):
-    """Cells as an ``Observed`` has them."""
+    """A window of cells as in ``Observed``."""
 
     row: int
     col: int
@@ -34,7 +34,7 @@ class Window(NamedTuple):
 
 
 def window_of_change(before: Fire, after: Fire) -> Window | None:
-    """The cells around those that burn in one of two fires and not in the other."""
+    """The window around the cells that have burned in only one of two fires, or None."""
     burned = after.burned()
     rows, cols = np.nonzero(burned != before.burned())
     if not rows.size:
@@ -46,40 +46,40 @@ def window_of_change(before: Fire, after: Fire) -> Window | None:
 
 
 def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
-    """Codes of characters (y, x) as a string a row."""
+    """Character codes (y, x) as one string for each row."""
     text = codes.astype(np.uint8).tobytes().decode("ascii")
     width = codes.shape[1]
     return tuple(text[start : start + width] for start in range(0, len(text), width))
 
 
 class SimulatedFire:
-    """The burning truth, and what cameras observe of it."""
+    """The simulated truth and the observations of it by cameras."""
 
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """``corrected`` applies operators' reports, where these change what burns."""
+        """``corrected`` applies operators' reports, if reports change this fire."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
 
     def advance(self, at_us: int) -> None:
-        """Let the fire burn up to this mission time (never backwards)."""
+        """Advance the fire to this mission time; an earlier time has no effect."""
         at_s = at_us / 1e6
         if at_s > self.fire.time_s:
             self.fire.advance(at_s)
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
-        """Set fire to what can burn of a point or a line (lat, lon), at the earliest now."""
+        """Light the burnable cells of a point or a line (lat, lon) at ``at_s``, or now if later."""
         fires = [self.fire] if self._corrected is None else self._corrected.all_of(self.fire)
         for row, col in cells_lit(points, self.landscape):
             for fire in fires:
                 fire.light(row, col, max(at_s, fire.time_s))
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply a report of fire or wind; returns the window of cells that burn otherwise.
+        """Apply a report of fire or wind; returns a window around the cells it changed, or None.
 
-        Raises FireModelError for what cannot be; nothing is changed then.
+        Raises FireModelError for an invalid report; nothing is changed then.
         """
         if self._corrected is None:
             return None
@@ -88,15 +88,15 @@ class SimulatedFire:
         return None if self.fire is before else window_of_change(before, self.fire)
 
     def corrections(self) -> list[dict[str, Any]]:
-        """Corrections that hold."""
+        """Status of the corrections in effect."""
         return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(
         self, telemetry: Telemetry, camera: Camera, wider_cells: float = 0.0
     ) -> Observed | None:
-        """What the camera of a vehicle sees from where it is, or nothing outside the landscape.
+        """The observation of a vehicle's camera at its position; None outside the landscape.
 
-        Its footprint reaches ``wider_cells`` farther than the camera's own.
+        ``wider_cells`` is added to the footprint of the camera on each side.
         """
         self.advance(telemetry.at_us)
         land = self.landscape
@@ -136,7 +136,7 @@ class SimulatedFire:
 def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
     """The fire of a scenario, corrected by operators.
 
-    In a burn it is the simulated truth: reports change the estimate, not what burns.
+    In a burn it is the simulated truth: reports change the estimate, not this fire.
     """
     corrected = None
     if scenario.burn_flown is None:
@@ -145,7 +145,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
 
 
 def check(scenario: Scenario) -> dict[str, object]:
-    """Everything a scenario names, loaded; raises what is wrong with it."""
+    """Load everything a scenario names, and return a summary; raises an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
     sharing(scenario.vehicles)

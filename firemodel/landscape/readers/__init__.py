@@ -1,1 +1,1 @@
-"""Files into arrays and geometries: rasters of landscapes and arrival times, shapes, weather."""
+"""Readers of files: rasters of landscapes and arrival times, shapes, weather."""

@@ -1,4 +1,4 @@
-"""One band of a raster file: what its header says, its values, and what is wrong with either."""
+"""One band of a raster file: its header, its values and the problems of both."""
 
 import math
 import warnings
@@ -17,12 +17,12 @@ from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
 Mask = NDArray[np.bool_]
 
-LCP_NODATA = -9999.0  # the format's own; its header has no place for another
+LCP_NODATA = -9999.0  # fixed by the format, whose header has no nodata value
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Where the cells of a raster lie; the corner is the outer one of cell (0, 0)."""
+    """Position of a raster's cells; the corner is the outer one of cell (0, 0)."""
 
     crs: str
     shape: tuple[int, int]
@@ -31,7 +31,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """What is different about another grid; empty if nothing is (to 1/1000 of a cell)."""
+        """Description of how another grid differs; empty if it does not (to 1/1000 of a cell)."""
         if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
             return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -50,7 +50,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """What a file's header says of one band, as it stands there and not yet checked."""
+    """The header of one band as it stands in the file, not checked."""
 
     path: Path
     number: int  # from 1
@@ -62,15 +62,15 @@ class Band:
     crs: str | None
     transform: Any  # affine.Affine from (column, row) of cell corners to x, y
     nodata: float | None
-    masked: bool  # whether the file has a mask besides
-    unit: str  # as written, empty if not
+    masked: bool  # True if the file also has a mask
+    unit: str  # as written in the file, empty if it is not given
     scale: float
     offset: float
     tags: dict[str, str]
 
     @property
     def name(self) -> str:
-        """How errors call it."""
+        """Name of the band in errors."""
         return f"{self.path}" if self.count == 1 else f"{self.path} band {self.number}"
 
 
@@ -90,7 +90,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
     check_file(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # told by ``grid_problem``
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
             with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
                 crs = file.crs.to_string() if file.crs else None  # slow: looks for a code
                 return tuple(
@@ -122,7 +122,7 @@ def _nodata(driver: str, declared: float | None) -> float | None:
 
 
 def _unit(declared: str | None, tags: dict[str, str]) -> str:
-    """The band's unit as GDAL has it: of its own, or as in the header of an .lcp."""
+    """The band's unit from GDAL: the declared one, or the one in the header of an .lcp."""
     named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
     return declared or next(named, "")
 
@@ -132,7 +132,10 @@ def _line(error: Exception) -> str:
 
 
 def band_of(source: Path | tuple[Path, int]) -> Band:
-    """The band a file or (file, number from 1) names. Raises FireModelError if there is none."""
+    """The band of a file with one band, or of (file, number from 1).
+
+    Raises FireModelError if there is no such band.
+    """
     path, number = source if isinstance(source, tuple) else (source, 0)
     bands = bands_of(path)
     if number == 0 and len(bands) != 1:
@@ -145,7 +148,7 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """The band (y, x) in the type it has in the file. Raises FireModelError if it is damaged."""
+    """Values (y, x) of a band in the file's type. Raises FireModelError if the file is damaged."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -175,7 +178,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
 
 
 def _fits(value: float, values: NDArray[Any]) -> bool:
-    """Whether the array's type can hold a value; float32 files round theirs."""
+    """True if the array's type can hold a value, with rounding if it is a float type."""
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)
@@ -183,15 +186,15 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Words for the first of some cells: value, row, column and how many there are."""
+    """Text that names the first of the bad cells (value, row, column) and their number."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 
 
 def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
-    """Each thing that keeps a band's header from being a north-up grid of squares in metres.
+    """The reasons why a band is not a north-up grid of square cells in metres, one line each.
 
-    ``crs`` is that of files which have none.
+    ``crs`` is the CRS of files without one.
     """
     transform, found = band.transform, band.crs or crs
     if found is None:
@@ -228,14 +231,14 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
 
 
 def grid_of(band: Band, crs: str | None = None) -> Grid:
-    """Where a band's cells lie. Raises FireModelError with the first of ``grid_problems``."""
+    """The grid of a band. Raises FireModelError with the first of ``grid_problems``."""
     refuse(grid_problems(band, crs))
     west_m, north_m = band.transform.c, band.transform.f
     return Grid(str(band.crs or crs), band.shape, west_m, north_m, band.transform.a)
 
 
 def grid_of_landscape(land: Landscape) -> Grid:
-    """Where a landscape's cells lie."""
+    """The grid of a landscape."""
     return Grid(land.crs, land.shape, land.west_m, land.north_m, land.cell_size_m)
 
 

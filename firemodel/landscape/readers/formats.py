@@ -1,7 +1,8 @@
-"""Recognises a file's format by its content before GDAL opens it; refuses files that name others.
+"""Recognises a file's format by its content before GDAL opens it.
 
-GDAL recognises formats by content too, and some of them (VRT, OGR-VRT, GDALG, web services) name
-files and URLs to open, whatever the file's extension. So the few accepted formats are checked here.
+GDAL also goes by content, and some of its formats (VRT, OGR-VRT, GDALG, web services) contain names
+of files and URLs that GDAL then opens, whatever the file's extension. Therefore only the few
+formats checked here are accepted.
 """
 
 import json
@@ -16,18 +17,18 @@ from firemodel.errors import FireModelError
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcenter", b"cellsize")
 IMAGINE = b"EHFA_HEADER_TAG"
-LCP_FLAGS = (20, 21)  # what an .lcp begins with, twice
+LCP_FLAGS = (20, 21)  # an .lcp begins with two of these
 SHAPEFILE = struct.pack(">i", 9994)
 GEOJSON = (
     *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
     *("MultiLineString", "Polygon", "MultiPolygon"),
 )
-# Of a zipped Shapefile or a KMZ, with what programs put beside them.
+# Files in a zipped Shapefile or a KMZ, including those that programs add to them.
 IN_ARCHIVES = (
     *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
     *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
 )
-OFFLINE = {  # for GDAL, should one of its formats name an address all the same
+OFFLINE = {  # GDAL's options against network access, should an accepted file name an address
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
     "CPL_CURL_ENABLE_VSIMEM": "NO",
     "GDAL_HTTP_MAX_RETRY": "0",
@@ -53,7 +54,7 @@ def raster_driver(path: Path) -> str:
 
 
 def check_shapes(path: Path) -> None:
-    """Raise FireModelError for what is no GeoJSON, KML, KMZ or Shapefile (zipped or not)."""
+    """Raise FireModelError unless a file is GeoJSON, KML, KMZ or a Shapefile (zipped or not)."""
     start = _start(path).removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"{"):
         _check_geojson(path)

@@ -1,4 +1,4 @@
-"""What the layers of a landscape are called in files, and which units they come in."""
+"""Names and units of a landscape's layers in files."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
 from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
-# How much of a metre, or of one, is in a unit.
+# Each unit in metres, or as a fraction.
 FACTORS = {
     "m": 1.0,
     "m*10": 0.1,
@@ -33,9 +33,9 @@ UNITS = {
     "canopy_height": _HEIGHTS,
     "canopy_base": _HEIGHTS,
 }
-# What all programs write; everything else must be given.
+# Units that all programs use; the units of other layers must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
-# Share of the sky in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
+# Canopy cover in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)
 
 _WRITTEN_UNITS = {
@@ -58,7 +58,7 @@ _DESCRIPTIONS = {
     "fuel model": "fuel",
     "canopy base height": "canopy_base",
 }
-# LANDFIRE's layer names stand for one unit each (its data dictionary).
+# Each of LANDFIRE's layer names implies a unit (its data dictionary).
 _LANDFIRE = {
     "f13": ("fuel", ""),
     "f40": ("fuel", ""),
@@ -77,10 +77,10 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 
 
 def layer_of(description: str) -> tuple[str, str]:
-    """(layer, unit) that a band's description names; empty where it names none.
+    """The (layer, unit) in a band's description, each empty if it is not named.
 
-    Known are the words of .lcp files, those of this package, and LANDFIRE's layer names
-    (``LC20_SlpD_220``), which stand for a unit.
+    Recognised are the names in .lcp files, those of this package, and LANDFIRE's layer names
+    (``LC20_SlpD_220``), which imply a unit.
     """
     words = description.strip().lower()
     known = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
@@ -91,9 +91,9 @@ def layer_of(description: str) -> tuple[str, str]:
 
 
 def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
-    """Which bands of a file are which layers, by their descriptions.
+    """The (file, band) of each layer in a file, by the bands' descriptions.
 
-    Raises FireModelError if none is named or two are the same layer.
+    Raises FireModelError if no description names a layer, or two name the same layer.
     """
     bands = bands_of(path)
     found: dict[str, tuple[Path, int]] = {}
@@ -115,7 +115,7 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
 
 
 def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
-    """Units that are given for what is not there."""
+    """Errors for units given for unknown or missing layers, or layers without a unit."""
     for layer in units:
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
@@ -126,9 +126,9 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """The unit a layer's values are in: as given, else as the file says; never a guess.
+    """The unit of a layer's values: as given, else as in the file, else one of ``USUAL_UNITS``.
 
-    Raises FireModelError if neither does, or if it is not one of ``UNITS``.
+    Raises FireModelError if the unit is unknown or not one of ``UNITS``.
     """
     choices = UNITS[layer]
     if not choices:
@@ -145,7 +145,7 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
 
 
 def limits(layer: str, unit: str) -> tuple[float, float]:
-    """Least and largest value that can be, in the unit of the file."""
+    """Minimum and maximum of valid values, in the unit of the file."""
     if unit == "degrees":
         return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
     if unit == "class":
@@ -161,7 +161,7 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
 def value_problems(
     layer: str, unit: str, band: Band, values: NDArray[Any], missing: Mask
 ) -> Iterator[str]:
-    """Each thing wrong with a layer's values (y, x) in the unit of the file."""
+    """The problems of a layer's values (y, x) in the unit of the file, one line each."""
     if layer == "fuel":
         yield from _fuel_problems(band, values, missing)
         return
@@ -184,7 +184,7 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
             "write the converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):
-        if band.driver != "AAIGrid":  # which has no types
+        if band.driver != "AAIGrid":  # an ASCII grid has no types
             yield (
                 f"{band.name}: fuel codes must be integers, the file holds {values.dtype}; "
                 "write it as int16"
@@ -204,9 +204,9 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
 
 
 def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:
-    """Metres, degrees, or a share of one, from the file's values; 0 where missing (y, x).
+    """Convert a file's values (y, x) to metres, degrees or fractions; 0 where missing.
 
-    Slope becomes rise over run, whatever its unit.
+    Slope in any unit becomes rise over run.
     """
     present = np.where(missing, 0, values)  # a nodata value may be beyond float32
     if unit == "class":
@@ -224,8 +224,8 @@ def to_gradient(
 ) -> NDArray[np.float32]:
     """Rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
 
-    Aspect is where the ground falls to, clockwise from north; -1 is level ground, as LANDFIRE
-    writes it.
+    Aspect is the direction in which the ground falls, clockwise from north; -1 is level ground (as
+    in LANDFIRE).
     """
     gradient = np.empty((2, *slope_tan.shape), dtype=np.float32)
     falls = np.deg2rad(aspect_deg)

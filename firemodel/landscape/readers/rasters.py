@@ -48,8 +48,8 @@ def read_landscape(
 ) -> Landscape:
     """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
 
-    Fuel is needed, and elevation, or slope with aspect, or all three; the canopy is optional. Slope
-    and aspect, where given, make the gradient instead of the elevation.
+    Required are fuel and either elevation or slope with aspect (or all three); the canopy is
+    optional. The gradient is computed from slope and aspect if given, else from the elevation.
 
     Args:
         files: One file whose bands name their layers (an .lcp, or a GeoTIFF with band
@@ -58,8 +58,8 @@ def read_landscape(
         units: The unit of a layer (``layers.UNITS``), instead of the one in the file. Without
             either, elevation is in metres, aspect in degrees clockwise from north, and slope and
             canopy are refused.
-        missing: Cells without a value in a layer are refused, or become bare ground (99), level or
-            of the nearest elevation, without trees.
+        missing: Cells without a value in a layer are refused, or become bare ground (99) without
+            slope and trees; a missing elevation becomes that of the nearest cell.
         crs: The CRS of files that have none.
         nodata: A value that stands for no data, besides those that the files declare.
 
@@ -118,7 +118,7 @@ def read_landscape(
 def bands_for(files: Sources) -> dict[str, Band]:
     """The band of each layer, in the order of ``layers.LAYERS``.
 
-    Raises FireModelError if a layer is unknown, or one that is needed is not there.
+    Raises FireModelError if a layer is unknown or a required one is missing.
     """
     sources = layers_of(files) if isinstance(files, Path) else files
     where = str(files) if isinstance(files, Path) else "landscape"
@@ -139,14 +139,14 @@ def bands_for(files: Sources) -> dict[str, Band]:
 
 
 def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
-    """What keeps a band from lying on another file's grid."""
+    """A problem if the grid of a band differs from another file's grid."""
     differs = other.difference(grid)
     if differs:
         yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
 
 
 def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
-    """That a band has cells without a value."""
+    """A problem if a band has cells without a value."""
     if without.any():
         yield (
             f"{band.name}: no data: value {cells_with(without, values)}; fill or crop them, or "
@@ -155,7 +155,7 @@ def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
 
 
 def _filled(band: Band, heights_m: NDArray[Any], without: Mask) -> NDArray[Any]:
-    """Elevation (y, x) with that of the nearest cell where there is none."""
+    """Elevation (y, x) with missing cells set to the elevation of the nearest cell with a value."""
     from scipy import ndimage
 
     if without.all():
@@ -172,10 +172,10 @@ def read_arrival(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> NDArray[np.float64]:
-    """When a fire reached each cell: seconds, float64 (y, x), infinity where it has not.
+    """Read arrival times of a fire: seconds, float64 (y, x), infinity for unburned cells.
 
-    The raster lies on the landscape's grid; cells without a value have not burned. ``unit`` is
-    that of its values, ``crs`` and ``nodata`` are as in ``read_landscape``.
+    The raster must lie on the landscape's grid; cells without a value are unburned. ``unit`` is the
+    unit of its values; ``crs`` and ``nodata`` are as in ``read_landscape``.
 
     Raises FireModelError naming file, cell and value.
     """

@@ -24,14 +24,14 @@ Record = dict[str, Any]
 
 
 def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
-    """The geometries of a file's features, in its order, in the landscape's CRS and without z.
+    """Read the geometries of a file's features, in its order, in the landscape's CRS, without z.
 
-    GeoJSON, KML, KMZ, Shapefile (zipped or not) and what else GDAL reads. GeoJSON is longitude and
-    latitude (RFC 7946) unless it has a ``crs`` member, as older files do.
+    The file is GeoJSON, KML, KMZ or a Shapefile (zipped or not). GeoJSON is longitude and latitude
+    (RFC 7946) unless it has a ``crs`` member, as older files do.
 
     Args:
         path: The file.
-        landscape: Its CRS is that of the result, and each feature must touch its grid.
+        landscape: The geometries are projected to its CRS; each must touch its grid.
         crs: The CRS of files that have none.
 
     Returns:
@@ -55,9 +55,10 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
-    """Geometries of all layers as they are in a file, empty where there is none, and their CRS.
+    """The geometries of all layers of a file, unchanged, and their CRS.
 
-    Raises FireModelError if it cannot be read as shapes.
+    A feature without geometry gives an empty one. Raises FireModelError if the file cannot be read
+    as shapes.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
@@ -74,7 +75,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     names: set[str | None] = set()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of geometries that are refused below
+            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries refused below
             for layer, _ in pyogrio.list_layers(path):
                 if pyogrio.read_info(path, layer=layer)["driver"] == "GeoJSON":
                     _check_crs_member(path)
@@ -94,9 +95,10 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 
 
 def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Geometries, CRS and attributes of a zipped Shapefile in memory, one of each a feature.
+    """Geometries, CRS and attributes of a zipped Shapefile in memory.
 
-    Dates are numpy.datetime64. Raises FireModelError if it cannot be read.
+    There is a geometry and a record of attributes for each feature; dates are numpy.datetime64.
+    Raises FireModelError if the file cannot be read.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
@@ -104,7 +106,7 @@ def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, 
     path = Path(name)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of odd dates and geometries
+            warnings.simplefilter("ignore", RuntimeWarning)  # for invalid dates and geometries
             meta, _, geometries, columns = pyogrio.raw.read(data, force_2d=True)
     except (
         DataSourceError,
@@ -112,7 +114,7 @@ def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, 
         FeatureError,
         GeometryError,
         ValueError,
-        LookupError,  # pyogrio 0.13 has these two for some files that are damaged
+        LookupError,  # pyogrio 0.13 raises these two for some damaged files
         NameError,
     ) as error:
         raise FireModelError(f"{name}: cannot be read as shapes ({_first_line(error)})") from None
@@ -134,7 +136,7 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
 
 
 def _first_line(error: Exception) -> str:
-    """Without pyogrio's advice on drivers."""
+    """The text of an error without pyogrio's advice on drivers."""
     return " ".join(str(error).split(".;")[0].split())
 
 
@@ -143,7 +145,7 @@ def _beside(path: Path, suffix: str) -> bool:
 
 
 def _check_crs_member(path: Path) -> None:
-    """GDAL takes a GeoJSON for longitude and latitude if it does not understand its ``crs``."""
+    """Refuse a GeoJSON with an unknown ``crs``, which GDAL would read as longitude and latitude."""
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except ValueError as error:
@@ -161,7 +163,7 @@ def _check_crs_member(path: Path) -> None:
 
 
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
-    """What is wrong with the CRS of a file of shapes, or with the one given for it."""
+    """The problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
         lost = "has no .prj file beside it" if path.suffix.lower() == ".shp" else "has no CRS"
         yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
@@ -180,7 +182,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
-    """What is wrong with one feature's geometry by itself."""
+    """The problems of one feature's geometry, apart from its place, one line each."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
         yield f"{where} is empty; delete or draw it"
@@ -206,7 +208,7 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
 def place_problems(
     path: Path, number: int, shape: BaseGeometry, landscape: Landscape
 ) -> Iterator[str]:
-    """That a geometry in the landscape's CRS is nowhere on the landscape."""
+    """A problem if a geometry in the landscape's CRS does not touch the landscape."""
     if not all(map(math.isfinite, shape.bounds)):
         yield f"{path}: feature {number} is too far off to be projected onto the landscape"
     elif not shape.intersects(box_of(landscape)):
@@ -229,7 +231,7 @@ def box_of(landscape: Landscape) -> BaseGeometry:
 
 
 def into_crs(shape: BaseGeometry, crs: str, to_crs: str) -> BaseGeometry:
-    """A geometry in another CRS, vertex by vertex; x is the east or the longitude in both."""
+    """Transform the vertices of a geometry to another CRS; x is easting or longitude in both."""
     transformer = _transformer(crs, to_crs)
 
     def moved(xy: NDArray[np.float64]) -> NDArray[np.float64]:

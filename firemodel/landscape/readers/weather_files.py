@@ -20,7 +20,10 @@ Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column gives ``value * scale + offset``; the value in the file is from low to high."""
+    """A column of a file: the field it ``gives`` is ``value * scale + offset``.
+
+    Values in the file must be from ``low`` to ``high``.
+    """
 
     gives: str
     low: float
@@ -55,8 +58,8 @@ COLUMNS = (
     }
     | {name: Column(name, 0.0, 500.0) for name in MOISTURES}
 )
-# After year, month, day and time; the last one is cloud cover, which nothing here needs. Metric
-# winds are at 10 m and in km/h: so does FARSITE read them.
+# Columns after year, month, day and time; the last one, cloud cover, is not used. Metric winds are
+# at 10 m and in km/h, as in FARSITE.
 RAWS_COLUMNS = {
     "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
     "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
@@ -77,16 +80,17 @@ def read_weather(
 
     CSV has one header line that names the columns, in any order: ``time`` (ISO 8601) or ``at_s``
     (then without ``start``); a wind speed, ``wind_speed_`` (20 ft) or ``wind_10m_`` with ``m_s``,
-    ``mph`` or ``kmh``; ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north; and, where
-    wanted, the rest of ``COLUMNS``. Rain falls between a record and the next.
+    ``mph`` or ``kmh``; ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north; and,
+    optionally, others of ``COLUMNS``. The rain of a record falls between it and the next one.
 
     Args:
         path: The file.
-        start: The stream's 0 s, by default the first record's time. The file must span it; earlier
-            records are left out. Without a UTC offset for .raws and .wxs.
-        moisture: Fuel moistures (fractions) that the file has no columns for.
-        conditioned: The dead moistures follow temperature, humidity and rain from ``moisture`` at
-            the file's first record on (``physics/moisture.py``).
+        start: The time of the stream's 0 s, by default that of the first record. It must lie within
+            the file; records that end before it are left out. For .raws and .wxs it has no UTC
+            offset.
+        moisture: Fuel moistures (fractions) for classes that have no column in the file.
+        conditioned: The dead moistures begin with ``moisture`` at the file's first record and then
+            follow temperature, humidity and rain (``physics/moisture.py``).
 
     Returns:
         The weather, wind at 20 ft in m/s.
@@ -149,7 +153,7 @@ def _csv_rows(path: Path) -> Rows:
 
 
 def _raws_rows(path: Path) -> Rows:
-    """Rows with CSV's column names. The number in the line RAWS: is often wrong and not used."""
+    """The records with CSV's column names; the count in the line RAWS: is often wrong, not used."""
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
     units = ""
@@ -191,7 +195,7 @@ def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) 
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> None:
-    """Refuse unknown columns, two of the same thing, and a lack of time or wind."""
+    """Refuse unknown columns, two columns of one quantity, and a missing time or wind."""
     given: dict[str, str] = {}
     for name in names:
         if name not in COLUMNS and name not in TIMES:
@@ -212,7 +216,7 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
-    """One value, in the unit of what the column gives."""
+    """One value of a column, in the unit of the field that the column gives."""
     column = COLUMNS[name]
     value = _float(path, line, name, text)
     if not column.low <= value <= column.high:
@@ -233,7 +237,7 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 
 
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
-    """Seconds of each record after the start: finite, increasing, and around 0."""
+    """Time of each record in seconds after the start: finite, increasing, with 0 in the range."""
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
         if start is not None:
@@ -282,7 +286,7 @@ def _moistures_pct(
     moisture: Moisture | None,
     conditioned: bool,
 ) -> Floats:
-    """Moistures of the five classes, shape (n, 5): from the file, conditioned, or held."""
+    """Moistures of the five classes in percent, (n, 5): from the file, conditioned or constant."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")

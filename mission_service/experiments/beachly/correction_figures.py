@@ -29,13 +29,13 @@ SHOWN_MIN = (WATCHING.begins_s[1] + WATCHING.segment_s) / MINUTE_S
 
 
 def draw(out: Path, studies: list[Study]) -> None:
-    """Both, of all fires and of the one whose errors are the most usual."""
+    """Draw fig. 10 from all studies and fig. 11 from the median one."""
     draw_errors(out / "fig10.png", studies)
     draw_fronts(out / "fig11.png", usual(studies))
 
 
 def usual(studies: list[Study]) -> Study:
-    """That in the middle of all, by what is left of the error with our method."""
+    """The median study by the remaining fraction of the error with the Gaussian process."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))
@@ -45,7 +45,7 @@ def usual(studies: list[Study]) -> Study:
 
 
 def draw_errors(path: Path, studies: list[Study]) -> None:
-    """Fig. 10: left one fire with its participants, right the mean of all."""
+    """Draw fig. 10: left one fire with its participants, right the mean of all."""
     figure = Figure(figsize=(12.0, 4.8), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
@@ -81,7 +81,7 @@ def draw_errors(path: Path, studies: list[Study]) -> None:
 
 
 def draw_fronts(path: Path, one: Study) -> None:
-    """Fig. 11: true and simulated fronts at the end of the second segment."""
+    """Draw fig. 11: true and simulated fronts at the end of the second segment."""
     figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     at_s = SHOWN_MIN * MINUTE_S

@@ -1,14 +1,14 @@
-"""Section VII of Beachly et al.: how much corrections by people mend a simulated fire.
+"""Section VII of Beachly et al.: the effect of participants' corrections on a simulated fire.
 
 Front errors are as in VII.B: the mean distance from the true front, inside the unit, to the closest
-simulated one, every minute. At each minute only what was marked by then is known. Reported is the
-mean from the first segment's begin to the second one's end, as in the paper, and that of all
-minutes from the first segment's begin on.
+simulated one, every minute. At each minute only the observations made by then are used. Reported
+are the mean from the begin of the first segment to the end of the second one, as in the paper, and
+the mean of all minutes from the begin of the first segment on.
 
-The share that corrections take away depends on how wrong the model is, since what they leave hardly
-does. On fires 0 to 19 with a less wrong model (17.8 m uncorrected, segments from minute 12 on) it
-was 34 % by the paper's method and 54 % by ours; the model was then mis-set more, for about the
-paper's 24.8 m. Fires 100 to 119 were not looked at before.
+The relative reduction of the error depends on the model's error, because the remaining error hardly
+does. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute 12 on)
+it was 34 % by the paper's method and 54 % by ours; the model's error was then increased to about
+the paper's 24.8 m. Fires 100 to 119 were not used before.
 """
 
 from collections.abc import Callable
@@ -45,8 +45,8 @@ FIRES = tuple(range(100, 120))  # seeds; constants were chosen on 0 to 19 and fr
 PARTICIPANTS = 3  # of each fire
 MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
-PAPER_LENGTH_M = 20.0  # chosen before, see benchmarks/beachly_lengths.py
-BEYOND_M = 150.0  # around the unit, where simulated fronts still count
+PAPER_LENGTH_M = 20.0  # chosen in advance, see benchmarks/beachly_lengths.py
+BEYOND_M = 150.0  # margin around the unit in which simulated fronts are included
 METHODS: dict[str, Method] = {
     "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),
     "gaussian": GaussianCorrected,
@@ -54,21 +54,21 @@ METHODS: dict[str, Method] = {
 
 
 class Case(NamedTuple):
-    """A truth and its model, as all participants and methods have them."""
+    """A true fire and its model, the same for all participants and methods."""
 
     name: str
-    at_s: Floats  # when errors are measured
-    fronts: list[Floats]  # true ones then, (n, 2) each
+    at_s: Floats  # times at which errors are measured
+    fronts: list[Floats]  # true fronts at these times, (n, 2) each
     model: Simulation
     grid: Landscape  # where the model is evaluated
-    points: Floats  # (rows * cols, 2) its cells
-    before_s: Floats  # (rows, cols) burned at the beginning: a time; else infinite
-    apart_m: float = APART_M  # of points on fronts
-    max_m: float = FARTHEST_M  # that a front may be off
+    points: Floats  # (rows * cols, 2) centres of its cells
+    before_s: Floats  # (rows, cols) arrival time of cells burned at the beginning, else infinity
+    apart_m: float = APART_M  # spacing of points on fronts
+    max_m: float = FARTHEST_M  # upper limit of a front's error
 
 
 class Study(NamedTuple):
-    """What one participant's observations did."""
+    """The effect of one participant's observations."""
 
     case: Case
     participant: int
@@ -78,7 +78,7 @@ class Study(NamedTuple):
 
 
 def study(burn: Burn, participants: int) -> list[Study]:
-    """All participants and methods on one fire."""
+    """Run all participants and methods on one fire."""
     case = case_of(burn)
     uncorrected_m = errors_m(case, np.empty((0, 4)), None)
     found = []
@@ -90,7 +90,7 @@ def study(burn: Burn, participants: int) -> list[Study]:
 
 
 def case_of(burn: Burn) -> Case:
-    """What is compared on one fire, each minute from the first segment's begin on."""
+    """The case of one fire, with errors each minute from the begin of the first segment on."""
     at_s = np.arange(WATCHING.begins_s[0], END_S + 1.0, MINUTE_S)
     fronts = [front_points(burn.arrival_s, float(time), burn.landscape) for time in at_s]
     fronts = [front[inside(front, unit_box())] for front in fronts]
@@ -100,7 +100,7 @@ def case_of(burn: Burn) -> Case:
 
 
 def observations_of_participant(burn: Burn, participant: int) -> Floats:
-    """The observations (n, 4) of one of them; always the same."""
+    """The observations (n, 4) of one participant, determined by the fire and the participant."""
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
     return random_observations(
@@ -111,7 +111,7 @@ def observations_of_participant(burn: Burn, participant: int) -> Floats:
 def grid_around(
     box: tuple[float, float, float, float], beyond_m: float, cell_m: float, crs: str
 ) -> Landscape:
-    """A level grid around a box, to evaluate a simulation on."""
+    """A level grid around a box, on which a simulation is evaluated."""
     west, south, east, north = box
     cols, rows = (
         int(np.ceil((size + 2.0 * beyond_m) / cell_m)) for size in (east - west, north - south)
@@ -126,14 +126,14 @@ def cells_of(grid: Landscape) -> Floats:
 
 
 def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """(rows, cols) by the model, corrected or not."""
+    """Arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
     fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Front error at each time, by what was marked until then."""
+    """Front error in metres at each time, from the observations made by then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
@@ -146,12 +146,12 @@ def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
 
 
 def in_period(at_s: Floats) -> NDArray[np.bool_]:
-    """From the first segment's begin to the second one's end, as in the paper."""
+    """Mask of the times up to the end of the second segment, as in the paper."""
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 
 def rows_of(one: Study) -> list[dict[str, Any]]:
-    """A row for each method."""
+    """The result of a study, one row for each method."""
     period = in_period(one.case.at_s)
     return [
         {

@@ -1,9 +1,9 @@
-"""The Maria fire (California, 2019) as the truth that corrections are compared with.
+"""Corrections compared with the Maria fire (California, 2019) as the truth.
 
-The model is an ellipse from everywhere along the first perimeter that was flown, one fuel and the
-wind noted on that perimeter for all time; a later perimeter can only be approached by corrections,
-since the ground is steep and the fuel is not one. Participants mark points of each next
-perimeter, noisily; the error is that at the perimeter after it, which is not marked yet.
+The model has ellipses from all points of the first mapped perimeter, with one fuel and the wind
+recorded for that perimeter at all times. It cannot match the later perimeters without corrections,
+since the terrain is steep and the fuel varies. Participants mark points of each next perimeter with
+noise; the error is measured at the perimeter after it, which is not marked yet.
 """
 
 from collections.abc import Callable
@@ -53,20 +53,20 @@ METHODS: dict[str, Method] = {
 
 
 class Perimeter(NamedTuple):
-    """What had burned, in ``CRS``, and the weather noted then, its time that of the perimeter."""
+    """A burned area in ``CRS``, and the weather recorded with it at the time of the perimeter."""
 
     area: BaseGeometry
     weather: Weather
 
 
 def folder() -> Path | None:
-    """Where the data is, beside the repository or above it."""
+    """The folder of the data in or above the repository, or None."""
     found = [above / FOLDER for above in Path(__file__).parents if (above / FOLDER).is_dir()]
     return found[0] if found else None
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """Those flown, in order of time; seconds count from the first."""
+    """The mapped perimeters in order of time, in seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -90,7 +90,7 @@ def read_perimeters(path: Path) -> list[Perimeter]:
 
 
 def case_of(perimeters: list[Perimeter]) -> Case:
-    """The model from the first perimeter, the others as the truth."""
+    """The case with the model from the first perimeter and the others as the truth."""
     bounds = shapely.total_bounds([one.area for one in perimeters])
     box = tuple(float(bound) for bound in bounds)
     grid = grid_around((box[0], box[1], box[2], box[3]), BEYOND_M, CELL_M, CRS)
@@ -114,9 +114,9 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 
 
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Observations (n, 4) along the perimeters in order of time, all but the last; noisy.
+    """Noisy observations (n, 4) along all perimeters but the last, in order of time.
 
-    They are known just after the perimeter they were made on, so never at their own.
+    Their times are 1 s after their perimeter, so that they do not correct the error measured there.
     """
     found = []
     for at_s, front, number in zip(
@@ -134,7 +134,7 @@ def random_observations(rng: np.random.Generator, count: int, case: Case) -> Flo
 
 
 def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> list[dict[str, Any]]:
-    """A row for each participant and method, as of the random fires; none without the data."""
+    """A row for each participant and method, as for the random fires; none without the data."""
     data = data or folder()
     if data is None:
         progress(f"Maria is left out: no {FOLDER} beside the repository")

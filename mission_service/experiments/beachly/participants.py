@@ -1,4 +1,4 @@
-"""What a simulated participant of Beachly's study marks, and how far a simulated front is off."""
+"""Observations of simulated participants in Beachly's study, and errors of simulated fronts."""
 
 from typing import Any, NamedTuple
 
@@ -16,11 +16,11 @@ Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
 APART_M = 1.0  # of points on a front, the paper's grid
 FARTHEST_M = 150.0
-NEVER_S = 1e6  # later than anything, so that the edge lies at the cell burned
+NEVER_S = 1e6  # arrival time of unburned cells, so late that the edge is at the burned cell
 
 
 class Watching(NamedTuple):
-    """How a study is run; the paper's five segments of three minutes."""
+    """Parameters of a study, such as the paper's five segments of three minutes."""
 
     begins_s: tuple[float, ...]
     segment_s: float
@@ -49,7 +49,7 @@ def front_points(
 
 
 def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
-    """Which points (n, 2) are in a box."""
+    """Mask of the points (n, 2) in a box."""
     west, south, east, north = box
     x_m, y_m = points.T
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
@@ -58,7 +58,8 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
     """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
 
-    At most ``max_m`` each, also where there is no other front; NaN where there is no true one.
+    Each distance is at most ``max_m``. Without a second front the result is ``max_m``, without a
+    true front NaN.
     """
     if not true_front.size:
         return float("nan")
@@ -82,7 +83,7 @@ def random_observations(
     In each segment they follow a camera that shows a part of the front. Most observations are
     ``burning`` on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it,
     are made where the uncorrected simulation is wrong, so that they are the same for every method.
-    All places are off by a participant's own offset and by chance.
+    All places have the participant's own constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

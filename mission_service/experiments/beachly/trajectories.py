@@ -42,7 +42,7 @@ BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), 
 
 @dataclass
 class Sample:
-    """Once a second: where the vehicle was, and what it estimated of the fire."""
+    """Position of the vehicle and estimated fire, recorded once a second."""
 
     at_s: float
     x_m: float
@@ -53,7 +53,7 @@ class Sample:
 
 @dataclass
 class Flown:
-    """All that is shown of one scenario."""
+    """The recorded flight of one scenario."""
 
     scenario: int
     landscape: Landscape
@@ -74,7 +74,7 @@ class Flown:
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
-    """What burns from the beginning; corners of the unit from the south-west, anticlockwise."""
+    """The initial fire lines; corners of the unit are anticlockwise from the south-west."""
     (south, west), (_, east) = corners[0], corners[1]
     edge = LitLine(points=((south, west), (south, east)))
     if scenario == 2:
@@ -110,7 +110,7 @@ def scenario_of(number: int) -> Scenario:
 
 
 class RecordingCrew:
-    """A simulated crew that records what is flown; in scenario 4 it reports the second front."""
+    """A simulated crew that records the flight; in scenario 4 it reports the second front."""
 
     def __init__(self, flown: Flown, scenario: Scenario) -> None:
         assert scenario.burn is not None
@@ -121,7 +121,7 @@ class RecordingCrew:
         self._told = flown.scenario != 4
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """What the crew does by now."""
+        """The crew's events that are due at ``now_us``."""
         guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
@@ -166,9 +166,9 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """The least time, over all moments at low height and all drops, until fire came there.
+    """The minimum, over all samples at low height, of the time until fire reaches the vehicle.
 
-    By what was estimated at that moment. Negative where it burned already.
+    It is from the estimate at the time of the sample, and negative where the place had burned.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -179,7 +179,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 
 def row_of(flown: Flown) -> dict[str, Any]:
-    """The scenario in figures, as the issue words them."""
+    """The figures of a scenario for the table."""
     lines = flown.lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)

@@ -14,7 +14,7 @@ UNIT = {"linear": "m", "exponential": "s$^{1 + \\mathrm{ROS}}$"}
 
 
 def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) -> None:
-    """All three as PNG; ``single`` are the runs of one vehicle for figure 5.3."""
+    """Draw all three figures as PNG; ``single`` are the runs of one vehicle for figure 5.3."""
     draw_combinations(out / "bent_5_1.png", "5.1", runs, "linear")
     draw_combinations(out / "bent_5_2.png", "5.2", runs, "exponential")
     shown = [

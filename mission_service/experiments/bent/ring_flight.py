@@ -151,7 +151,7 @@ class _Team:
         self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
 
     def on(self, step: RingStep, visited_at_s: Floats) -> None:
-        """This is the ring from now on."""
+        """Replace the ring from now on."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
         # Lists: single items of arrays are slow.
@@ -179,7 +179,7 @@ class _Team:
         self._now([*self._vehicles, joined])
 
     def leave(self, member: int) -> None:
-        """A vehicle is gone."""
+        """Remove a vehicle."""
         self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
     def _now(self, vehicles: list[_Vehicle]) -> None:
@@ -223,7 +223,7 @@ class _Team:
 
 
 def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
-    """Where a vehicle is between two cells: time, row, column."""
+    """Position of a vehicle between two cells: time, row, column."""
     left_s, row, col = vehicle.left
     share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
     to_row, to_col = vehicle.goal_place

@@ -53,7 +53,7 @@ def fly_cases(
     speed_m_s: float,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Run]:
-    """Fly many, in processes of their own; in the order of the cases."""
+    """Fly many cases in separate processes; results are in the order of the cases."""
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _share, (history, speed_m_s)) as pool:
         found = []
         for run in pool.map(_flown, cases, chunksize=4):

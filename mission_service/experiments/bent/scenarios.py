@@ -1,4 +1,4 @@
-"""The fire on which teams fly, and what is flown on it: planners, negotiations, team sizes."""
+"""The fire on which teams fly, and its cases: planners, negotiations, team sizes."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -56,7 +56,7 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a case; the cost every 20 s, from deployment on."""
+    """The result of a case, with the cost every 20 s from deployment on."""
 
     case: Case
     cost: Floats
@@ -73,7 +73,7 @@ class Run:
         return float(self.cost.std())
 
     def as_row(self) -> dict[str, Any]:
-        """As in the JSON."""
+        """The result as in the JSON."""
         return {
             **self.case._asdict(),
             "mean_cost": self.mean,
@@ -92,7 +92,7 @@ def thesis_cases() -> list[Case]:
 
 
 def later_cases() -> list[Case]:
-    """With the two ideas that the thesis leaves for later (6.1)."""
+    """Cases with the two ideas that the thesis proposes as future work (6.1)."""
     cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
     return [
         Case(planner, negotiation, importance, uavs)
@@ -109,12 +109,12 @@ def balanced_cases() -> list[Case]:
 
 
 def team_size_cases() -> list[Case]:
-    """What figure 5.3 shows besides: one vehicle."""
+    """The further case of figure 5.3: one vehicle."""
     return [Case("back-and-forth", "importance", "linear", 1)]
 
 
 def rule_of(case: Case) -> TeamRule:
-    """The rule that a case flies."""
+    """The planner rule of a case."""
     if case.planner == "balanced":
         return Balanced("exponential" if case.importance == "exponential" else "linear")
     return bent_rule(case.planner, case.negotiation, case.importance)

@@ -69,7 +69,7 @@ def best(costs: Averages, which: int) -> str:
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as tables for people."""
+    """The result as tables of text."""
     from_km, to_km = found["perimeter_km"]
     lines = [
         f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "

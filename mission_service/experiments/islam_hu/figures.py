@@ -32,7 +32,7 @@ MARGIN_CELLS = 6
 
 
 def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, Flight]) -> None:
-    """All figures of one fire."""
+    """Draw all figures of one fire."""
     stem = f"{burn.name}-{burn.scheme}"
     draw_tracks(
         out / f"trajectory-{stem}.png",
@@ -53,7 +53,7 @@ def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, li
 
 
 def draw_tracks(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Figs. 9 and 11 to 14: where the vehicle flew, on the time of the fire's arrival."""
+    """Figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
     columns = 2 if len(flights) in (2, 4) else 3
     rows = -(-len(flights) // columns)
     figure, panels = _new(columns, rows, (4.0 * columns + 0.8, 4.2 * rows + 0.3))

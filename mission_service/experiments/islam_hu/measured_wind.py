@@ -13,7 +13,7 @@ WIND_20FT_SHARE = 0.75
 
 
 class MeasuredWind:
-    """A seeded series of measurements; times must rise."""
+    """A seeded series of measurements; their times must increase."""
 
     def __init__(self, weather: WeatherStream, seed: int) -> None:
         self._weather = weather

@@ -45,7 +45,7 @@ def run(
 
 
 def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, list[dict[str, Any]]]:
-    """All flights over one fire."""
+    """Fly all flights over one fire."""
     burn = islam_hu_burn(name, scheme)
     which = {"scenario": name, "scheme": scheme}
     flights = {planner: fly(burn, make(burn)) for planner, make in PLANNERS.items()}

@@ -25,7 +25,7 @@ Flights = dict[str, list[Flight]]  # by experiment, a flight a seed
 
 
 def draw(out: Path, flights: Flights) -> None:
-    """All figures, as PNG."""
+    """Draw all figures as PNG."""
     draw_agents(out / "fig6-virtual-agents.png", flights["Exp3"][0])
     draw_uav(out / "fig7-uav-0.png", flights["Exp3"][0])
     for name, (stem, label, share) in SERIES.items():
@@ -63,7 +63,7 @@ def _zoom(axes: Any, tracks: Any) -> None:
 
 
 def draw_agents(path: Path, flight: Flight) -> None:
-    """Fig. 6: where the virtual agents went, before and after 500 s."""
+    """Fig. 6: tracks of the virtual agents, before and after 500 s."""
     figure, panels = _figure((11.0, 5.2), 2)
     ends = ((0.0, HALFWAY_S), (HALFWAY_S, flight.track_s[-1]))
     for axes, (from_s, until_s) in zip(panels, ends, strict=True):

@@ -43,7 +43,7 @@ QUEUE = 8  # so many in a queue
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How a flight differs from the paper's nominal one."""
+    """Deviations of a flight from the paper's nominal one."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
@@ -73,7 +73,7 @@ class Flight:
 
 
 class Radio:
-    """Messages on their way: states as far as they reach, all else to everybody."""
+    """Messages in transit: states reach receivers in range, all others reach every receiver."""
 
     def __init__(self, count: int, rules: Rules, range_m: float, seed: int) -> None:
         self._everybody = np.arange(count)
@@ -246,7 +246,7 @@ class FormationWorld:
         self.heights_m[:] = self.settings.altitude_agl_m + self.layers_m + climbs_m
 
     def agents_m(self) -> Floats:
-        """Where the virtual agents are (n, 2); not a number where there is none."""
+        """Positions (n, 2) of the virtual agents; NaN where there is none."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:

@@ -108,7 +108,7 @@ class MonitoringArea:
 
 
 def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bool_]]) -> float:
-    """How many cells a UAV's map has wrong, on average; all maps (y, x)."""
+    """Mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
     return sum(np.count_nonzero(true_fire != fire) for fire in fires) / len(fires)
 
 

@@ -28,7 +28,7 @@ COMPLETE = 0.998
 def run(
     out: Path | None, seeds: tuple[int, ...] = SEEDS, progress: Callable[[str], None] = print
 ) -> dict[str, Any]:
-    """Fly all; with ``out`` the figures are drawn there. The result is as the issue words it."""
+    """Fly all experiments and return the result; with ``out`` the figures are drawn there."""
     flights: dict[str, list[Flight]] = {experiment.name: [] for experiment in EXPERIMENTS}
     best: dict[str, list[float]] = {experiment.name: [] for experiment in EXPERIMENTS}
     cases = list(product(EXPERIMENTS, seeds))

@@ -55,7 +55,7 @@ def first_meeting_s(  # type: ignore[no-untyped-def]
 def in_conflict(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """Whether a desired velocity is inside any neighbour's obstacle."""
+    """True if a desired velocity is inside any neighbour's velocity obstacle."""
     return (
         first_meeting_s(
             x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
