@@ -2,14 +2,13 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent when asked for, and where the autopilot takes them a few ahead of its
-requests, until it asks for one again: then something got lost, and each is waited for
-any --MISSION_ACK--> ended
-sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
-to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
-sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
-any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
-cancelling: nothing is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
+sending: items are sent on request, or a few ahead of the requests if the autopilot accepts that,
+until it repeats a request: then a message was lost, and each request is awaited any
+--MISSION_ACK--> ended sending --MISSION_ERROR--> sending, until silence ends it: it may be the
+answer to a duplicate (PX4 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on
+or has succeeded sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it
+is on board any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended cancelling: nothing
+is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -41,10 +40,10 @@ class MissionUpload(Exchange):
         ahead: int = 0,
         plan_id: int | None = None,
     ) -> None:
-        """``items`` go out as they are; ``first`` is the one to be flown first (current = 1).
+        """``items`` are sent unchanged; ``first`` is the item to be flown first (current = 1).
 
-        Up to ``ahead`` items are sent before they are asked for. ``plan_id`` is what the autopilot
-        will call the plan (see ``plan_id.py``), so that a lost acknowledgement is no riddle.
+        Up to ``ahead`` items are sent before they are requested. ``plan_id`` is the expected id of
+        the plan (see ``plan_id.py``), which proves the upload if the acknowledgement is lost.
         """
         super().__init__(address, timing)
         self.items = items
@@ -56,9 +55,9 @@ class MissionUpload(Exchange):
         self._sent = -1  # the last item sent
         self._ahead = ahead
         self._plan_id = plan_id
-        self._reported_id: int | None = None  # by MISSION_CURRENT since all was sent
+        self._reported_id: int | None = None  # by MISSION_CURRENT since all items were sent
         self._all_sent = False
-        self._doubt: TransferResult | None = None  # a refusal that may not be one
+        self._doubt: TransferResult | None = None  # a refusal that may be meant for a duplicate
 
     def start(self, now_us: int) -> list[Message]:
         """Announce the mission."""
@@ -113,7 +112,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """End it: at once, or when an autopilot that does not listen has given up by itself."""
+        """Cancel: at once, or after the autopilot's own timeout if it ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -127,7 +126,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot says so of a duplicate and carries on
+            return  # ArduPilot sends this for a duplicate and continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
@@ -140,7 +139,7 @@ class MissionUpload(Exchange):
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Ask again, wait on, or give up."""
+        """Repeat the count, wait on, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
@@ -157,7 +156,7 @@ class MissionUpload(Exchange):
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= self._timing.retries:
             return [self._count()] if self._state == "counted" else []
-        self.touched = True  # a lost MISSION_COUNT cannot be told from a lost answer to it
+        self.touched = True  # a lost MISSION_COUNT and a lost answer to it look alike
         if self._all_sent:
             self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
         elif self._state == "counted":
