@@ -1,8 +1,8 @@
-"""What flies vehicles: planners, and the guidance that has vehicles fly by them.
+"""The interfaces of planners, which steer vehicles, and of the guidance, which commands them.
 
-A planner steers one vehicle. Several vehicles that share a plan each have a seat in the team's
-planner; a seat is a planner too. Planners are pure: no clock, no network, no randomness of their
-own. Positions are float (row, col) of the landscape's grid, row 0 in the north.
+A planner steers one vehicle. Vehicles that share a plan are members of a team; each member is a
+planner too. Planners are pure: no clock, no network, no randomness of their own. Positions are
+float (row, col) of the landscape's grid, row 0 in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ Phase = Literal["approach", "initial circle", "monitor"]
 
 @dataclass(frozen=True)
 class Ground:
-    """Where a fire is watched: the grid, the cell the fire is said to be in, and since when."""
+    """The monitored area: the grid, the reported cell of the fire, and the time of ignition."""
 
     landscape: Landscape
     centre: tuple[float, float]  # row, col
@@ -38,10 +38,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Which way to fly, taken at one cell of the front.
+    """A decision on the flying direction, taken at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are what speaks for turning back and for going on,
-    in the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` and ``importance_front`` are the values of turning back and of flying on, in
+    the planner's own unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -52,30 +52,30 @@ class Decision:
 
 
 class Steered(Protocol):
-    """What takes in all that is told of one vehicle."""
+    """The receiver of one vehicle's observations, wind and positions."""
 
     def observe(self, observed: Observed) -> None:
-        """Take in what this vehicle's camera saw."""
+        """Update the map by a camera window of this vehicle."""
 
     def correct(self, told: Observed) -> None:
-        """Take in what people say of a window of the fire, whatever was seen there."""
+        """Apply an operator's correction of a window, which overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Take in the wind that this vehicle's autopilot measured; from true north."""
+        """Apply a wind that this vehicle's autopilot measured; direction from true north."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever one is taken."""
+        """Set the vehicle's position; returns a decision if one is taken there."""
 
     def left(self, at_s: float) -> None:
-        """The vehicle is lost, recalled or on the ground: others take over what it watched."""
+        """Remove a vehicle that is lost, recalled or on the ground; others take over."""
 
 
 class Planner(Steered, Protocol):
-    """Decides for one vehicle which way along the front it flies."""
+    """Decides the direction in which one vehicle flies along the front."""
 
     @property
     def phase(self) -> Phase:
-        """Where it stands: still on its way to the fire, on its first lap, or monitoring."""
+        """The phase of the flight: approach to the fire, first lap, or monitoring."""
 
     @property
     def clockwise(self) -> bool:
@@ -83,17 +83,17 @@ class Planner(Steered, Protocol):
 
     @property
     def reversals(self) -> int:
-        """How often it has turned back."""
+        """The number of reversals so far."""
 
     def path(self, row: float, col: float) -> Floats:
-        """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
+        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """The fire as the planner believes it to be: its front in cells on 360 bearings."""
+        """The planner's estimated front: distances in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """A vehicle's decision as it is announced and recorded."""
+    """The command that publishes and records a vehicle's decision."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,10 +106,10 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """What a planner compares where its vehicle is, cell by cell of the front, for people to see.
+    """The importance of each cell of the front at the vehicle's place, for display.
 
-    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are of the window
-    behind and of the window ahead.
+    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are over the
+    window behind and the window ahead.
     """
 
     rows: Floats
@@ -120,43 +120,43 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """What a guidance waits for: an approval of this plan ("": none), and answers to its list."""
+    """The input that a guidance awaits: approval of a plan (hash, "": none), answers to a list."""
 
     plan_hash: str
     answers: bool
 
 
 class Guidance(ABC):
-    """What vehicles do in the air, while they can be counted on; ``planners`` steer them, by name.
+    """Commands the available vehicles in the air; ``planners`` are their planners, by name.
 
-    Where a way of flying has nothing to do, it inherits a method that does nothing.
+    The methods' defaults do nothing; a way of flying overrides those that it needs.
     """
 
     planners: Mapping[str, Steered]
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Take note of any event; it has been taken in by ``DecisionEngine`` already."""
+        """Process a vehicle's event, after ``DecisionEngine`` has applied it; returns commands."""
         return []
 
     def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """What a person did or said."""
+        """Process an operator's event; returns commands."""
         return []
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """What there is to tell at a position."""
+        """Reports and commands that follow from a position and the planner's ``decision``."""
         return []
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """What the vehicle is to do now; it flies, and has time left."""
+        """Commands for a vehicle that flies and has flight time left."""
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """What it is to do whose time is nearly over; None: from here its autopilot flies home."""
+        """Commands for a vehicle at the end of its flight time; None: its autopilot flies home."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
-        """Where its first mission leads: (n, 2) x, y in metres; None: nothing to fly yet."""
+        """The path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
@@ -169,34 +169,34 @@ class Guidance(ABC):
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """What there is to tell after an event whose other commands leave now."""
+        """Further commands after an event, given the commands ``leaving`` that it caused."""
         return []
 
-    # For people and programs ------------------------------------------------------------------
+    # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Where it stands; ``complete``: nothing would be lost if it ended now."""
+        """The state for interfaces; ``complete``: ending the run now loses nothing."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission it would be sent now; nothing is changed by asking. None: there is none."""
+        """The mission that a renewal would send now, without side effects; None: there is none."""
         return None
 
     def compared(self, name: str, here: PositionFix) -> Compared | None:
-        """What its planner compares at a place; None where it compares nothing."""
+        """The importances that its planner compares at a position; None if it compares none."""
         return None
 
     def settings(self) -> dict[str, float]:
-        """The settings that may change in flight, as they are now."""
+        """The present values of settings that may change in flight."""
         return {}
 
     def awaited(self) -> Awaited:
-        """What people have to do before it goes on."""
+        """The operator input that the guidance awaits."""
         return Awaited("", False)
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The fire that it plans by, where that is not the one that is watched."""
+        """The fire that its plans are based on; None if that is the monitored fire."""
         return None
 
 
@@ -210,10 +210,10 @@ class Lock(Protocol):
         """Apply the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why a drop must not be ordered now; None: it may."""
+        """Why a drop must not be ordered now; None if it may."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether anything in a mission may switch an output."""
+        """Whether an item of a mission may switch an output."""
 
     def status(self) -> dict[str, Any]:
-        """Its state, for interfaces."""
+        """The lock's state, for interfaces."""

@@ -1,4 +1,4 @@
-"""Flight along a front: a rolling mission, renewed when it is no longer what should be flown."""
+"""Flight along a front by a rolling mission, renewed when its path is outdated."""
 
 from collections.abc import Mapping
 
@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class FrontFlight(Guidance):
-    """Leads each vehicle as its planner has it; ``planners`` by name."""
+    """Commands each vehicle by its planner; ``planners`` by vehicle name."""
 
     planners: Mapping[str, Planner]
 
@@ -62,13 +62,13 @@ class FrontFlight(Guidance):
         )
 
     def heard(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Note what people have corrected; else it lives on positions."""
+        """Check the missions after an operator's correction; positions are handled in ``news``."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         return []
 
     def told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Other settings, for planners that have them."""
+        """Apply changed settings to the planners that have them."""
         if not isinstance(event, SettingsChanged):
             return []
         commands: list[AnyCommand] = []
@@ -86,11 +86,11 @@ class FrontFlight(Guidance):
         return commands
 
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
-        """To where the fire is said to be; it finds the front on its way."""
+        """The path to the reported fire; the camera finds the front on the way."""
         return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
 
     def news(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
-        """A new phase, a decision, and advice to a team's user."""
+        """Reports of a new phase and a decision, and advice on the team's size."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -104,7 +104,7 @@ class FrontFlight(Guidance):
         return commands
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
-        """Tell a team's user what it can keep up with, when that has changed."""
+        """Report changed advice on the team's size."""
         if not isinstance(planner, TeamMember):
             return []
         team = planner.team
@@ -117,7 +117,7 @@ class FrontFlight(Guidance):
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Note missions that leave; report what is no longer watched of the front, or again."""
+        """Note missions sent; report parts of the front no longer monitored, or monitored again."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.sends(command.vehicle, command.items)
@@ -130,7 +130,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Give way, or renew the mission if that is due."""
+        """Commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         aside = self._out_of_the_way(vehicle, here)
@@ -139,7 +139,7 @@ class FrontFlight(Guidance):
         return self._follow(vehicle, here) if self._renewal.to_be_checked(vehicle, here) else []
 
     def _out_of_the_way(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Step aside, and stay there; None when the way is free."""
+        """Commands to move aside and hold there; None when the way is free."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
@@ -152,7 +152,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, here, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Renew the rolling mission when it is no longer what the vehicle should fly."""
+        """Renew the rolling mission when its path is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, here), self._renewal.why_on_approach(vehicle)
@@ -168,7 +168,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission it would be sent now; nothing is changed by asking."""
+        """The mission that a renewal would send now, without side effects."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, here), here)
@@ -183,7 +183,7 @@ class FrontFlight(Guidance):
         return planner.compared(here.row, here.col, here.at_s)
 
     def settings(self) -> dict[str, float]:
-        """As the perimeter planners have them."""
+        """The present settings of the perimeter planners."""
         for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 return {name: getattr(planner.settings, name) for name in TUNED}
@@ -211,10 +211,10 @@ class FrontFlight(Guidance):
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
-    """Whether its autopilot still takes off: another mission would end that, however low it is.
+    """Whether its autopilot is still taking off: a new mission would abort that at any height.
 
     ArduPlane then climbs at 1 to 4 m/s rather than 10, and a PX4 plane that took off soon after its
-    start sinks to the ground (flown). Past its takeoff is who has gone on to the next item.
+    start sinks to the ground (flown). The takeoff is over when the next item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 

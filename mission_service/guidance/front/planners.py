@@ -1,4 +1,4 @@
-"""What every planner along a front is made of, from the scenario."""
+"""Inputs of all planners along a front, from the scenario."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -11,7 +11,7 @@ TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """Where the fire of a scenario is said to be."""
+    """The grid and the reported fire of a scenario."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
     # An ignition is known as a cell; so is the centre the angles are counted from.
     centre = (float(round(float(row))), float(round(float(col))))
@@ -20,11 +20,11 @@ def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
 
 
 def turn_back_s(section: VehicleSection) -> float:
-    """What turning back costs a vehicle."""
+    """Duration of turning back, in seconds."""
     return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
 
 
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
-    """How far paths reach, and where they begin."""
+    """Length and begin of paths, in cells."""
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)
