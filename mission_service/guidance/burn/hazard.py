@@ -28,10 +28,7 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = (
-    0.6,
-    500_000,
-)  # of a finer raster, if the other does not decide
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, if the other does not decide
 # A raster of a unit of 20 acres has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one

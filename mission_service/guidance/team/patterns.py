@@ -25,8 +25,7 @@ PARTS = 64  # of the ring: the unit of arcs
 
 
 class Pattern(NamedTuple):
-    """An arc in parts of the ring, and the number of its sweeping vehicles; 0: all pass it
-    thrice."""
+    """An arc in parts of the ring, and how many vehicles sweep it; 0: all pass it thrice."""
 
     first: int
     length: int  # 0: no arc, all lap
