@@ -80,8 +80,7 @@ class SharedLink:
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """Add a vehicle; returns its client. Raises BridgeError if it is registered
-        already."""
+        """Add a vehicle; returns its client. Raises BridgeError for a known one."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, max_speed_m_s)

@@ -63,7 +63,7 @@ class FaultyMock:
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram of the station that is tried."""
+        """Process a datagram of the station under test."""
         self._begin(now_us)
         if not self._within(self.faults.silence, now_us):
             self._up.send(data, now_us)
@@ -108,7 +108,7 @@ class FaultyMock:
         return any(start_s <= at_s < end_s for start_s, end_s in spans)
 
     def _exchange(self, now_us: int) -> None:
-        """Move what is under way."""
+        """Exchange messages between the station and the mock."""
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         if self._second_speaks:

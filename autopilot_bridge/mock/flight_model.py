@@ -28,8 +28,8 @@ from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
-NEAR_M = 5.0  # a copter that flies on is there
-STOP_WITHIN_M = 2.0  # one that stays
+NEAR_M = 5.0  # a copter that flies on has arrived
+STOP_WITHIN_M = 2.0  # a copter that stops has arrived
 GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
 GLIDES_BY = 0.7  # and flies by so much of its airspeed
 # How long a copter flies on without satellites before it lands at its estimated position, as the
@@ -41,7 +41,7 @@ DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
 @dataclass(slots=True)
 class Target:
-    """What is being flown: an item, and the leg that leads to it."""
+    """The item being flown, and the leg that leads to it."""
 
     item: MissionItem
     leg_start: Place
@@ -124,7 +124,7 @@ class FlightModel(Body):
         self.battery.percent = percent
 
     def blind_s(self, now_s: float) -> float:
-        """How long it has flown without satellites; on the ground nothing bridges that."""
+        """Seconds flown without satellites, by dead reckoning; on the ground there is none."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
@@ -497,7 +497,7 @@ class FlightModel(Body):
         return True
 
     def failsafe_to(self, mode: Mode, now_s: float) -> None:
-        """Act on a failsafe: fly home, hold or land."""
+        """Execute a failsafe: return, hold or land."""
         self.failsafe = True
         if self.mode != mode:
             self.set_mode(mode, now_s)
@@ -535,7 +535,7 @@ class FlightModel(Body):
         self.failsafe_to("land", now_s)
 
     def _look_down(self) -> None:
-        """Below the ground is a crash: the vehicle stays there for good."""
+        """Detect a crash into the ground, after which the vehicle stays there."""
         ground_m = self.ground_amsl_m
         if self.motion.altitude_m > ground_m - 0.5:
             return

@@ -1,4 +1,4 @@
-"""The autopilot's side of the mission protocol: what both stacks have in common.
+"""The autopilot's side of the mission protocol: the common part of both stacks.
 
 ``ardupilot_server.py`` and ``px4_server.py`` have the habits of each.
 """
@@ -68,7 +68,7 @@ class MissionServer(ABC):
 
     @abstractmethod
     def forget_transfers(self) -> None:
-        """What a reboot does to transfers under way."""
+        """End all transfers, as a reboot does."""
 
     @abstractmethod
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
@@ -88,7 +88,7 @@ class MissionServer(ABC):
         return False
 
     def _heard(self, messages: list[Message]) -> list[Message]:
-        """What of the answers gets out."""
+        """The answers that are sent, as far as none is suppressed."""
         if self.faults.silent_after is None:
             return messages
         told = messages[: self.faults.silent_after]
@@ -97,7 +97,7 @@ class MissionServer(ABC):
 
 
 def client_of(message: Message) -> Client:
-    """Who sent it."""
+    """The sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 

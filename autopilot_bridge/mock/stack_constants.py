@@ -1,4 +1,4 @@
-"""What the mission servers of the two stacks do differently, as data.
+"""The differences of the two stacks' mission servers, as data.
 
 Seen on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, unless a comment says "read".
 """
@@ -55,5 +55,5 @@ _CONSTANTS = {
 
 
 def stack_constants_of(stack: Stack) -> StackConstants:
-    """The habits of a stack."""
+    """The constants of a stack."""
     return _CONSTANTS[stack.name, stack.vehicle]
