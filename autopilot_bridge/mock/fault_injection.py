@@ -144,7 +144,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""
+        """Refusing MISSION_ACKs that are not for the station: each is wrong in one field."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

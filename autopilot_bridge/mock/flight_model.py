@@ -124,7 +124,7 @@ class FlightModel(Body):
         self.battery.percent = percent
 
     def blind_s(self, now_s: float) -> float:
-        """Seconds flown without satellites, by dead reckoning; on the ground there is none."""
+        """Seconds since the last fix: 0 with satellites, infinite without them on the ground."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf

@@ -88,7 +88,7 @@ class MissionServer(ABC):
         return False
 
     def _heard(self, messages: list[Message]) -> list[Message]:
-        """The answers that are sent, as far as none is suppressed."""
+        """The answers that are sent before the fault ``silent_after`` suppresses the rest."""
         if self.faults.silent_after is None:
             return messages
         told = messages[: self.faults.silent_after]

@@ -62,7 +62,7 @@ class Stack:
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """The word for a mode number; an unknown number stays a number."""
+        """The name of a mode number, or the number itself if unknown."""
         for name, number in self.modes:
             if number == custom_mode:
                 return name

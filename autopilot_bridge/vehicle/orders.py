@@ -143,7 +143,7 @@ def orbit(
 ) -> Steps:
     """Circle a place, clockwise with a positive radius; again to move or change the circle.
 
-    A speed is set too where one is given; without one PX4 multirotors circle at 1 m/s at first.
+    A given speed is commanded too; without one PX4 multirotors circle at 1 m/s at first.
     """
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     if stack.name == "ardupilot" and stack.vehicle == "copter":

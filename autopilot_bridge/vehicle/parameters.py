@@ -145,7 +145,7 @@ class ParameterRead(_ParameterExchange):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in a PARAM_VALUE."""
+        """Process a PARAM_VALUE."""
         if self._concerns(message) and message.param_id == self._name:
             read = parameter_of(message, self._bytewise)
             if math.isfinite(read.value):

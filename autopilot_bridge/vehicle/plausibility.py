@@ -14,8 +14,8 @@ them, continue from a time since boot that is no longer than the silence before 
 from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and
 mission time continues without a jump: the autopilot's clock was set, or this machine's stood still.
 
-*Positions.* None is used that is farther from the last ones than the airframe flies in the time
-between. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
+*Positions.* A position farther from the last ones than the airframe can fly in the time between is
+discarded. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
 simulator's vehicle was moved, or a position estimate was wrong and is right again.
 
 A forged message within these limits cannot be distinguished from the vehicle's own on one remote.

@@ -1,6 +1,6 @@
 """One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
 
-Every UAV runs one of these on its own camera and on the messages it receives. ``step`` is called at
+Every UAV runs one agent on its own camera and the messages it receives. ``step`` is called at
 each of its positions and returns an ``Intention``: an orbit and an airspeed, to be flown by the
 ideal world's kinematics, an autopilot's own orbit command, or a loiter item.
 """

@@ -1,4 +1,4 @@
-"""When the mission of a vehicle along a front is renewed, and why.
+"""The rule that decides when the mission of a vehicle along a front is renewed, and why.
 
 ``Vehicle.due`` is a reason that has come up elsewhere: a decision to turn back, a way that is free
 again, an operator's request. A further reason is a line of ``Renewal.why``.
