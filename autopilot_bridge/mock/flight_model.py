@@ -145,7 +145,7 @@ class FlightModel(Body):
             self.go_to(self.current, now_s)
 
     def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
-        """Where to hold, and how wide; by this a vehicle leaves the ground too."""
+        """Set place, altitude and radius of the hold; a vehicle on the ground takes off to it."""
         self._hold_at = (*place, altitude_m)
         self.radius_m = radius_m
 
@@ -265,7 +265,7 @@ class FlightModel(Body):
     # Items ------------------------------------------------------------------------------------
 
     def _run(self, seq: int, now_s: float) -> None:
-        """A DO item, if the mission is being flown."""
+        """Run a DO item, if the mission is being flown."""
         item = self.items[seq]
         if self.mode != "mission":
             return
@@ -287,7 +287,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """One after the other, within milliseconds (seen), unless one is to wait."""
+        """Run the waiting DO items in order, within milliseconds (seen), unless one delays."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -445,7 +445,7 @@ class FlightModel(Body):
         if not self.glide(target.leg_start, place, ground_m):
             return False
         self._disarm_later(now_s)
-        return self.stack.name == "px4"  # ArduPlane's landing is not told as reached
+        return self.stack.name == "px4"  # ArduPlane does not report its landing as reached
 
     def _down(self, place: Place, now_s: float) -> bool:
         down = self.descend(place)
@@ -522,7 +522,7 @@ class FlightModel(Body):
                 self.set_mode("rtl", now_s)
 
     def _land_blind(self, now_s: float) -> None:
-        """Land where it is when satellites were lost for long."""
+        """Land in place after a long loss of satellites."""
         if self.gps or not self.airborne:
             self._fix_s, self.blind = now_s, False
         after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)

@@ -125,7 +125,7 @@ def item_in(message: Message) -> MissionItem:
 
 
 def _whole(value: float) -> int:
-    """What fits into MISSION_ITEM_INT; anything else, NaN too, is no place."""
+    """A value as MISSION_ITEM_INT's integer; NaN and values out of range are no place."""
     return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 
