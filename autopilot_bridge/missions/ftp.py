@@ -118,7 +118,7 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # A random first number: the autopilot may still hold its reply to the last program.
+        # Another start than the last program's, whose reply the autopilot may still hold.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 

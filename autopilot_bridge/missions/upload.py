@@ -3,12 +3,13 @@
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
 sending: items are sent on request, or a few ahead of the requests if the autopilot accepts that,
-until it repeats a request: then a message was lost, and each request is awaited any
---MISSION_ACK--> ended sending --MISSION_ERROR--> sending, until silence ends it: it may be the
-answer to a duplicate (PX4 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on
-or has succeeded sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it
-is on board any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended cancelling: nothing
-is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
+until it repeats a request: then a message was lost, and each request is awaited
+any --MISSION_ACK--> ended
+sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
+to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
+sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
+any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
+cancelling: nothing is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal

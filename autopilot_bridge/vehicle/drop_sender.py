@@ -1,5 +1,4 @@
-"""DropSender, sans-IO: each release is sent once and immediately, ahead of all other orders, or not
-at all.
+"""DropSender, sans-IO: a release is sent once, at once, ahead of all other orders, or not at all.
 
 asked --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
