@@ -1,7 +1,7 @@
 """MAVLink missions to and from PX4 and ArduPilot: files, checks, transfers, clients, a mock, logs.
 
-It does not use the fire model or the service. A mission is read, checked against what a stack makes
-of each item, and written in another format by::
+The package does not use the fire model or the service. To read a mission, check it against the
+rules of a stack and write it in another format::
 
     from pathlib import Path
     import autopilot_bridge as bridge
@@ -9,7 +9,8 @@ of each item, and written in another format by::
     print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
     bridge.write_any(Path("survey.waypoints"), plan, None)
 
-Each name below is imported when it is first used: ``import autopilot_bridge`` takes no time.
+Each name below is imported when it is first used: ``import autopilot_bridge`` alone loads none of
+them.
 """
 
 import importlib

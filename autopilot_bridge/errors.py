@@ -1,5 +1,5 @@
-"""What can be wrong with a link or a plan file, in one line."""
+"""The base error of the package."""
 
 
 class BridgeError(Exception):
-    """Base of the errors of this package; the message states what, where and what to do."""
+    """Base of this package's errors; the message states the fault, its place and the remedy."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-NO_POSITION = 2**31 - 1  # x or y that is left open: the NaN of MAVLink's integer fields
+NO_POSITION = 2**31 - 1  # an undefined x or y: the NaN of MAVLink's integer fields
 WITH_YAW = (
     mavlink.MAV_CMD_NAV_WAYPOINT,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
@@ -17,16 +17,16 @@ LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item of a mission; its sequence number is its place in the mission.
+    """One item of a mission; its sequence number is its index in the mission.
 
     Args:
         command: MAV_CMD.
         frame: MAV_FRAME.
         x: Latitude in 1e-7 degrees, for items with a position.
         y: Longitude in 1e-7 degrees, for items with a position.
-        z: Altitude in metres, in the frame's sense.
+        z: Altitude in metres, with the frame's reference.
         param1: As MAV_CMD defines it; so are ``param2`` to ``param4``.
-        autocontinue: 1 to go on to the next item.
+        autocontinue: 1: continue with the next item.
 
     Source: MAVLink common.xml, MISSION_ITEM_INT.
     """
@@ -48,10 +48,10 @@ Items = tuple[MissionItem, ...]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All that a plan file holds, each part as the mission protocol carries it.
+    """The contents of a plan file, each part as mission protocol items.
 
     Args:
-        mission: Items; a DO_JUMP names its target by the place in ``mission``, from 0.
+        mission: Items; the target of a DO_JUMP is an index in ``mission``, from 0.
         fence: MAV_CMD_NAV_FENCE_* items.
         rally: MAV_CMD_NAV_RALLY_POINT items.
         home: (lat_deg, lon_deg, altitude_amsl_m) in degrees and metres, or None.
@@ -64,7 +64,7 @@ class Plan:
 
 
 def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
-    """The items with every DO_JUMP's target ``by`` places on (ArduPilot's home takes place 0)."""
+    """The items with all DO_JUMP targets shifted by ``by`` (ArduPilot's home is item 0)."""
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
@@ -72,7 +72,7 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """The items with an undefined yaw at places: NaN, which JSON and thus journals cannot store."""
+    """The items with yaw (param4) NaN at positions; JSON, and so the journal, has no NaN."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )
@@ -91,27 +91,27 @@ def has_degrees(item: "MissionItem") -> bool:
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Latitude and longitude of an item that has them; 0, 0 is ArduPilot's "where it is"."""
+    """Latitude and longitude in degrees; None without a position (0, 0: the current one)."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
 
 
 def command_name(command: int) -> str:
-    """MAVLink's name without its prefix; the number where there is none."""
+    """MAVLink's name without its prefix, or the number of an unnamed command."""
     known = mavlink.enums["MAV_CMD"].get(command)
     return str(command) if known is None else str(known.name).removeprefix("MAV_CMD_")
 
 
 def _xy_unit(command: int, frame: int) -> float:
-    """Of ``x`` and ``y``: MISSION_ITEM_INT has 1e-7 deg, 1e-4 m, or the bare params 5 and 6."""
+    """The unit of ``x`` and ``y``: 1e-7 deg, 1e-4 m, or 1 for plain params 5 and 6."""
     if frame in LOCAL_FRAMES:
         return 1e4
     return 1e7 if frame != mavlink.MAV_FRAME_MISSION and has_position(command) else 1.0
 
 
 def params_of(item: MissionItem) -> tuple[float, ...]:
-    """Params 1 to 7 as files have them: position in degrees (or metres), open values NaN."""
+    """Params 1 to 7 as in files: position in degrees (or metres), undefined values NaN."""
     unit = _xy_unit(item.command, item.frame)
     x, y = (math.nan if value == NO_POSITION else value / unit for value in (item.x, item.y))
     return item.param1, item.param2, item.param3, item.param4, x, y, item.z
@@ -120,7 +120,7 @@ def params_of(item: MissionItem) -> tuple[float, ...]:
 def item_of_params(
     command: int, frame: int, params: Sequence[float], autocontinue: int
 ) -> MissionItem:
-    """The item of a file's params 1 to 7. Raises ValueError for a position that does not fit."""
+    """The item of a file's params 1 to 7. Raises ValueError for a position out of range."""
     param1, param2, param3, param4, *position, z = params
     unit = _xy_unit(command, frame)
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
@@ -131,7 +131,7 @@ def item_of_params(
 
 
 def _at(lat_deg: float, lon_deg: float, amsl_m: float) -> tuple[int, int, int, float]:
-    """Frame, x, y and z of a place."""
+    """Frame, x, y and z of a position."""
     return mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), amsl_m
 
 
@@ -144,7 +144,7 @@ def waypoint(
         lat_deg: Latitude in degrees (WGS84).
         lon_deg: Longitude in degrees.
         altitude_amsl_m: Altitude above mean sea level in metres.
-        acceptance_radius_m: How near counts as reached, in metres; 0: the autopilot's own.
+        acceptance_radius_m: Acceptance radius in metres; 0: the autopilot's own.
 
     Returns:
         The item.
@@ -172,7 +172,7 @@ def loiter_unlimited(
 
 
 def speed_type(vehicle_kind: str) -> int:
-    """The SPEED_TYPE in which a "plane" or "copter" is commanded its speed."""
+    """The SPEED_TYPE for speed commands to a "plane" or "copter"."""
     plane = vehicle_kind == "plane"
     return int(mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED)
 

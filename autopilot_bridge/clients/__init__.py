@@ -1,4 +1,5 @@
-"""The clients of one vehicle, as peers: our own (``native``) and MAVSDK (``mavsdk``).
+"""Clients for one vehicle, as peers of a link: native MAVLink (``native``), MAVSDK (``mavsdk``).
 
-``client_protocol`` has what both do; ``shared_link`` decodes once for many vehicles on one link.
+``client_protocol`` is their common interface; ``shared_link`` decodes the messages of one link once
+for all its vehicles.
 """

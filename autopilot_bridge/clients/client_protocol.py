@@ -1,4 +1,4 @@
-"""The interface of every client of a vehicle, independent of its MAVLink library."""
+"""The interface of a vehicle client, whichever library carries its messages."""
 
 from typing import Protocol
 
@@ -12,13 +12,13 @@ from autopilot_bridge.vehicle.transfer_states import StartItem
 class VehicleClient(Protocol):
     """One vehicle: ``NativeClient`` or ``MavsdkClient``. Outcomes arrive as events.
 
-    ``now_us`` is the link's time in microseconds. Numbers that are returned stand in the event with
-    the outcome.
+    ``now_us`` is the link's time in microseconds. Each request returns an id, which the event with
+    the outcome repeats.
     """
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot; None until its first HEARTBEAT."""
+        """The autopilot's stack; None until its first HEARTBEAT."""
 
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
@@ -30,7 +30,7 @@ class VehicleClient(Protocol):
             now_us: Time in microseconds.
             begin: The item to fly next: "restart" the first, "keep" the same number as now, or a
                 number from 0.
-            holds_first: Hold while the autopilot would fly a list that is half overwritten.
+            holds_first: Hold during the upload if the autopilot would fly a half-overwritten list.
 
         Returns:
             The ``transfer_id`` of TransferFinished.
@@ -43,12 +43,12 @@ class VehicleClient(Protocol):
         """Remove the mission; returns the ``transfer_id`` of TransferFinished."""
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Carry out a command of the table ``vehicle/orders.py``.
+        """Execute a command of the table ``vehicle/orders.py``.
 
         Args:
             name: Its key in ``ORDERS``, such as "hold" or "orbit".
             now_us: Time in microseconds.
-            arguments: As the row of the table has them.
+            arguments: In the order and units of the table's row.
 
         Returns:
             The ``command_id`` of CommandFinished.
@@ -59,7 +59,7 @@ class VehicleClient(Protocol):
         """
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Release one thing now, once; returns the ``drop_id`` of DropFinished."""
+        """Release one object now, without retries; returns the ``drop_id`` of DropFinished."""
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event that was not handed out yet."""
+        """Remove and return the oldest pending event; None if there is none."""

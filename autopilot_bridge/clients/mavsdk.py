@@ -1,11 +1,12 @@
-"""A vehicle flown through MAVSDK: takes the place of ``NativeClient`` and its ``Connection``.
+"""A vehicle client on MAVSDK; it replaces ``NativeClient`` and its ``Connection``.
 
-MAVSDK (a C library in this process) is fed with the bytes of our link; it finds the vehicle, moves
-missions and repeats commands. What it leaves out is added here, as seen on real autopilots:
-a mission is checked first (a refused item leaves ArduPilot with a cut mission), read back after
-(its verdict alone is not enough) and then begun by number (ArduPlane flies to its old target
-until commanded). Its own ``set_current_mission_item`` is not used: where the autopilot answers with
-another number it repeats its request for ever, as fast as the link can.
+MAVSDK (a C library in this process) receives the bytes of our link; it detects the vehicle,
+transfers missions and repeats commands. This module adds three steps that real autopilots need: a
+mission is checked before its upload (a refused item leaves ArduPilot with a truncated mission),
+read back after it (MAVSDK's result alone does not prove the upload), and then started by its item
+number (ArduPlane flies to its old target until commanded). Its own ``set_current_mission_item`` is
+not used: where the autopilot answers with another number it repeats its request for ever, as fast
+as the link can.
 """
 
 import asyncio
@@ -91,7 +92,7 @@ class MavsdkClient:
         tlog: A recording of what is sent and received; the caller closes it.
         signing: Signs all frames that are sent; frames that do not verify are dropped.
         link_id: The link id of signatures, 0 to 255.
-        max_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+        max_speed_m_s: Positions that imply a higher speed are discarded; None: no limit.
 
     Raises:
         BridgeError: The link is not valid, or cannot be opened (on entering the context).
@@ -139,17 +140,17 @@ class MavsdkClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot; None until its first HEARTBEAT."""
+        """The autopilot's stack; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
     def counts(self) -> Counts:
-        """What became of the frames of its link; see ``Connection``."""
+        """Counts of the link's received frames by outcome; see ``Connection``."""
         return self._connection.counts
 
     @property
     def receives_signed(self) -> bool:
-        """Whether it signs though nothing is checked; see ``Connection``."""
+        """Whether received frames are signed although signatures are not checked."""
         return self._connection.receives_signed
 
     def upload(
@@ -171,9 +172,9 @@ class MavsdkClient:
         return self._add(Job(0, "clear"))
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Carry out a command of ``orders.ORDERS``; CommandFinished has the outcome.
+        """Execute a command of ``orders.ORDERS``; CommandFinished has the outcome.
 
-        One that cannot be sent through MAVSDK ends as not accepted.
+        A command that MAVSDK cannot send finishes as not accepted.
         """
         steps = order_named(name).through_mavsdk
         self._last_command += 1
@@ -186,12 +187,12 @@ class MavsdkClient:
         return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Not done through MAVSDK; outcome as DropFinished."""
+        """MAVSDK sends no drops: DropFinished reports the refusal."""
         self._report(DropFinished(now_us, 0, "refused", NO_ORDER))
         return 0
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not handed out yet."""
+        """Remove and return the oldest pending event; None if there is none."""
         return self._events.popleft() if self._events else None
 
     def _connected_stack(self) -> Stack:
@@ -238,11 +239,11 @@ class MavsdkClient:
         await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
-        """Return when there may be events; raises what went wrong with the link or here."""
+        """Return when there may be events; re-raises errors of the link or of this client."""
         await self._connection.wait()
 
     def flush(self) -> None:
-        """Send what there is to send."""
+        """Send all pending frames."""
         self._connection.flush()
 
     def _stopped(self, task: asyncio.Task[None]) -> None:
@@ -255,13 +256,14 @@ class MavsdkClient:
         self._connection.flush()
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames from a link with one other end."""
+        """Process whole frames of a link that has one remote."""
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Take in whole frames of the vehicle's remote, for MAVSDK and our own monitor.
+        """Process whole frames of the vehicle's remote, in MAVSDK and in our own monitor.
 
-        MAVSDK gets no frame before a HEARTBEAT identifies the remote, and none out of bounds.
+        MAVSDK receives no frame before a HEARTBEAT identifies the remote, and no frame with a value
+        out of bounds.
         """
         if self._source is None:
             self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
@@ -298,25 +300,25 @@ class MavsdkClient:
                 self._outgoing.append(self._codec.encode(request))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
-        """Note a mode that was not commanded here."""
+        """React to a mode change that this client did not command."""
         if self.stack is not None and not self._commanded_modes.has(mode, now_us):
             self._overrides.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
                 self._begin.stop_commands(self._overrides[-1])
 
     def data_to_send(self) -> list[bytes]:
-        """Frames to send, each handed out once."""
+        """Remove and return the frames to send."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """The same with the vehicle's remote; before that is known, to all remotes."""
+        """Frames to send with the vehicle's remote, or for all remotes until it is known."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
-        """When its silence counts as a lost link, or an alarm may have ended."""
+        """Time at which silence becomes a lost link, or an alarm may end."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
         timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
         return min((timer for timer in timers if timer is not None), default=None)
@@ -337,7 +339,7 @@ class MavsdkClient:
     # MAVSDK -----------------------------------------------------------------------------------
 
     async def _found(self) -> bool:
-        """Whether MAVSDK has found the vehicle; waits for it, and makes its plugins."""
+        """Wait until MAVSDK detects the vehicle and create its plugins; returns whether it did."""
         modules = library()
 
         def look() -> bool:
@@ -351,9 +353,9 @@ class MavsdkClient:
         return await self._until(look, FOUND_S)
 
     async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
-        """Wait for a call to MAVSDK; when the wait is cancelled the call goes on.
+        """Await a call to MAVSDK; if the wait is cancelled, the call continues.
 
-        Raises TimeoutError where MAVSDK's own timeouts should have ended it long ago.
+        Raises TimeoutError if the call outlasts all of MAVSDK's own timeouts.
         """
         task = asyncio.ensure_future(call)
         self._calls.add(task)
@@ -365,7 +367,7 @@ class MavsdkClient:
         task.cancelled() or task.exception()  # retrieved, though no task may wait for it any more
 
     async def _until(self, what: Callable[[], bool], within_s: float) -> bool:
-        """Whether something came to be so in time."""
+        """Wait until ``what()`` is true, ``within_s`` at most; returns whether it is."""
         ends_us = self._clock() + round(within_s * 1e6)
         while not what():
             if self._clock() > ends_us:
@@ -384,9 +386,9 @@ class MavsdkClient:
             self._report(CommandFinished(self._clock(), name, accepted, reason, command_id))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
-        """Commands one after another until one is refused; MAVSDK repeats them.
+        """Send commands in sequence until one is refused; MAVSDK retries each.
 
-        None goes out after the autopilot or a pilot has taken the vehicle.
+        No command is sent after a failsafe or a pilot has taken control.
         """
         overrides = len(self._overrides)
         for step in steps:
@@ -406,7 +408,7 @@ class MavsdkClient:
         return True, "accepted"
 
     async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
-        """Out of the mode ``before`` only, right behind a heartbeat that shows it."""
+        """Change the mode right after a heartbeat, and only if it still shows ``before``."""
         heartbeats = self._heartbeats
         await self._until(lambda: self._heartbeats > heartbeats, 2 * ANSWER_S)
         if self._monitor.custom_mode != before:
@@ -513,7 +515,7 @@ class MavsdkClient:
     async def _made_current(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
-        """Begin the mission on board: see ``vehicle/mission_activation.py``."""
+        """Start the mission on board; see ``vehicle/mission_activation.py``."""
         address = Address(MAVSDK_IDS, self._target)
         later = range(seq, len(wire_items))
         shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
@@ -533,7 +535,7 @@ class MavsdkClient:
             self._begin = None
 
     async def _send_request(self, call: Coroutine[Any, Any, Any]) -> str:
-        """MAVSDK's verdict on a transfer, by its name."""
+        """Send a transfer request; returns the name of MAVSDK's result."""
         try:
             await self._call(call)
         except library().missions.MissionRawError as error:
@@ -543,7 +545,7 @@ class MavsdkClient:
         return "SUCCESS"
 
     async def _read(self) -> tuple[Items | None, str]:
-        """The vehicle's mission as it is on the wire; None and MAVSDK's verdict if it fails."""
+        """Read the vehicle's wire items; (None, MAVSDK's result) if the download fails."""
         try:
             read = await self._call(self._missions.download_mission())
         except library().missions.MissionRawError as error:

@@ -1,4 +1,4 @@
-"""What is needed of MAVSDK's modules, and its words in ours."""
+"""Import of MAVSDK's modules, and conversion between its types and ours."""
 
 import functools
 import json
@@ -16,7 +16,7 @@ ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
 
 
 class Library(NamedTuple):
-    """The modules of MAVSDK that are used; importing them takes 0.1 s."""
+    """The imported MAVSDK modules; the import takes 0.1 s."""
 
     core: Any
     system: Any
@@ -26,7 +26,7 @@ class Library(NamedTuple):
 
 @functools.cache
 def library() -> Library:
-    """Import MAVSDK; its log goes to Python's."""
+    """Import MAVSDK and redirect its log to Python's logging."""
     import mavsdk
     import mavsdk.asyncio
     import mavsdk.asyncio.plugins.mavlink_direct as direct
@@ -43,7 +43,7 @@ def library() -> Library:
 
 
 def raw_message(message: Message, target: tuple[int, int]) -> Any:
-    """A message as MAVSDK takes it."""
+    """A message as MAVSDK's raw type."""
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return library().direct.MavlinkMessage(
         message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Items in MAVSDK's form, which requires one of them to be current."""
+    """Items as MAVSDK's raw type; item ``first`` is marked current, as MAVSDK requires."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(
@@ -66,7 +66,7 @@ def raw_items(items: Items, first: int) -> list[Any]:
 
 
 def item_of_raw(raw: Any) -> MissionItem:
-    """An item that MAVSDK has read."""
+    """The mission item of an item that MAVSDK has downloaded."""
     return MissionItem(
         *(raw.command, raw.frame, raw.x, raw.y, raw.z),
         *(raw.param1, raw.param2, raw.param3, raw.param4, raw.autocontinue),
@@ -76,9 +76,9 @@ def item_of_raw(raw: Any) -> MissionItem:
 def upload_result(
     stack: Stack, hidden: int, sent: Items, verdict: str, read: Items | None
 ) -> TransferResult:
-    """How an upload ended, by MAVSDK's verdict and what was read back (None: it could not be).
+    """The result of an upload from MAVSDK's result and the read-back (None if that failed).
 
-    TIMEOUT may mean that only the last answer was lost.
+    After a TIMEOUT the upload may still be complete, with only the last answer lost.
     """
     reason = f"MAVSDK: {verdict}"
     took = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")

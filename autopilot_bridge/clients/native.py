@@ -2,7 +2,7 @@
 
 Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
 ``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
-Where vehicles share a link, ``shared_link.py`` decodes for all (``receive_message``).
+On a link with several vehicles ``shared_link.py`` decodes once and calls ``receive_message``.
 """
 
 from collections import deque
@@ -39,7 +39,7 @@ NEVER_US = 1 << 62
 
 
 class NativeClient:
-    """The ``VehicleClient`` of our own: one vehicle; a peer for a ``Connection``.
+    """The native ``VehicleClient`` of one vehicle; a peer for a ``Connection``.
 
     Args:
         system_id: This station's MAVLink system id.
@@ -49,8 +49,8 @@ class NativeClient:
         timing: Timeouts and retries of transfers and commands.
         rates_hz: Message rates to request when the vehicle connects, by message id.
         shared: The outgoing messages of all clients of one link, whose owner also sends the
-            heartbeats; None: the client has a link of its own.
-        max_speed_m_s: Positions out of reach at this speed are not used; None: all are.
+        heartbeats; None: the client is alone on its link. max_speed_m_s: Positions that imply a
+        higher speed are discarded; None: no limit.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class NativeClient:
 
     @property
     def stack(self) -> Stack | None:
-        """The autopilot; None until its first HEARTBEAT."""
+        """The autopilot's stack; None until its first HEARTBEAT."""
         return self._monitor.stack
 
     @property
@@ -122,18 +122,18 @@ class NativeClient:
     ) -> int:
         """Replace the mission, fence or rally points; TransferFinished with the id has the result.
 
-        ``begin`` is the item of a new mission to fly next: its first, the one of the same number
-        as now, or a number from 0. ``check`` reads back what was accepted. With ``holds_first`` a
-        vehicle that flies its mission holds meanwhile if its autopilot would fly a list that is
-        half overwritten; if the upload breaks off it stays there. ``by_file`` is for autopilots
-        that take whole missions by MAVFTP. A later upload takes the place of one of its kind that
-        has not begun yet.
+        ``begin`` is the item of the new mission to fly next: "restart" the first, "keep" the
+        current number, or a number from 0. ``check`` reads the list back after it was accepted.
+        With ``holds_first`` a vehicle that flies its mission holds during the upload if its
+        autopilot would fly a half-overwritten list; after a failed upload it keeps holding.
+        ``by_file`` uses MAVFTP where the autopilot supports it. An upload replaces a queued upload
+        of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
 
     def download(self, now_us: int, kind: Kind = "mission", by_file: bool = True) -> int:
-        """Read the mission, fence or rally points; the result carries the items."""
+        """Read the mission, fence or rally points; TransferFinished has the items."""
         return self._add(Job(0, "download", kind, by_file=by_file), now_us)
 
     def clear(self, now_us: int, kind: Kind = "mission") -> int:
@@ -141,15 +141,15 @@ class NativeClient:
         return self._add(Job(0, "clear", kind), now_us)
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
-        """End a transfer; it is reported as cancelled when the autopilot has ended it too."""
+        """Cancel a transfer; TransferFinished follows when the autopilot has ended it too."""
         self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
         self._advance(now_us)
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Carry out a command of ``orders.ORDERS``; CommandFinished with the id has the outcome.
+        """Execute a command of ``orders.ORDERS``; CommandFinished with the id has the outcome.
 
-        Commands run one after another; an urgent one ends all others first. Raises BridgeError for
-        arguments out of range and for what the stack does not have.
+        Commands run in sequence; an urgent command first ends all others. Raises BridgeError for an
+        argument out of range and for a command that the stack does not have.
         """
         order, stack, here = orders.order_named(name), self._connected_stack(), self.position
         altitude_m = None if here is None else here.altitude_amsl_m
@@ -165,10 +165,10 @@ class NativeClient:
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
-        """Release one thing now; DropFinished with the id has the outcome.
+        """Release one object now; DropFinished with the id has the outcome.
 
-        Sent once, past all orders that wait; never repeated. Where it cannot be sent at once it is
-        refused. Raises BridgeError if the stack has no such dropper.
+        The command is sent once, ahead of queued commands, and never repeated. A drop that cannot
+        be sent at once is refused. Raises BridgeError if the stack has no such dropper.
         """
         lost = self._monitor.next_timer() is None
         drop_id, messages = self._drops.drop(
@@ -208,23 +208,23 @@ class NativeClient:
     # Bytes and time -----------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram."""
+        """Process a received datagram."""
         for message in self._codec.decode(data):
             self.receive_message(message, now_us)
 
     def receive_message(self, message: Message, now_us: int) -> None:
-        """Take in a message from any sender on the link."""
+        """Process a message from any sender on the link."""
         if self._from_vehicle(message):
             for whole in self._texts.receive(message):
                 self._receive(whole, now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams to send, in order; each is handed out once."""
+        """Remove and return the datagrams to send, in order."""
         outgoing, self._outgoing = self._outgoing, []
         return [self._codec.encode(message) for message in outgoing]
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not handed out yet."""
+        """Remove and return the oldest pending event; None if there is none."""
         return self._events.popleft() if self._events else None
 
     def report(self, event: ClientEvent) -> None:
@@ -232,7 +232,7 @@ class NativeClient:
         self._events.append(event)
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer`` next."""
+        """Time of the next ``handle_timer`` call."""
         due_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
         silent_us = self._monitor.next_timer()
         for timer_us in (
@@ -249,7 +249,7 @@ class NativeClient:
         return due_us
 
     def handle_timer(self, now_us: int) -> None:
-        """Do what is due."""
+        """Run all actions due at ``now_us``."""
         if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
@@ -265,7 +265,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _commands_timer(self) -> int | None:
-        """When a command is due to be repeated; not while the autopilot may have restarted."""
+        """Time of the next command retry; None while the autopilot may have restarted."""
         due_us = self._commands.next_timer()
         return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 
@@ -306,7 +306,7 @@ class NativeClient:
             self._advance(now_us)
 
     def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
-        """Stop transfers and commands if its autopilot, or a pilot by radio, has taken over."""
+        """Stop transfers and commands if a failsafe or a pilot has changed the mode."""
         mode, stack = self.custom_mode, self._connected_stack()
         if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
@@ -326,7 +326,7 @@ class NativeClient:
         return transfer_id
 
     def _advance(self, now_us: int) -> None:
-        """End what has ended, begin what comes after it."""
+        """Report finished transfers and start the next ones."""
         if self.stack is None or self._jobs.idle:
             return
         monitor = self._monitor
@@ -339,7 +339,7 @@ class NativeClient:
         self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the client's invariants between two events; raises AssertionError. For tests."""
         self._jobs.validate_state()
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:

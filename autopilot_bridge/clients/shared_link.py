@@ -1,8 +1,8 @@
-"""Many vehicles on one link, sans-IO: found by their heartbeats, a client for each.
+"""Several vehicles on one link, sans-IO: each detected by its heartbeat, with its own client.
 
-The link is a peer of a connection; messages are decoded once and go to the client of the system
-that sent them. A vehicle is a link and a system id: the same id on two links is two vehicles.
-Which remote of a link a vehicle's messages are taken from: ``remote_binding.py``.
+The shared link is a peer of a connection; it decodes each message once and passes it to the client
+of the sending system. A link and a system id identify a vehicle: one id on two links means two
+vehicles. ``remote_binding.py`` selects the remote whose messages a vehicle's client accepts.
 """
 
 import heapq
@@ -24,7 +24,7 @@ HEARTBEAT_TIMEOUT_US = 3_000_000
 
 
 class VehicleKey(NamedTuple):
-    """What distinguishes vehicles."""
+    """The key of a vehicle: its link and its system id."""
 
     link: str
     system_id: int
@@ -34,7 +34,7 @@ class VehicleKey(NamedTuple):
 
 
 class FleetEvent(NamedTuple):
-    """What happened to which vehicle."""
+    """An event of a vehicle's client, with the vehicle's key."""
 
     vehicle: VehicleKey
     event: ClientEvent
@@ -43,8 +43,8 @@ class FleetEvent(NamedTuple):
 class SharedLink:
     """One link and its vehicles: a peer for a ``Connection``.
 
-    Vehicles are found by their heartbeats, and ``next_event`` has what happens to all of them; or
-    they are those that were expected, each with a client of its own that has its events.
+    Vehicles are detected by their heartbeats and report through ``next_event``, or they are
+    registered by ``expect``, and each returned client reports its own events.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class SharedLink:
     ) -> None:
         """With ``expects`` only the vehicles of ``expect`` are accepted.
 
-        ``signed``: what arrives has a signature that was checked.
+        ``signed``: received frames have passed a signature check.
         """
         self.name = name
         self.called = ""  # the remote that the link calls, where it calls one
@@ -80,17 +80,17 @@ class SharedLink:
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """A client for a vehicle of this link. Raises BridgeError for one expected twice."""
+        """Add a vehicle; returns its client. Raises BridgeError for a known one."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, max_speed_m_s)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram from a link with one other end."""
+        """Process a datagram of a link that has one remote."""
         self._receive("", self._codec.decode(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Take in whole frames of a remote."""
+        """Process whole frames of a remote."""
         self._receive(remote, self._codec.decode_frames(frames), now_us)
 
     def _receive(self, remote: str, messages: list[Message], now_us: int) -> None:
@@ -108,7 +108,7 @@ class SharedLink:
             self._touched(system, timer)
 
     def _found(self, message: Message, system: int) -> NativeClient | None:
-        """A client for a new autopilot; None for any other component."""
+        """Create the client of a new autopilot; None if the sender is no autopilot."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)
@@ -127,7 +127,7 @@ class SharedLink:
         return client
 
     def _is_its(self, remote: str, system: int, message: Message, now_us: int) -> bool:
-        """Whether a system's messages are taken from this remote."""
+        """Whether a system's messages are accepted from this remote."""
         source = self._sources.get(system)
         if source is None:
             timeout_us = self._heartbeat_timeout_us
@@ -144,7 +144,7 @@ class SharedLink:
             self._touched(system)
 
     def _touched(self, system: int, timer: bool = True) -> None:
-        """Take over a client's events and its timer."""
+        """Collect a client's events and update its timer."""
         client = self.clients[system]
         while not self._expects and (event := client.next_event()) is not None:
             self._events.append(FleetEvent(VehicleKey(self.name, system), event))
@@ -156,11 +156,11 @@ class SharedLink:
             heapq.heappush(self._timers, (due_us, system))
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams of all clients, for a link with one other end."""
+        """Datagrams of all clients, for a link that has one remote."""
         return [datagram for _, datagram in self.addressed_to_send()]
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Datagrams and the remotes they are for; those for "" are for all."""
+        """Datagrams to send with their remotes; "" is all remotes."""
         if not self._outgoing:
             return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
@@ -174,13 +174,13 @@ class SharedLink:
         return "" if source is None or source.remote is None else source.remote
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer`` next."""
+        """Time of the next ``handle_timer`` call."""
         while self._timers and self._due_us.get(self._timers[0][1]) != self._timers[0][0]:
             heapq.heappop(self._timers)
         return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
 
     def handle_timer(self, now_us: int) -> None:
-        """Send the heartbeat of this station; let each client do what is due."""
+        """Send this station's heartbeat and run the due timers of the clients."""
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._outgoing.append(gcs_heartbeat())
@@ -198,11 +198,11 @@ class SharedLink:
             self._touched(system)
 
     def next_event(self) -> FleetEvent | None:
-        """The oldest event not handed out yet."""
+        """Remove and return the oldest pending event; None if there is none."""
         return self._events.popleft() if self._events else None
 
 
 def is_of_autopilot(message: Message) -> bool:
-    """Whether it is a HEARTBEAT of a supported autopilot."""
+    """Whether a message is the HEARTBEAT of an autopilot of a known type."""
     kind: str = message.get_type()
     return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None

@@ -1,4 +1,4 @@
-"""The one place where bytes become MAVLink 2 messages and back (pymavlink's generated codec)."""
+"""Encoding and decoding of MAVLink 2 messages (pymavlink's generated codec)."""
 
 import struct
 from typing import Any
@@ -17,7 +17,7 @@ from autopilot_bridge.links.framing import (
 
 Message = Any  # pymavlink's messages carry no types
 
-# Extension fields (all uint32) that the dialect on PyPI leaves out, behind those it has.
+# Extension fields (all uint32) that the dialect on PyPI lacks; they follow its own fields.
 _IDS = {
     mavlink.MAVLink_mission_count_message: ("opaque_id",),
     mavlink.MAVLink_mission_ack_message: ("opaque_id",),
@@ -28,7 +28,7 @@ _IDS_LEFT_OUT = {
     for known, names in _IDS.items()
     if names[0] not in known.fieldnames
 }
-# Messages without arrays and texts.
+# Messages without arrays and strings.
 _OF_NUMBERS = {
     message_id: known
     for message_id, known in mavlink.mavlink_map.items()
@@ -41,7 +41,7 @@ class Codec:
     """Encoder and parser of one end of one link.
 
     MISSION_CURRENT comes with ``mission_id``, ``fence_id`` and ``rally_points_id``, MISSION_ACK and
-    MISSION_COUNT with ``opaque_id``: 0 where the autopilot sends none.
+    MISSION_COUNT with ``opaque_id``; each is 0 if the autopilot does not send it.
     """
 
     def __init__(self, system_id: int, component_id: int) -> None:
@@ -51,7 +51,7 @@ class Codec:
     def encode(self, message: Message) -> bytes:
         """The frame of a message, with the next sequence number.
 
-        It comes from this end's component, unless the message has another as ``from_component``.
+        Its source is this end's component, or the message's ``from_component`` if set.
         """
         mav = self._mav
         mav.srcComponent = getattr(message, "from_component", self._component_id)
@@ -64,11 +64,11 @@ class Codec:
         return frame
 
     def decode(self, data: bytes) -> list[Message]:
-        """The messages in a datagram or in whole frames; what is no message is passed over."""
+        """The messages in a datagram or in whole frames; other bytes are skipped."""
         return self.decode_frames(frames_of(data))
 
     def decode_frames(self, frames: list[bytes]) -> list[Message]:
-        """The messages in whole frames with checked checksums."""
+        """The messages in whole frames whose checksums have been verified."""
         messages = [self._message(frame) for frame in frames]
         return [message for message in messages if message is not None]
 
@@ -86,7 +86,7 @@ class Codec:
 
 
 def _frame_of_numbers(message: Message, sent: tuple[int, int, int]) -> bytes:
-    """As pymavlink encodes, in less time. ``sent``: sequence number, system and component."""
+    """Encode a numeric message, faster than pymavlink; ``sent``: sequence, system, component."""
     values = [getattr(message, name) for name in message.ordered_fieldnames]
     payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
     message_id = message.get_msgId()  # some have a field ``id``
@@ -97,7 +97,7 @@ def _frame_of_numbers(message: Message, sent: tuple[int, int, int]) -> bytes:
 
 
 def _message_of_numbers(frame: bytes, known: Any) -> Message:
-    """As pymavlink decodes, in less time: the checksum was compared before."""
+    """The numeric message of a verified frame, faster than pymavlink."""
     payload, size = payload_of(frame), known.unpacker.size
     values = known.unpacker.unpack(payload.ljust(size, b"\0")[:size])
     message = known(*[values[place] for place in known.orders])
@@ -140,7 +140,7 @@ def item_message(
 
 
 def item_of(message: Message) -> MissionItem:
-    """The item a MISSION_ITEM_INT carries."""
+    """The item in a MISSION_ITEM_INT."""
     return MissionItem(
         message.command,
         message.frame,

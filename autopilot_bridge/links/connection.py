@@ -14,32 +14,32 @@ SHORTEST_WAIT_S = 0.001
 
 
 class Peer(Protocol):
-    """Either side of a link: the ground station's client or the mock autopilot."""
+    """A sans-IO protocol end: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames, all of one remote."""
+        """Process whole frames, all of one remote."""
 
     def data_to_send(self) -> list[bytes]:
         """Frames to send."""
 
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
 
     def handle_timer(self, now_us: int) -> None:
-        """Do what is due."""
+        """Run all actions due at ``now_us``."""
 
 
 @runtime_checkable
 class RemotesPeer(Protocol):
-    """A peer that distinguishes the remotes of a link, by the names that the wire gives."""
+    """A peer that distinguishes the remotes of a link by their names."""
 
     called: str  # the remote that the link calls; "" where it waits for them
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Take in whole frames of a remote."""
+        """Process whole frames of a remote."""
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Frames and the remotes they are for; those for "" are for all."""
+        """Frames to send with their remotes; "" is all remotes."""
 
 
 class Connection:
@@ -49,7 +49,7 @@ class Connection:
         link: The link as users write it: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
         peer: The sans-IO client or mock at this end.
         clock: The peer's time in microseconds.
-        rate: How many times as fast as real time ``clock`` runs.
+        rate: Speed of ``clock`` relative to real time.
         tlog: A recording of what is sent and received; the caller closes it.
         signing: Signs all frames that are sent; frames that do not verify are dropped.
         link_id: The link id of signatures, 0 to 255.
@@ -76,12 +76,12 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
-        self.counts = Counts()  # of this link; the signing has those of all
-        self.receives_signed = False  # while nothing is checked: the last frame had a signature
+        self.counts = Counts()  # of this link; ``signing`` counts over all its links
+        self.receives_signed = False  # without ``signing``: the last frame had a signature
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
-        self._armed_us = 0  # what the timer waits for
+        self._armed_us = 0  # due time of the timer
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -99,10 +99,10 @@ class Connection:
         await self._transport.close()
 
     async def wait(self) -> None:
-        """Return when something arrived or was due since the last call.
+        """Return when frames have arrived or the timer has expired since the last call.
 
-        Raises what the peer raised: a defect ends the program instead of passing by in a log.
-        A lost connection raises nothing: the peer only receives nothing.
+        Re-raises the peer's exceptions, so that a defect ends the program instead of only being
+        logged. A lost connection raises nothing: the peer only receives nothing.
         """
         await self._activity.wait()
         self._activity.clear()
@@ -110,7 +110,7 @@ class Connection:
             raise self._failure
 
     def flush(self) -> None:
-        """Send the peer's outgoing messages, and read its timer again."""
+        """Send the peer's frames and rearm its timer."""
         if self._by_remote is not None:
             for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)
@@ -119,7 +119,7 @@ class Connection:
         self._arm()
 
     def notify(self) -> None:
-        """Send, and let ``wait`` return: for a peer that has events without input."""
+        """Flush and let ``wait`` return: for a peer that has events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(
@@ -130,10 +130,10 @@ class Connection:
         wall_us: int,
         signing: Signing | None,
     ) -> None:
-        """Send a vehicle the key (None: stop signing), then go on with ``signing``.
+        """Send a vehicle the key (None: stop signing), then continue with ``signing``.
 
-        The key goes over this link in clear text, twice as it is not acknowledged; it is not
-        recorded. A vehicle that signs already listens only to what its old key signs.
+        The key is sent in clear text, twice because it is not acknowledged, and not recorded. A
+        vehicle that signs already accepts only frames signed with its old key.
         """
         codec = Codec(*own)
         for _ in range(2):
@@ -141,7 +141,7 @@ class Connection:
         self.change_signing(signing)
 
     def change_signing(self, signing: Signing | None) -> None:
-        """Sign and check with another key from now on, or (None) no more."""
+        """Sign and check with another key from now on; None: neither sign nor check."""
         self._signing = signing
         self.receives_signed = False
 
@@ -163,7 +163,7 @@ class Connection:
             return
         if self._timer is not None:
             if self._armed_us <= due_us:
-                return  # it is read again then; arming it again for every datagram costs more
+                return  # the expiry rearms it; rearming for every datagram costs more
             self._timer.cancel()
         self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
@@ -182,7 +182,7 @@ class Connection:
         self._activity.set()
 
     def frames_received(self, batch: Batch) -> None:
-        """Hand the frames of each remote to the peer."""
+        """Pass the frames of each remote to the peer."""
         if self._signing is not None:
             accepts, counts = self._signing.accepts, self.counts
             batch = [
@@ -202,6 +202,6 @@ class Connection:
                 self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
-        """The wire is at its end; ``wait`` raises it."""
+        """Stop after an error of the transport, which ``wait`` raises."""
         self._failure = error
         self._activity.set()

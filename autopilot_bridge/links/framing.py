@@ -1,10 +1,10 @@
-"""Bytes of one remote to whole MAVLink frames, whatever lies between them (sans-IO).
+"""Framing: whole MAVLink frames from the bytes of one remote, with noise skipped (sans-IO).
 
-pymavlink's own parser throws away everything a false start of frame claims, good frames
-included. Here only a frame whose checksum is right takes its bytes away; anything else costs one
-byte, and the search goes on behind it. So a frame is lost only where noise before it has, by a
-chance of 1 in 65536, a checksum of its own that is right. On a stream what stands behind a false
-start waits until as many bytes have come as that claims: 280 at most.
+After a false start marker pymavlink's parser discards as many bytes as the false header states,
+valid frames included. This parser consumes the bytes of a frame only if its checksum is right;
+otherwise it skips one byte and searches on. So a frame is lost only if noise before it has a right
+checksum by chance (1 in 65536). On a stream, bytes after a false start marker wait until its stated
+length has arrived: 280 bytes at most.
 """
 
 import re
@@ -19,7 +19,7 @@ _START = re.compile(b"[" + re.escape(STARTS) + b"]")
 SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
 V2 = mavlink.PROTOCOL_MARKER_V2
-# Of each message of the dialect: its longest payload, and the byte its checksum ends with.
+# For each message of the dialect: its longest payload and its CRC extra byte.
 _KNOWN = {
     message_id: (known.unpacker.size, bytes((known.crc_extra,)))
     for message_id, known in mavlink.mavlink_map.items()
@@ -27,21 +27,21 @@ _KNOWN = {
 
 
 class Framer:
-    """The bytes of one remote; what is not whole yet is kept (280 bytes at most)."""
+    """The frame parser of one remote; it buffers an incomplete frame (280 bytes at most)."""
 
     def __init__(self) -> None:
         self._rest = b""
-        self._step_at = 0  # where in the rest a frame begins, if nothing is wrong
+        self._step_at = 0  # offset in the rest at which the next frame should begin
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The frames that are whole now, in order. For streams: TCP, serial lines."""
+        """The frames completed by ``data``, in order. For streams: TCP, serial lines."""
         return self._scan(self._rest + data, all_is_here=False)
 
     def feed_datagram(self, data: bytes) -> list[bytes]:
-        """As ``feed``, but a datagram that begins with a whole frame ends a torn one before it.
+        """As ``feed``, but a datagram that begins with a whole frame ends an incomplete one.
 
-        Datagrams get lost, so the rest of a torn frame may never come; waiting for its length
-        to fill up would hold back the frames behind it.
+        The rest of an incomplete frame may be in a lost datagram; waiting for its full length would
+        delay the frames after it.
         """
         before: list[bytes] = []
         if self._rest and data[:1] in (STARTS[:1], STARTS[1:]) and frame_length(data, 0, True):
@@ -57,14 +57,14 @@ class Framer:
 
 
 def frames_of(data: bytes) -> list[bytes]:
-    """The whole frames in data of which no more comes, such as a datagram."""
+    """The whole frames in complete data, such as a datagram."""
     if data and data[0] == V2 and frame_length(data, 0, True) == len(data):  # as most are
         return [data]
     return _scan(data, 0, all_is_here=True)[0]
 
 
 def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], int, int]:
-    """The frames; from where on bytes are to be kept; where among those a frame should begin."""
+    """The frames, the offset of the bytes to keep, and the next frame's offset within those."""
     frames: list[bytes] = []
     at = 0
     while (start := _START.search(data, at)) is not None:
@@ -75,7 +75,7 @@ def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], in
         if length:
             frames.append(data[at : at + length])
             step_at = at + length
-        # A frame no checksum vouches for may hide good ones: look into it all the same.
+        # A frame with an unknown checksum may be noise around valid frames: search inside it too.
         at = step_at if length and message_id_of(frames[-1]) in _KNOWN else at + 1
     else:
         at = len(data)
@@ -83,26 +83,26 @@ def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], in
 
 
 def message_id_of(frame: bytes) -> int:
-    """Which message a frame carries."""
+    """The message id of a frame."""
     if frame[0] == V2:
         return frame[7] | frame[8] << 8 | frame[9] << 16
     return frame[5]
 
 
 def source_of(frame: bytes) -> tuple[int, int]:
-    """System and component that sent a frame."""
+    """Source system and component of a frame."""
     return (frame[5], frame[6]) if frame[0] == V2 else (frame[3], frame[4])
 
 
 def payload_of(frame: bytes) -> bytes:
-    """A frame's payload; MAVLink 2 leaves zeros at its end out."""
+    """A frame's payload; MAVLink 2 omits trailing zeros."""
     header = 10 if frame[0] == V2 else 6
     return frame[header : header + frame[1]]
 
 
 @cache
 def field_at(message_id: int, name: str) -> int | None:
-    """Where in its payload a message has a field; None if it has none of that name."""
+    """The offset of a field in a message's payload; None if the message has no such field."""
     known = mavlink.mavlink_map.get(message_id)
     if known is None or name not in known.ordered_fieldnames:
         return None
@@ -112,31 +112,31 @@ def field_at(message_id: int, name: str) -> int | None:
 
 
 def target_system_of(frame: bytes) -> int:
-    """The system a frame is meant for; 0 is all, as it is where a message names none."""
+    """The target system of a frame; 0 (all) also for a message without a target."""
     at = field_at(message_id_of(frame), "target_system")
     payload = payload_of(frame)
     return payload[at] if at is not None and at < len(payload) else 0
 
 
 def is_known(message_id: int) -> bool:
-    """Whether the dialect has it."""
+    """Whether the dialect has this message."""
     return message_id in _KNOWN
 
 
 def checksum(data: bytes, message_id: int) -> int:
-    """The checksum of a frame of a known message, from behind its marker to its payload's end."""
+    """The X.25 checksum of a known message's frame, without its start marker and checksum."""
     return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Length of the frame that starts here; 0 when none does, None when that takes more bytes."""
+    """Length of the frame at ``at``; 0 if none begins there, None if more bytes are needed."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6
     if have < 3:
         return None
     payload = data[at + 1]
-    end = header + payload  # of what the checksum covers
+    end = header + payload  # of the bytes covered by the checksum
     length = end + 2
     if header == 10:
         flags = data[at + 2]
@@ -151,7 +151,7 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
         return 0  # MAVLink 1 has no longer variants; saves most checksums of noise
     if have < length:
         return None
-    if known is None:  # another dialect, checksum unknown: accepted between frames only
+    if known is None:  # another dialect, checksum unknown: accepted only right after a frame
         return length if in_step and (have == length or data[at + length] in STARTS) else 0
     crc = checksum(data[at + 1 : at + end], message_id)
     return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

@@ -1,4 +1,4 @@
-"""Links: connection strings, and a link in memory that loses, delays, reorders and doubles."""
+"""Link addresses, and an in-memory link with loss, delay, reordering and duplication."""
 
 import heapq
 import random
@@ -8,7 +8,7 @@ from typing import Literal, cast
 from autopilot_bridge.errors import BridgeError
 
 NetworkKind = Literal["udpin", "udpout", "tcp", "tcpin"]
-# What the program at the other end of a link has to open.
+# The kind of link for the program at the other end.
 _OTHER_END = {"udpin": "udpout", "udpout": "udpin", "tcp": "tcpin", "tcpin": "tcp"}
 FIRST_WAIT_S = 0.25
 LONGEST_WAIT_S = 5.0
@@ -16,7 +16,7 @@ LONGEST_WAIT_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class LinkAddress:
-    """``udpin`` and ``tcpin`` listen and answer; ``udpout`` and ``tcp`` send first."""
+    """A UDP or TCP address: ``udpin`` and ``tcpin`` listen, ``udpout`` and ``tcp`` connect."""
 
     kind: NetworkKind
     host: str
@@ -38,7 +38,7 @@ class SerialAddress:
 
 
 def parse_link(text: str) -> LinkAddress | SerialAddress:
-    """Read ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``."""
+    """Parse ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``."""
     kind, _, rest = text.partition(":")
     where, _, number = rest.rpartition(":")
     if kind not in (*_OTHER_END, "serial"):
@@ -57,7 +57,7 @@ def parse_link(text: str) -> LinkAddress | SerialAddress:
 
 
 def other_end(link: str) -> str:
-    """The link a program at the other end opens, e.g. ``udpout:...`` for ``udpin:...``."""
+    """The link for the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         raise BridgeError(f"link {link!r}: a serial line has no port to call; use udpin or tcpin")
@@ -65,12 +65,12 @@ def other_end(link: str) -> str:
 
 
 def reconnect_wait_s(failures: int) -> float:
-    """How long to wait before calling again, after so many calls in a row that brought nothing."""
+    """Delay before the next attempt to connect, after ``failures`` failed ones in a row."""
     return float(min(FIRST_WAIT_S * 2 ** min(failures, 16), LONGEST_WAIT_S))
 
 
 class MemoryLink:
-    """One direction of a link. The same seed and traffic give the same fate to every datagram."""
+    """One direction of a link. Equal seed and traffic give equal faults."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class MemoryLink:
         self._sent = 0
 
     def send(self, datagram: bytes, now_us: int) -> None:
-        """Put a datagram on its way."""
+        """Send a datagram."""
         copies = 2 if self._random.random() < self._duplication else 1
         for _ in range(copies):
             if self._random.random() < self._loss:
@@ -101,11 +101,11 @@ class MemoryLink:
             )
 
     def next_timer(self) -> int | None:
-        """When the next datagram arrives."""
+        """Arrival time of the next datagram; None without one."""
         return self._under_way[0][0] if self._under_way else None
 
     def receive(self, now_us: int) -> list[bytes]:
-        """What has arrived by now."""
+        """Remove and return the datagrams that have arrived by ``now_us``."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= now_us:
             arrived.append(heapq.heappop(self._under_way)[2])

@@ -1,22 +1,24 @@
-"""MAVLink 2 signing: which frames are the key holders' own and no replays.
+"""MAVLink 2 signing: frames are authenticated by a shared key and protected against replay.
 
 Spec: https://mavlink.io/en/guide/message_signing.html. The signature is the first 48 bits of
-SHA-256 over key, frame and a link id and timestamp behind it; timestamps count 10 us since 2015 and
-rise with every frame of a stream (system, component, link id of the sender).
+SHA-256 over the key, the frame, a link id and a timestamp; timestamps count 10 us since 2015 and
+rise with every frame of a stream (the sender's system, component and link id).
 
-Why not pymavlink 2.4.50's own (``MAVLink.check_signature``, ``decode``):
-- a stream's timestamp is stored before the hash is looked at, so a single forged frame from far in
-  the future makes every later genuine one fail;
-- the own timestamp becomes the greatest one received, however wrong the sender's clock: the next
-  frames we send then lock out every other station at each vehicle;
-- frames with a *wrong* signature are passed to the callback that allows unsigned ones;
+Reasons not to use pymavlink 2.4.50's implementation (``MAVLink.check_signature``, ``decode``):
+- a stream's timestamp is stored before the hash is checked, so one forged frame with a timestamp
+far in the future makes every later genuine frame fail;
+- the own timestamp becomes the greatest one received, however wrong the sender's clock: with our
+next frames each vehicle then rejects every other station;
+- frames whose signature is *wrong* are shown to the callback that allows unsigned ones;
 - frames of unknown messages come out unchecked, and signatures are compared with ``!=``.
-Here nothing is stored unless the hash is right, no other clock moves ours, a stream may run ahead
-of it only so far, and a wrong signature is wrong whatever the message.
+In this module nothing is stored unless the hash is right, received timestamps do not change our
+own, a stream may be ahead of our clock by a bounded time only, and a wrong signature is rejected
+for every message.
 
-ArduPilot 4.6 (read: ``GCS_Signing.cpp``) starts from the timestamp it has saved plus 60 s at every
-boot and key, takes UTC when GPS gives it, and accepts anything on its first port (USB; SERIAL0 of
-the simulator). It refuses a stream that begins more than a minute behind it. PX4 signs from 1.18.
+ArduPilot 4.6 (read: ``GCS_Signing.cpp``) starts from its saved timestamp plus 60 s at every boot
+and new key, sets it to UTC when GPS provides it, and accepts unsigned frames on its first port
+(USB; SERIAL0 of the simulator). It refuses a stream that begins more than a minute behind it. PX4
+signs from 1.18.
 """
 
 import base64
@@ -47,10 +49,10 @@ TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
 # ArduPilot gains a minute at every boot without GPS, so some lead is no fault.
 MAX_AHEAD_S = 300
-# Telemetry radios report themselves and have no keys.
+# Telemetry radios send their own status and have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
-# Timestamps are reserved on disk for so long; less than the 6 s some receivers allow.
+# Timestamps are reserved on disk this far ahead; less than the 6 s some receivers allow.
 RESERVED_S = 5
 _HASH_BYTES = 6
 
@@ -60,13 +62,13 @@ _HASH_BYTES = 6
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """32 secret bytes, which no message and no log shows."""
+    """32 secret bytes, hidden in messages and logs."""
 
     secret: bytes = field(repr=False)
 
 
 def key_of(text: str) -> Key:
-    """The key in a text: ``hex:`` or ``base64:`` and 32 bytes, 64 hex digits, or a passphrase.
+    """Parse a key: ``hex:`` or ``base64:`` and 32 bytes, 64 hex digits, or a passphrase.
 
     A passphrase becomes a key by SHA-256 over its UTF-8, as in QGroundControl and MAVProxy.
     Raises BridgeError, which never quotes the text.
@@ -91,14 +93,15 @@ def key_of(text: str) -> Key:
 
 
 def read_key(source: str) -> Key:
-    """The key that ``file:PATH`` (its first line) or ``env:NAME`` holds. Raises BridgeError."""
+    """Read a key from ``file:PATH`` (its first line) or ``env:NAME``. Raises BridgeError."""
     return key_of(held(source, "signing key"))
 
 
 def held(source: str, what: str) -> str:
-    """What ``file:PATH`` (its first line) or ``env:NAME`` holds; ``what`` it is, for errors.
+    """Read a secret from ``file:PATH`` (its first line) or ``env:NAME``; ``what`` names it in
+    errors.
 
-    Raises BridgeError, which never quotes it.
+    Raises BridgeError, which never quotes the secret.
     """
     kind, _, name = source.partition(":")
     if kind == "env":
@@ -118,7 +121,7 @@ def held(source: str, what: str) -> str:
 
 
 def key_warning(source: str, what: str = "signing key") -> str | None:
-    """What is wrong with the place of a key, in words for the user."""
+    """A warning if the source of a key is insecure; None otherwise."""
     kind, _, name = source.partition(":")
     if kind != "file" or os.name != "posix":
         return None
@@ -130,8 +133,8 @@ def key_warning(source: str, what: str = "signing key") -> str | None:
 def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Message:
     """SETUP_SIGNING: gives a vehicle the key, in clear text; None turns its signing off.
 
-    Only over a link without eavesdroppers, and never into a log. The time sent is a minute back, as
-    ArduPilot adds one; it refuses while armed.
+    To be sent only over a link without eavesdroppers, and never logged. The timestamp is a minute
+    in the past, since ArduPilot adds one; ArduPilot refuses the message while armed.
     """
     if key is None:
         return mavlink.MAVLink_setup_signing_message(*target, bytes(32), 0)
@@ -143,15 +146,15 @@ def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Mes
 
 
 def ticks_of(wall_us: int) -> int:
-    """A time in microseconds since 1970 as timestamps have it: 10 us since 2015."""
+    """A time in microseconds since 1970 as a signing timestamp (10 us since 2015)."""
     return max(wall_us - EPOCH_US, 0) // 10
 
 
 class Timestamps:
-    """Our own: the clock's, but each later than the one before, over restarts too.
+    """The timestamps of sent frames: by the clock, strictly increasing, over restarts too.
 
     ``wall_us`` gives microseconds since 1970. With a ``file`` no timestamp is used twice even if
-    the clock is set back while the program is not running; several links may share it.
+    the clock is set back while the program is not running; several links may share one file.
     """
 
     def __init__(self, wall_us: Callable[[], int], file: Path | None = None) -> None:
@@ -169,11 +172,11 @@ class Timestamps:
         return self._last
 
     def present(self) -> int:
-        """The time by which others are judged."""
+        """The timestamp of now, against which received timestamps are checked."""
         return max(self._last, ticks_of(self._wall_us()))
 
     def close(self) -> None:
-        """Give back what was reserved and not used."""
+        """Release the unused part of the reserved timestamps."""
         if self._file is not None:
             self._store(self._last)
 
@@ -205,21 +208,21 @@ def _stored(file: Path) -> int:
 
 @dataclass(slots=True)
 class Counts:
-    """What became of the frames that came in."""
+    """Counts of received frames by outcome."""
 
     good: int = 0
     unsigned_allowed: int = 0
-    unsigned: int = 0  # refused, as are all that follow
-    wrong: int = 0  # another key, or changed on the way
-    repeated: int = 0  # no later than the stream's last one: a replay, or overtaken on the way
-    old: int = 0  # a stream that begins too far in the past
-    ahead: int = 0  # too far in the future: a clock is wrong, theirs or ours
+    unsigned: int = 0  # refused, as are those counted in the fields below
+    wrong: int = 0  # another key, or altered in transit
+    repeated: int = 0  # not later than the stream's last one: replayed or reordered
+    old: int = 0  # of a stream that begins too far in the past
+    ahead: int = 0  # too far in the future: the sender's clock or ours is wrong
 
 
 class Signing:
     """Signs and checks the frames of the links that share a key.
 
-    One for all links, so that a frame of one link is not accepted on another.
+    One object serves all links, so that a frame of one link is not accepted on another.
     """
 
     def __init__(
@@ -236,7 +239,7 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
-        """An unsigned MAVLink 2 frame with our signature; ``link_id`` is the link's own."""
+        """Sign a MAVLink 2 frame; ``link_id`` is the id of the link that sends it."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
         crc = checksum(bytes(body[1:]), message_id_of(frame))
@@ -251,9 +254,9 @@ class Signing:
         return stamped + self._hash(stamped)
 
     def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
-        """Whether a whole frame with a correct checksum is accepted.
+        """Whether a whole frame with a right checksum is accepted.
 
-        Counts it, also among those of its link.
+        The frame is counted, also in ``of_link``.
         """
         verdict = self._verdict(frame)
         for counts in (self.counts, of_link):
@@ -262,10 +265,11 @@ class Signing:
         return verdict in ("good", "unsigned_allowed")
 
     def lead_s(self, system_id: int | None = None) -> float:
-        """How far the furthest stream is ahead of us; over 60, its sender may refuse what we send.
+        """The greatest lead of a stream over our clock in seconds; above 60 its sender may reject
+        us.
 
-        Of all systems, or of one. Seen on ArduPilot 4.6: with our clock two minutes slow its frames
-        verify, and it answers nothing.
+        ``system_id``: of this system only. Seen on ArduPilot 4.6: with our clock two minutes slow
+        its frames verify, but it answers no message.
         """
         present = self._timestamps.present()
         leads = (
@@ -298,7 +302,7 @@ class Signing:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Whether a frame carries a signature, right or wrong."""
+    """Whether a frame has a signature, valid or not."""
     return frame[0] == V2 and bool(frame[2] & SIGNED)
 
 

@@ -1,4 +1,4 @@
-"""Sockets for links: made, bound, and what is wrong with them in words (asyncio)."""
+"""Sockets for links: creation, binding and error messages (asyncio)."""
 
 import asyncio
 import os
@@ -9,12 +9,12 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import LinkAddress
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
-# A TCP remote that acknowledges nothing for so long is gone (switched off, out of range).
+# A TCP remote without acknowledgements for this time counts as lost.
 GONE_AFTER_MS = 10_000
 
 
 def socket_of(kind: socket.SocketKind) -> socket.socket:
-    """One that does not block, with room for what many vehicles send at once."""
+    """A non-blocking socket with buffers for bursts of many vehicles."""
     sock = socket.socket(socket.AF_INET, kind)
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -24,7 +24,7 @@ def socket_of(kind: socket.SocketKind) -> socket.socket:
 
 
 def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> None:
-    """Bind, or close and raise BridgeError."""
+    """Bind a socket; on failure close it and raise BridgeError."""
     try:
         sock.bind(where)
     except (OSError, UnicodeError) as error:
@@ -36,7 +36,7 @@ def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> N
 
 
 async def look_up(address: LinkAddress) -> tuple[str, int]:
-    """The address of a host; raises BridgeError if it cannot be resolved."""
+    """Resolve a host name; raises BridgeError if that fails."""
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
@@ -48,9 +48,9 @@ async def look_up(address: LinkAddress) -> tuple[str, int]:
 
 
 def reason_of(error: OSError | UnicodeError) -> str:
-    """What is wrong, in the system's words."""
+    """The operating system's text for an error."""
     if isinstance(error, socket.gaierror):
         return str(error.strerror)
     if isinstance(error, OSError) and error.errno:
-        return os.strerror(error.errno)  # pyserial's text is the path and the number once more
+        return os.strerror(error.errno)  # pyserial's text repeats the path and the number
     return str(error).partition("\n")[0]

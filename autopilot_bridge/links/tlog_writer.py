@@ -1,7 +1,7 @@
 """Recordings of a link's traffic as .tlog, as MAVProxy, QGroundControl and pymavlink read them.
 
-A record is eight bytes, big-endian: microseconds since 1970; then one frame as it went over the
-wire. Both directions go into one file.
+A record is a big-endian uint64, microseconds since 1970, and one frame as sent or received. Both
+directions are in one file.
 """
 
 import os
@@ -17,10 +17,10 @@ _LINK_BITS = 3
 
 
 class Tlog:
-    """A file being recorded while the context is open; ``wall_us`` gives microseconds since 1970.
+    """A recording, open while its context is; ``wall_us`` gives microseconds since 1970.
 
-    What the file holds already stays. Each record is handed to the operating system at once, so
-    that a crash cuts off nothing.
+    Records are appended to an existing file. Each is written to the operating system at once, so
+    that a crash of the program loses none.
     """
 
     def __init__(self, path: Path, wall_us: Callable[[], int]) -> None:
@@ -50,5 +50,5 @@ class Tlog:
 
 
 def _private(path: str, flags: int) -> int:
-    """Open for the user alone; a symbolic link is an error."""
+    """Open with access for the user alone; a symbolic link is an error."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o600)

@@ -1,7 +1,7 @@
-"""Wires: what carries frames to and from the other end, a class for each kind of link (asyncio).
+"""Transports, which carry frames to and from the other end: one class for each kind of link.
 
-A wire that is lost is silence, not an error: the peers' own timeouts deal with silence, and
-``tcp`` and ``serial`` call again, waiting longer each time up to five seconds.
+A lost connection is not an error: the peers handle silence by their timeouts, and ``tcp`` and
+``serial`` reconnect with delays that grow to five seconds.
 """
 
 import asyncio
@@ -17,10 +17,10 @@ from autopilot_bridge.links.framing import Framer, source_of, target_system_of
 from autopilot_bridge.links.link import LinkAddress, SerialAddress, reconnect_wait_s
 from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
 
-# Frames for a remote that does not read are lost beyond this, as they would be on a radio.
+# Beyond this, frames for a remote that does not read are dropped, as on a radio.
 MAX_UNSENT_BYTES = 256 * 1024
 MAX_REMOTES = 1024
-MAX_AT_ONCE = 256  # datagrams read before others get their turn
+MAX_AT_ONCE = 256  # datagrams read before other tasks run
 MAX_DATAGRAM_BYTES = 65536
 QUICK_S = 0.002
 ANSWER_FOR_S = 10.0
@@ -32,36 +32,36 @@ SILENCE = {
 }
 
 
-Batch = list[tuple[str, list[bytes]]]  # remotes and what each sent, in order
+Batch = list[tuple[str, list[bytes]]]  # remotes and the frames of each, in order
 
 
 class Listener(Protocol):
-    """The receiver of what a transport brings."""
+    """The receiver of a transport's frames and errors."""
 
     def frames_received(self, batch: Batch) -> None:
-        """Whole frames came in."""
+        """Process received whole frames."""
 
     def failed(self, error: Exception) -> None:
-        """The wire is at its end for a reason that is no silence."""
+        """Report an error after which the transport cannot continue."""
 
 
 class Transport(Protocol):
-    """Carries frames while it is open. ``called``: the remote it calls, "" if it has to wait."""
+    """Carries frames while it is open. ``called``: the remote it connects to, "" if it listens."""
 
     called: str
 
     async def open(self) -> None:
-        """Raises BridgeError when what the link names cannot be used."""
+        """Open the socket or device; raises BridgeError if the link's address cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to a known remote, or to all; returns whether there was one."""
+        """Send to a known remote, or to all (""); returns whether there was one."""
 
     async def close(self) -> None:
-        """Let go of socket or device."""
+        """Close the socket or device."""
 
 
 def transport_of(address: LinkAddress | SerialAddress, listener: Listener) -> Transport:
-    """The wire for a link."""
+    """The transport for a link's address."""
     if isinstance(address, SerialAddress):
         return StreamClient(lambda: _open_serial(address, listener), listener, address)
     match address.kind:
@@ -88,14 +88,17 @@ class _Remote:
 
 
 class Udp(asyncio.DatagramProtocol):
-    """``udpout`` sends to its address; ``udpin`` to all that sent frames in the last ten seconds,
-    or to the last of all. Frames for one system go to the remote that it sent from."""
+    """A UDP socket.
+
+    ``udpout`` sends to its address; ``udpin`` to all remotes of the last ten seconds, or to
+    the last one of all. Frames with a target system are sent to that system's remote.
+    """
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""
         self._address = address
         self._listener = listener
-        self._remotes: dict[Where, _Remote] = {}  # in order of the last reception
+        self._remotes: dict[Where, _Remote] = {}  # in order of their last frame
         self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._socket: socket.socket | None = None
@@ -103,7 +106,7 @@ class Udp(asyncio.DatagramProtocol):
         self._last_s = float("-inf")
 
     async def open(self) -> None:
-        """Bind the socket; look up the host."""
+        """Resolve the host and bind the socket."""
         address = self._address
         if address.kind == "udpout":
             self._target = await look_up(address)
@@ -115,7 +118,7 @@ class Udp(asyncio.DatagramProtocol):
         self._transport, self._socket = transport, sock
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """A datagram for each frame and remote."""
+        """Send one datagram for each frame and remote."""
         targets = self._targets(remote)
         if self._transport is None or not frames:
             return bool(targets)
@@ -129,14 +132,14 @@ class Udp(asyncio.DatagramProtocol):
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         host, _, port = remote.rpartition(":")
-        if remote:  # though it may not be remembered: many others may have sent since
+        if remote:  # even one forgotten since, after frames of many others
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
-        """The remote that each system sent from."""
+        """The remotes of each system, by system id."""
         found: dict[int, list[Where]] = {}
         for target in targets:
             for system in self._remotes[target].systems - {0}:  # 0 stands for all
@@ -150,8 +153,9 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Hand on what has come; asyncio reads one datagram a turn, those of a crowd or in quick
-        succession are read here. To look for more where there is none costs as much as a datagram.
+        """Pass on received frames. asyncio reads one datagram per turn of its loop; with several
+        remotes or quick succession the rest are read here. A read without result costs as much as a
+        datagram.
         """
         now_s = asyncio.get_running_loop().time()
         crowded = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
@@ -175,7 +179,7 @@ class Udp(asyncio.DatagramProtocol):
         return None
 
     def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
-        """Each remote has a parser of its own: one's torn frame is not another's beginning."""
+        """The whole frames of a datagram, by the parser of its remote."""
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MAX_REMOTES:
@@ -189,12 +193,12 @@ class Udp(asyncio.DatagramProtocol):
         return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore errors of an unused port (ICMP) or an unreachable network."""
+        """Ignore ICMP errors: no program listens there yet, or the network is unreachable."""
         if not isinstance(exc, OSError) or exc.errno not in SILENCE:
             self._listener.failed(exc)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The socket is closed."""
+        """Note that the socket is closed."""
         self._closed.set()
 
 
@@ -214,7 +218,7 @@ class Stream(asyncio.Protocol):
         self.remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
-        """Send, unless the remote has stopped reading."""
+        """Send frames, unless the remote has stopped reading; returns whether they were sent."""
         if self.lost.is_set() or self.out is None:
             return False
         if self.out.get_write_buffer_size() > MAX_UNSENT_BYTES:
@@ -223,7 +227,7 @@ class Stream(asyncio.Protocol):
         return True
 
     async def close(self) -> None:
-        """What is written goes out first, if it does so within a second."""
+        """Close after pending data is sent, within one second at most."""
         if self.out is not None:
             self.out.close()
         try:
@@ -235,34 +239,34 @@ class Stream(asyncio.Protocol):
             await self.lost.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Ready."""
+        """Note the open connection."""
         self._in = transport
         host_and_port = transport.get_extra_info("peername") or ()
         self.remote = ":".join(str(part) for part in host_and_port[:2])
-        if isinstance(transport, asyncio.Transport):  # a serial line is written to by another
+        if isinstance(transport, asyncio.Transport):  # a serial line has a separate write transport
             self.out = transport
 
     def data_received(self, data: bytes) -> None:
-        """Bytes came in; a frame may come in pieces."""
+        """Process received bytes, which may hold parts of frames."""
         frames = self._framer.feed(data)
         if frames:
             self.heard = True
             self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The remote is gone, or we closed."""
+        """Note that the connection is closed, by the remote or by us."""
         self.lost.set()
         if self.out is not None and self.out is not self._in:
             self.out.abort()
 
     def writing_ended(self) -> None:
-        """A serial line cannot be written to any more."""
+        """Close after the write transport of a serial line has closed."""
         if self._in is not None:
             self._in.close()
 
 
 class StreamClient:
-    """Connects, and connects again after every loss."""
+    """A client connection that reconnects after every loss."""
 
     def __init__(
         self,
@@ -270,7 +274,7 @@ class StreamClient:
         listener: Listener,
         address: LinkAddress | SerialAddress,
     ) -> None:
-        self.called = ""  # there is no other
+        self.called = ""  # there is only one remote
         self._connect = connect
         self._listener = listener
         self._address = address
@@ -278,7 +282,10 @@ class StreamClient:
         self._task: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """A serial device must be there; a TCP server may come later, but its host's name not."""
+        """Start to connect.
+
+        A serial device must exist and a host name resolve; a TCP server may start later.
+        """
         if isinstance(self._address, LinkAddress):
             await look_up(self._address)
         else:
@@ -303,7 +310,7 @@ class StreamClient:
                 await self._stream.lost.wait()
                 if self._stream.heard:
                     failures = 0
-            except OSError:  # TimeoutError is one: no server there yet
+            except OSError:  # also TimeoutError: no server yet
                 pass
             self._stream = None
             await asyncio.sleep(reconnect_wait_s(failures))
@@ -327,7 +334,7 @@ class StreamClient:
 
 
 class TcpServer:
-    """Listens; sends to all connections."""
+    """A TCP server that sends to all its connections."""
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""
@@ -349,13 +356,13 @@ class TcpServer:
         return stream
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to all, or to the one."""
+        """Send to all connections, or to one remote."""
         the_one = [stream for stream in self._streams if remote == stream.remote]
         sent = [stream.send(frames) for stream in the_one or self._streams]
         return any(sent)
 
     async def close(self) -> None:
-        """Hang up on all and stop listening."""
+        """Close all connections and stop listening."""
         if self._server is not None:
             self._server.close()
         connected = [stream for stream in self._streams if stream.out is not None]
@@ -388,7 +395,7 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
         port = serial.Serial(address.device, address.baud, timeout=0, exclusive=True)
     except ValueError as error:
         raise BridgeError(f"link {address}: {error}") from None
-    # asyncio's pipes read and write any character device, each with a file of its own to close.
+    # asyncio's pipes work on any character device; each needs its own file to close.
     _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
     writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
     try:
@@ -401,11 +408,11 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
 
 
 class _Writing(asyncio.BaseProtocol):
-    """The writing half of a serial line."""
+    """The write transport's protocol of a serial line."""
 
     def __init__(self, stream: Stream) -> None:
         self._stream = stream
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Closed, or the device is gone."""
+        """Close the line: the device was closed or removed."""
         self._stream.writing_ended()

@@ -1,4 +1,4 @@
-"""The time of a flight if the stamps of its log are of another clock: fast or slow simulators.
+"""Flight time from a log recorded by another clock, as with a fast or slow simulator.
 
 Stamps of a .tlog are by the recorder's clock. If the autopilots' time since boot runs at another
 rate, the flight's time follows it.
@@ -10,14 +10,14 @@ from statistics import median
 Sample = tuple[int, int, int]  # system id, stamp, time since boot; microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # by the stamps: of all samples, and of two compared
-MIN_RATE, MAX_RATE = 0.8, 1.25  # between them a clock is only inexact, or a link late
-LEAP_US = 60_000_000  # a time since boot so far ahead of what is expected is noise, or another boot
-STILL_US = 1_000_000  # stamps without a time since boot: then the flight goes on by the rate
+SPAN_US, APART_US = 5_000_000, 1_000_000  # time between stamps: of all samples, of a pair
+MIN_RATE, MAX_RATE = 0.8, 1.25  # rates between these are clock errors or link delays
+LEAP_US = 60_000_000  # a boot time this far ahead of the expected one is noise or a reboot
+STILL_US = 1_000_000  # after this time without boot times, flight time follows the rate
 
 
 def rate_of(samples: Iterator[Sample]) -> float:
-    """How much faster the autopilots' time goes on than the stamps; 1 where nothing shows that.
+    """The rate of the autopilots' time relative to the stamps; 1 if too few samples show it.
 
     The median over pairs of samples, so that noise, pauses and late records count little.
     """
@@ -33,7 +33,7 @@ def rate_of(samples: Iterator[Sample]) -> float:
 
 
 def _rates(known: list[tuple[int, int]]) -> list[float]:
-    """Each sample with the next one that is far enough from it."""
+    """The rate of each sample and the next one at least ``APART_US`` later."""
     rates, later = [], 0
     for stamp_us, boot_us in known:
         while later < len(known) and known[later][0] - stamp_us < APART_US:
@@ -46,7 +46,7 @@ def _rates(known: list[tuple[int, int]]) -> list[float]:
 
 
 class FlightTime:
-    """Stamps of a log turned into the flight's time, which never goes back."""
+    """Conversion of a log's stamps to flight time, which never decreases."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -55,7 +55,7 @@ class FlightTime:
         self._offset_us: dict[int, int] = {}  # from each system's time since boot
 
     def at(self, stamp_us: int, system: int, boot_us: int | None) -> int:
-        """The flight's time of a record with this stamp, and time since boot if it has one."""
+        """The flight time of a record, from its stamp and its time since boot if it has one."""
         if self._rate == 1.0:
             return stamp_us
         if self._known is None:
@@ -73,7 +73,7 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """By the offset that a system has; it gets another after a reboot, a pause or noise."""
+        """The flight time by a system's offset, which is reset after a reboot, a pause or noise."""
         found_us = boot_us + self._offset_us.get(system, expected_us - boot_us)
         if not self._latest_us - STILL_US <= found_us <= expected_us + LEAP_US:
             found_us = expected_us

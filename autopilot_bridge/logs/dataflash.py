@@ -1,8 +1,8 @@
-"""ArduPilot's DataFlash logs (.bin): messages that describe themselves.
+"""ArduPilot's DataFlash logs (.bin), a self-describing format.
 
 A message is A3 95, its type, its values; FMT messages (type 128) name a type's columns and their
 formats. Read: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since boot
-(``TimeUS``); GPS messages have the date of that.
+(``TimeUS``); GPS messages give its date.
 """
 
 import math
@@ -44,9 +44,9 @@ FMT_BYTES = 89
 LONGEST_BYTES = 255
 NO_MESSAGE = "no DataFlash message that was described"
 GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
-LEAP_US = 18_000_000  # GPS is ahead of UTC by these since 2017
+LEAP_US = 18_000_000  # GPS time minus UTC since 2017
 WEEK_US = 7 * 86_400_000_000
-# Of each letter: what struct calls it, and what its value is divided by; a text is stripped.
+# By format letter: struct's code and the divisor of the value; strings are stripped.
 LETTERS: dict[str, tuple[str, float]] = {
     "a": ("64s", 0.0),
     "b": ("b", 1.0),
@@ -74,7 +74,7 @@ ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Di
 
 
 class DataFlashLog:
-    """A .bin file of one vehicle. It has no system id: 1, unless one is given."""
+    """A .bin file of one vehicle. The file has no system id; the default is 1."""
 
     def __init__(self, path: Path, system_id: int = 1) -> None:
         self.path = path
@@ -84,7 +84,7 @@ class DataFlashLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """By the first GPS message with a valid time."""
+        """The offset by the first GPS message with a valid time."""
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
@@ -94,7 +94,7 @@ class DataFlashLog:
         return None
 
     def entries(self) -> Iterator[Entry]:
-        """From the beginning."""
+        """The entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
@@ -137,9 +137,9 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
-    """Of the message that begins here; 0 if none does, or not all of it is there.
+    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
 
-    Messages have no checksum: bytes that look like a message count only if another one follows.
+    Messages have no checksum: one is accepted only if another follows it.
     """
     if data[at : at + 2] != HEAD or at + 3 > len(data):
         return 0
@@ -151,7 +151,7 @@ def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
 
 
 class _Kind:
-    """A message type, as its FMT describes it."""
+    """A message type as described by its FMT message."""
 
     def __init__(self, fields: bytes) -> None:
         self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", fields)
@@ -169,7 +169,7 @@ class _Kind:
         self.timed = "TimeUS" in self._columns
 
     def read(self, data: bytes, at: int) -> Values | None:
-        """The values by their columns, in the units that people use; None without a time."""
+        """The values by column in scaled units; None without a time."""
         if not self.timed:
             return None
         values = self._struct.unpack_from(data, at)
@@ -192,20 +192,20 @@ def _text(data: bytes) -> str:
 
 
 class _Flight:
-    """The values so far, for events that take more than one message."""
+    """The latest values, for events that need more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
         self.armed = False
         self.mode: int | None = None
-        self.mode_name = ""  # unknown before the message that names the firmware
+        self.mode_name = ""  # unknown until the log names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
         self.by_filter = False  # velocity is the EKF's, not the GPS receiver's
         self.yaw_deg = 0.0
         self.airspeed_m_s: float | None = None
         self.throttle_percent = 0
         self.items: dict[int, MissionItem] = {}
-        self.known: dict[int, MissionItem] = {}  # of the mission on board, its home left out
+        self.known: dict[int, MissionItem] = {}  # of the mission on board, without its home
         self.count = 0
         self.current: int | None = None
         self._changes = Changes()
@@ -290,13 +290,13 @@ def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
         if flight.stack is None and text.startswith(word):
             flight.stack = stack_named("ardupilot", vehicle)
             found = [Connected(at_us, flight.stack)]
-    # Logs often begin with arming, before there is an ARM.
+    # Logs often begin with arming, before the first ARM message.
     armed = text in ARMED or (flight.armed and text not in DISARMED)
     changed = _now(flight, flight.mode, armed, at_us)
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
-# What an item is where a log's MISE does not have it.
+# Defaults of an item's fields that a log's MISE does not have.
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
@@ -307,9 +307,9 @@ def _item(fields: Values) -> MissionItem:
 
 
 def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """The whole mission is logged, its home first, at the start and when items came one by one.
+    """CMD: the whole mission, home first, at the start of a log and after an upload by items.
 
-    One that came as a file (MAVFTP) is not (4.6.2: ``AP_Filesystem_Mission.cpp``).
+    A mission uploaded as a file (MAVFTP) is not logged (4.6.2: ``AP_Filesystem_Mission.cpp``).
     """
     number, count = fields["CNum"], fields["CTot"]
     if number == 0:
@@ -324,7 +324,7 @@ def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 
 
 def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """An item is begun, so the one before it was reached."""
+    """MISE: an item is started, so the item before it was reached."""
     seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
     other = flight.count and (count, flight.known.get(seq + 1, item)) != (flight.count, item)
     if other:

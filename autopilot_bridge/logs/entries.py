@@ -1,4 +1,4 @@
-"""The contents of a log: the events of a vehicle's client, and what only logs have."""
+"""The contents of a log: the events of a vehicle's client, and events that only logs have."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from autopilot_bridge.vehicle.client_events import (
     Text,
 )
 
-LATEST_US = 4_102_444_800_000_000  # 2100: a time beyond is noise
+LATEST_US = 4_102_444_800_000_000  # 2100: a later time is noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class MissionReplaced:
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """What the autopilot put out to its servos, the first one first, in microseconds of pulse."""
+    """The autopilot's servo outputs from the first one on: pulse widths in microseconds."""
 
     at_us: int
     pulse_us: tuple[int, ...]
@@ -55,7 +55,7 @@ class GripperMoved:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """COMMAND_ACK: what the autopilot made of a command (MAV_CMD, MAV_RESULT)."""
+    """COMMAND_ACK: the autopilot's result (MAV_RESULT) of a command (MAV_CMD)."""
 
     at_us: int
     command: int
@@ -100,9 +100,9 @@ class Damage(NamedTuple):
 
 
 class Log(Protocol):
-    """One file. ``messages`` counts what was read so far, decoded or passed over.
+    """A log file. ``messages`` counts the messages read so far, decoded or skipped.
 
-    ``names`` are those of vehicles by their system ids, where the file has them.
+    ``names`` are vehicle names by system id, if the file has them.
     """
 
     path: Path
@@ -111,7 +111,7 @@ class Log(Protocol):
     damage: list[Damage]
 
     def entries(self) -> Iterator[Entry]:
-        """From the beginning. Raises BridgeError where the file cannot be opened."""
+        """The entries of the file from its beginning. Raises BridgeError if it cannot be opened."""
 
     def unix_offset_us(self) -> int | None:
-        """What to add to its clock for microseconds since 1970; None if the log has no date."""
+        """Offset from the log's clock to microseconds since 1970; None if the log has no date."""

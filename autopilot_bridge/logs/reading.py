@@ -1,4 +1,4 @@
-"""Which reader a log takes, and several logs as one."""
+"""Selection of a log's reader, and merging of several logs."""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -19,13 +19,13 @@ def open_log(path: Path) -> Log:
     """Open a logged flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; its first bytes decide how it is read, else its name.
+        path: The file; its first bytes select the format, or else its suffix.
 
     Returns:
         A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
 
     Raises:
-        BridgeError: The file is empty, cannot be read or is no log of these.
+        BridgeError: The file is empty, unreadable or in another format.
     """
     begin = next(chunks(path), b"")
     if not begin:
@@ -34,7 +34,7 @@ def open_log(path: Path) -> Log:
         return UlogLog(path)
     if begin.startswith(HEAD):
         return DataFlashLog(path)
-    match path.suffix.lower():  # a log with a damaged beginning
+    match path.suffix.lower():  # a file with a damaged beginning
         case ".tlog":
             return TlogLog(path)
         case ".bin":
@@ -45,15 +45,15 @@ def open_log(path: Path) -> Log:
 
 
 class MergedEntry(NamedTuple):
-    """An entry of one of several logs, on the clock that they share."""
+    """An entry of one of several logs, on their common clock."""
 
     at_us: int
-    log: int  # which of them
+    log: int  # index of the log
     entry: Entry
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """All entries by time: since 1970 where all logs have it, else each log's own.
+    """All entries by time: since 1970 if all logs have a date, else by each log's own clock.
 
     Within a log the order is the file's; autopilots write some topics a little late.
     """

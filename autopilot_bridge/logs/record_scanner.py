@@ -1,4 +1,4 @@
-"""A file in pieces: memory stays small, records that two pieces share are put together."""
+"""Reading of records from a file in chunks; records across two chunks are joined."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -8,7 +8,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
 PIECE_BYTES = 1 << 19
-LEAP_US = 600_000_000  # no log has a longer gap, except where it begins again
+LEAP_US = 600_000_000  # longer gaps occur only where a log starts again
 
 Message = TypeVar("Message")
 Values = dict[str, Any]
@@ -31,11 +31,12 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Data, place and length of each record; counted in the log, with what is damaged.
+    """Data, offset and length of each record; counts records and damage in the log.
 
     ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
-    data, but at the end of the file. ``lost``: what is before this place was no record.
-    ``next_start(data, at)`` is where one may begin next, from ``at`` on; -1: nowhere.
+    data except at the end of the file. ``lost``: the bytes before this offset were no record.
+    ``next_start(data, at)`` is the next offset, from ``at`` on, where a record may begin; -1 if
+    none.
     """
     log.messages, log.damage = 0, []
     data, at, base, lost_at = b"", 0, 0, -1
@@ -64,8 +65,8 @@ def records(
 
 
 def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
-    """Messages without those whose time leaps from the others: noise that looks like a message in
-    formats without checksums. A leap that the next message confirms is accepted.
+    """Messages without those whose time leaps away from their neighbours', which are noise in
+    formats without checksums. A leap that the next message confirms is kept.
     """
     latest_us: int | None = None
     held: Message | None = None
@@ -90,8 +91,8 @@ def events_of(
     messages: Iterator[tuple[str, Values]],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """The events of messages, by their names; one that lacks what it should have is left out, and
-    noted once: it is not described as autopilots do, or the description is damaged.
+    """The events of messages, by their names. A message without the expected fields is left out and
+    its kind recorded once as damage: its description differs from the autopilots' or is damaged.
     """
     strange = set[str]()
     for name, values in messages:

@@ -1,10 +1,10 @@
-"""MAVLink telemetry logs: records of eight bytes, big-endian, the time, and one frame.
+"""MAVLink telemetry logs: records of a time (big-endian uint64) and one frame.
 
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
 ``links/tlog_writer.py`` write them; MAVProxy keeps the number of the link in the lowest two
-bits. Only frames with a correct checksum are used. The length of other dialects' messages is
-accepted if another record follows. If a simulator was faster or slower than the recorder's clock,
-the autopilots' time since boot is used (``boot_time.py``).
+bits. Only frames with a right checksum are accepted; a message of another dialect is skipped by its
+length if another record follows. If a simulator was faster or slower than the recorder's clock,
+time follows the autopilots' time since boot (``boot_time.py``).
 """
 
 from collections.abc import Iterator
@@ -67,7 +67,7 @@ WANTED = frozenset(
 
 
 class TlogLog:
-    """A .tlog file. Vehicles are the systems with messages of component 1."""
+    """A .tlog file. Vehicles are the systems with frames of component 1."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -76,11 +76,11 @@ class TlogLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """Its clock is that of 1970."""
+        """0: the stamps are microseconds since 1970."""
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """From the beginning; a vehicle that is silent for three seconds has lost its link."""
+        """The entries from the beginning; three seconds without frames are a lost link."""
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
@@ -99,7 +99,7 @@ class TlogLog:
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Frames of wanted messages, with their stamps."""
+        """Frames of the wanted messages, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
@@ -130,7 +130,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """A time that leaps, or another for it where that is noise: stamps have no checksum."""
+    """A record's time; if it leaps and the next stamp does not, the latest or the next time."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -140,7 +140,7 @@ def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
 
 
 def _record_length(data: bytes, at: int, lost: bool) -> int:
-    """Of the record that begins here, 0 if none does."""
+    """Length of the record at ``at``; 0 if none begins there."""
     begin = at + STAMP_BYTES
     if begin >= len(data) or data[begin] not in STARTS:
         return 0
@@ -154,7 +154,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Of a record with a frame of another dialect: one that another record follows, or the end."""
+    """Length of a record of another dialect, if another record or the end of the data follows."""
     header = data[begin : begin + 10]
     if len(header) < 10 or is_known(message_id_of(header)):
         return 0
@@ -167,20 +167,20 @@ def _length_unknown(data: bytes, begin: int) -> int:
 
 
 def _next_start(data: bytes, at: int) -> int:
-    """Where a record may begin next."""
+    """The next offset at which a record may begin."""
     places = (data.find(start, at + STAMP_BYTES) for start in STARTS)
     return min((place - STAMP_BYTES for place in places if place >= 0), default=-1)
 
 
 class _Seen:
-    """One vehicle."""
+    """The state of one vehicle."""
 
     def __init__(self) -> None:
         self.watch = VehicleMonitor()
         self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
-        """The events of one of its messages."""
+        """The events of a message of this vehicle."""
         events: list[ClientEvent] = []
         due_us = self.watch.next_timer()
         if due_us is not None and at_us >= due_us:
@@ -203,7 +203,7 @@ def _outputs(message: Message, at_us: int) -> Outputs:
 
 
 class _Missions:
-    """Missions that go over the link, to a vehicle or from it, whoever sends them."""
+    """Missions transferred over the link in either direction, by any station."""
 
     def __init__(self) -> None:
         self._coming: dict[tuple[int, int], dict[int, MissionItem]] = {}
@@ -235,7 +235,7 @@ class _Missions:
         return []
 
     def _file(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        """A mission's file is used when its writer has closed it."""
+        """MissionLoaded when a mission file written by MAVFTP is closed."""
         packet = packet_of(message)
         ways = (message.get_srcSystem(), message.target_system)
         if packet.opcode == CREATE and packet.data.rstrip(b"\0").decode("latin-1") == MISSION_FILE:
@@ -251,7 +251,7 @@ class _Missions:
                 return []
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
-            except BridgeError:  # broken off: the vehicle has not taken it either
+            except BridgeError:  # incomplete: the vehicle has rejected it too
                 return []
             if list_out_of_bounds(items):
                 return []

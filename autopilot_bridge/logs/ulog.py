@@ -1,7 +1,7 @@
-"""PX4's ULog (.ulg): messages by topics that are described at the beginning of the file.
+"""PX4's ULog (.ulg): messages of topics whose formats stand at the beginning of the file.
 
-Source: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics
-contain the UTC time. The file does not contain missions' items.
+Read: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics give
+its date. Mission items are not logged.
 """
 
 import math
@@ -43,7 +43,7 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "no ULog message"
-# Bodies of messages are not longer, and those of kinds that there are not are none at all.
+# Maximum size of a message body by its kind; other kinds do not exist.
 MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # at the end of a topic, left out in files
@@ -101,14 +101,14 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """By the first GPS message with a valid time, else by the autopilot's own clock."""
+        """The offset by the first valid GPS time, else by the autopilot's own clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
         return self._boot_unix_us
 
     def entries(self) -> Iterator[Entry]:
-        """From the beginning."""
+        """The entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
@@ -119,7 +119,7 @@ class UlogLog:
             yield Entry(self._system_id, event)
 
     def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Topic and values of each message of the first instance of topics wanted; L for texts."""
+        """Topic and values of messages of the wanted topics (first instance); "L" is a log text."""
         formats: dict[str, str] = {}
         subscribed = _Subscriptions(wanted)
 
@@ -162,7 +162,7 @@ class UlogLog:
 
 
 class _Subscriptions:
-    """Topics by number: the sizes of all, and the readers of the first instances of wanted ones."""
+    """Topics by their numbers: the sizes of all, and the columns of the wanted ones."""
 
     def __init__(self, wanted: frozenset[str]) -> None:
         self.topics: dict[int, _Topic] = {}
@@ -170,7 +170,7 @@ class _Subscriptions:
         self._wanted = wanted
 
     def add(self, body: bytes, formats: dict[str, str]) -> None:
-        """Take an ADD_LOGGED message; one without a format is noise, and replaces no topic."""
+        """Apply an ADD_LOGGED message; one without a known format is noise and ignored."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")
         if name not in formats:
@@ -189,10 +189,10 @@ def _time_of(message: tuple[str, Values]) -> int:
 
 
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
-    """Of the message that begins here; 0 if none does, or not all of it is there.
+    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
 
-    Messages have no checksum: one is accepted if its length fits its kind or topic (by the
-    ``sizes`` of topics) and another follows; after damage, if three follow.
+    Messages have no checksum: one is accepted if its length is valid for its kind or topic
+    (``sizes`` by topic number) and another follows; after damage, if three follow.
     """
     if data.startswith(MAGIC, at):
         return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
@@ -201,7 +201,7 @@ def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
         if place == len(data) and number:
             break
         if place + HEAD_BYTES > len(data) or not _may_be(data, place, sizes):
-            # What is cut off behind a whole message is no reason to doubt that.
+            # A truncated message after a whole one does not invalidate the whole one.
             return first if first and len(data) - place < HEAD_BYTES else 0
         length = HEAD_BYTES + (data[place] | data[place + 1] << 8)
         first = first or length
@@ -225,7 +225,7 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 class _Topic:
-    """One topic's columns, and how its bytes are read."""
+    """A topic's columns and the layout of its bytes."""
 
     def __init__(self, name: str, columns: list[str], letters: str) -> None:
         self.name = name
@@ -234,14 +234,14 @@ class _Topic:
         self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
-        """Values by columns; padding at the end is left out in files."""
+        """The values by column; files omit the padding at the end."""
         size = self._struct.size
         whole = body if len(body) >= size else body.ljust(size, b"\0")
         return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
 
 
 def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
-    """None for one that was not described, or has no time."""
+    """The topic of this name; None if it has no known format or no time."""
     columns: list[str] = []
     letters: list[str] = []
     if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
@@ -257,7 +257,7 @@ def _flatten(
     letters: list[str],
     deep: int,
 ) -> bool:
-    """Add a topic's fields, including nested topics; returns whether all are known."""
+    """Add a topic's fields, with those of nested topics; returns whether all types are known."""
     if name not in formats or deep > 5:
         return False
     for field in filter(None, formats[name].split(";")):
@@ -280,7 +280,7 @@ def _flatten(
 
 
 class _Flight:
-    """The values so far, for events that take more than one message."""
+    """The latest values, for events that need more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -349,7 +349,7 @@ def _status(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     if state != flight.state:
         flight.state = state
         found.append(ModeChanged(at_us, *state, word))
-    # As PX4's heartbeat has it.
+    # As in PX4's heartbeat.
     system = "critical" if fields.get("failsafe") else "active" if state[1] else "standby"
     return [*found, *flight.announcements(SystemState(at_us, system))]
 

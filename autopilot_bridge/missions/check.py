@@ -1,4 +1,4 @@
-"""Missions checked before they are sent: what the autopilot would refuse, change or misfly.
+"""Checks of missions before upload: items that the autopilot would refuse, change or misfly.
 
 Pure functions over the data of ``stack_rules``. Items are the user's: without ArduPilot's home,
 DO_JUMP targets by place from 0.
@@ -35,13 +35,13 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Not worth a word when they change: see stack_rules.
+# Changes of these are not reported: see ``stacks/rules.py``.
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MOST = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
 
 def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSION) -> list[Problem]:
-    """Find what a stack refuses, changes or never flies of a mission, fence or rally points.
+    """Find items of a mission, fence or rally list that a stack refuses, changes or never flies.
 
     Args:
         items: The items, without ArduPilot's home.
@@ -147,7 +147,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
 
 
 def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Items behind an endless loiter, and what an ArduPlane leaves out at the end."""
+    """Items after an endless loiter, and items at the end that an ArduPlane does not run."""
     jumps = [item.param1 for item in items if item.command == _JUMP]
     ends = [index for index, item in enumerate(items) if item.command == ENDLESS]
     dead = set[int]()
@@ -179,7 +179,7 @@ def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
 
 
 def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
-    """The mission with what has an exact equivalent on the stack replaced; the rest as it is.
+    """The mission with items replaced that have an exact equivalent on the stack.
 
     Args:
         items: The items of a mission.
@@ -190,8 +190,8 @@ def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
 
     Frames: INT twins where the stack reads the plain ones back, MAV_FRAME_MISSION where items
     without position need it. NAV_ROI becomes DO_SET_ROI, a NaN becomes 0 where the stack refuses
-    it and takes 0 for its default. A drop is not translated: which output DO_SET_SERVO or
-    DO_SET_ACTUATOR moves is set up on the vehicle; DO_GRIPPER is taken by all.
+    it and takes 0 for its default. A drop is not translated: the output of DO_SET_SERVO or
+    DO_SET_ACTUATOR is configured on the vehicle; all stacks accept DO_GRIPPER.
     """
     rules = rules_of(stack)
     return tuple(_adapted(item, rules) for item in items)

@@ -16,7 +16,7 @@ _FRAME = "frames 0 (above sea level) and 3 (above home) are taken"
 
 
 def bad_place(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:
-    """What is wrong with frame, latitude, longitude and altitude of an item with a position."""
+    """Problems of frame, latitude, longitude and altitude of an item with a position."""
     yield from _bad_frame(index, item, rules)
     kind: Kind = "dangerous" if rules.trusting else "refused"
     for field, most, name in (("x", 900_000_000, "latitude"), ("y", 1_800_000_000, "longitude")):
@@ -47,7 +47,7 @@ def _bad_frame(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]
 
 
 def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """What is wrong with rally points."""
+    """Problems of rally points."""
     for index, item in enumerate(points):
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             reason = "it is no rally point"
@@ -60,7 +60,7 @@ def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
 
 
 def bad_fence(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """What is wrong with the items of a fence."""
+    """Problems of the items of a fence."""
     returns = 0
     for index, item in enumerate(points):
         if item.command not in FENCE_COMMANDS:

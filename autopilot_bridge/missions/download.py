@@ -1,6 +1,6 @@
 """Download and clearing of missions, sans-IO (MAVLink mission protocol).
 
-listed --MISSION_COUNT--> reading --each item--> reading --last item--> ended (MISSION_ACK sent)
+listed --MISSION_COUNT--> asking --each item--> asking --last item--> ended (MISSION_ACK sent)
 every request is repeated on timeout
 """
 
@@ -22,7 +22,7 @@ MORE_RETRIES = 2
 
 
 class RequestRepeater(Exchange):
-    """Repeats its last question until answered or out of tries."""
+    """Repeats its last request until it is answered or the retries are used up."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)
@@ -36,7 +36,7 @@ class RequestRepeater(Exchange):
         return [question]
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the request or give up."""
+        """Repeat the request, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1
@@ -66,7 +66,7 @@ class MissionDownload(RequestRepeater):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a count or an item and request the next item."""
+        """Process a count or an item; returns the next request."""
         kind = message.get_type()
         if kind not in ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"):
             return []
@@ -105,7 +105,7 @@ class MissionClear(RequestRepeater):
     """Removes the mission."""
 
     def start(self, now_us: int) -> list[Message]:
-        """Send the request."""
+        """Request the removal."""
         return self._send_request(
             mavlink.MAVLink_mission_clear_all_message(
                 *self._address.target, self._address.mission_type
@@ -114,7 +114,7 @@ class MissionClear(RequestRepeater):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """The acknowledgement ends it."""
+        """Process the acknowledgement, which ends the exchange."""
         if message.get_type() == "MISSION_ACK" and self._address.concerns(message):
             if message.type == mavlink.MAV_MISSION_ACCEPTED:
                 self.result = TransferResult("accepted", "cleared", message.type)

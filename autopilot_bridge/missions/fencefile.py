@@ -2,7 +2,7 @@
 
 As QGroundControl sends them: fence points in frame GLOBAL at altitude 0, a polygon's vertices
 each with the number of vertices, rally points above home, none of them with autocontinue.
-All functions raise ValueError, which names the wrong point.
+All functions raise ValueError naming the wrong point.
 """
 
 from typing import Any
@@ -35,7 +35,7 @@ def _point(command: int, frame: int, place: list[Any], name: str, value: float) 
 
 
 def fence_of(fence: Any) -> Items:
-    """The items of ``geoFence``: polygons, circles, then the point to return to."""
+    """The items of ``geoFence``: polygons, circles, then the return point."""
     if fence is None:
         return ()
     if not isinstance(fence, dict):

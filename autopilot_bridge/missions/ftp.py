@@ -6,14 +6,13 @@ opening: repeated on timeout with the same number, which makes the autopilot rep
 moving:  five reads or writes are under way, each sent again when its answer is late
 closing: only now does the autopilot apply what was written
 
-Why the mission on board is the old or the new one wherever the link dies: pieces are cut between
-items, so what is missing when a session is closed (by us, or by another station) are whole items,
-which are zeros in the autopilot's buffer; a file with an item of zeros is refused before
-the old mission is touched. A session is closed by us only when it is surely ours. Left to the
-caller: what the autopilot applies can differ from what was written (a command refused, a shorter
-mission while it is being flown: ``leaves_old_tail``), and the closing is acknowledged all the
-same. So read back after every upload, by ``FtpDownload``, whose opening settles a session that was
-left open.
+Wherever the link is lost, the mission on board is the old or the new one: writes end between items,
+so that the data missing when a session is closed (by us or another station) are whole items, which
+are zeros in the autopilot's buffer; a file with an item of zeros is refused before the old mission
+is changed. Only a session that is surely ours is closed. The caller must read back after every
+upload: the applied mission can differ from the file (a refused command, or a shorter mission while
+it is being flown: ``leaves_old_tail``), although the closing is acknowledged. ``FtpDownload`` reads
+back, and its opening ends a session that was left open.
 """
 
 from collections import deque
@@ -38,7 +37,7 @@ from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.value_bounds import list_out_of_bounds
 
-MAX_UNDER_WAY = 5  # the autopilot drops a sixth without a word
+MAX_UNDER_WAY = 5  # the autopilot drops a sixth without a reply
 FIRST_PIECE_BYTES = HEADER.size + 6 * ITEM.size  # 238
 PIECE_BYTES = 6 * ITEM.size  # 228; a write may have 239
 # An open session can be taken over when no FTP reply was sent for 3 s.
@@ -49,12 +48,12 @@ MAX_BACK_OFF = 4
 
 
 def next_session(session: int) -> int:
-    """The session id for the next transfer: another one, so that late packets hit nothing."""
+    """The session id for the next transfer: it differs, so that late packets have no effect."""
     return session % 255 + 1
 
 
 def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bool:
-    """Whether a file would leave old items behind its own.
+    """Whether old items would remain on board after the items of a new file.
 
     ArduPilot does not clear a mission that it is flying. Counts include home; ``held_items`` is
     MISSION_CURRENT.total + 1.
@@ -64,7 +63,7 @@ def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bo
 
 @dataclass(slots=True)
 class _PendingRequest:
-    """A request under way."""
+    """A request without a reply so far."""
 
     packet: Packet
     sent_us: int
@@ -94,18 +93,18 @@ class _FtpTransfer:
         self._round_trip_us: float | None = None
         self._deviation_us = 0.0
 
-    # What uploads and downloads do differently ----------------------------------------------------
+    # The differences of uploads and downloads ----------------------------------------------------
 
     def _opened(self) -> None:
         """Put the first requests into ``_waiting``."""
         raise NotImplementedError
 
     def _answered(self, request: Packet, reply: Packet) -> None:
-        """Take in an answer to a read or a write. Raises BridgeError when it cannot be right."""
+        """Process the reply to a read or write. Raises BridgeError for an invalid reply."""
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """The result when all pieces are answered; ``closed``: so is the closing."""
+        """The result when all pieces are acknowledged; ``closed``: the closing too."""
         raise NotImplementedError
 
     def _broke_off(self, reason: str) -> TransferResult:
@@ -137,14 +136,14 @@ class _FtpTransfer:
         return packet.message(self._address.target)
 
     def _patience_us(self) -> int:
-        """How long to wait for an answer: after RFC 6298, from the round trips seen."""
+        """The timeout of a reply in microseconds, from measured round trips (RFC 6298)."""
         if self._round_trip_us is None:
             return self._timing.timeout_us
         usual_us = round(self._round_trip_us + 4.0 * self._deviation_us)
         return min(max(usual_us, SHORTEST_WAIT_US), self._timing.timeout_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a reply and send the next requests."""
+        """Process a reply; returns the next requests."""
         if message.get_type() != "FILE_TRANSFER_PROTOCOL" or self.result is not None:
             return []
         source = (message.get_srcSystem(), message.get_srcComponent())
@@ -218,10 +217,10 @@ class _FtpTransfer:
         elif self._state == "opening":
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
             if busy and self._openings < MAX_OPENINGS:
-                # A session of another client, active or dead. Use another id, because ArduPilot
-                # closes a dead session only for a new one; not closed here: it may be in use.
+                # Another station's session, active or not. Another id, because ArduPilot closes an
+                # idle session for a new one only; never closed from here: it may be in use.
                 self.session = next_session(self.session)
-                # Longer each time: two stations that wait alike would keep each other out.
+                # Longer each time: two stations with equal delays would block each other.
                 self._open_again_us = now_us + BUSY_WAIT_US * self._openings
                 return []
             path = PATHS[self._address.mission_type]
@@ -234,13 +233,13 @@ class _FtpTransfer:
         return []
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Close the session; whole items are missing then, and nothing is applied."""
+        """Close the session with items missing, so that the autopilot applies nothing."""
         if self._state == "closing" or self.result is not None:
             return []
         return self._close("it was cancelled", now_us)
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call."""
         if self.result is not None:
             return self._progress_us
         if self._open_again_us is not None:
@@ -252,7 +251,7 @@ class _FtpTransfer:
         return self._progress_us + (self._timing.retries + 1) * self._timing.timeout_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Send again what was not answered in time, or give up."""
+        """Repeat requests without a timely reply, or fail after the last retry."""
         if self.result is not None or now_us < self.next_timer():
             return []
         if self._open_again_us is not None:
@@ -275,13 +274,13 @@ class _FtpTransfer:
         if self._state == "opening":
             self.result = TransferResult("failed", "the autopilot did not answer FTP")
             return []
-        farewell = self._close(None, now_us)  # may get through and free the session
+        farewell = self._close(None, now_us)  # may arrive and free the session
         self.result = self._broke_off("the autopilot fell silent")
         return farewell
 
 
 class FtpUpload(_FtpTransfer):
-    """Writes a whole list of items; to be read back afterwards whatever the result.
+    """Writes a whole list of items; must be followed by a read-back, whatever its result.
 
     ``accepted``: the file was closed. ``unknown``: all was sent, and it may be applied now or at
     any station's next opening of a file. ``failed``: the old mission is on board. ``rejected``:
@@ -298,7 +297,7 @@ class FtpUpload(_FtpTransfer):
         session: int,
         timing: TransferTiming,
     ) -> None:
-        """``items`` go out as they are, home first; ``session`` is another than the last one's."""
+        """``items`` are sent unchanged, home first; ``session`` differs from the last one."""
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""

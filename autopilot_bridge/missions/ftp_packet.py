@@ -34,7 +34,7 @@ ERRORS = {
 class Packet:
     """A request or a reply; ``asked`` is the request's opcode in a reply.
 
-    ``size`` is the number of bytes to read in a request to read, else that of ``data``.
+    ``size`` is the number of bytes wanted in a read request, else the length of ``data``.
     """
 
     seq: int
@@ -64,7 +64,7 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """The meaning of a NAK."""
+    """The error of a NAK in words."""
     code = packet.data[0] if packet.data else 0
     words = ERRORS.get(code, "it refused")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""

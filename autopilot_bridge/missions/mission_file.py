@@ -23,7 +23,7 @@ PATHS = {
 }
 MAX_ITEMS = 0xFFFE  # 65535 switches the autopilot's check of the length off
 
-# What ArduPilot 4.6 takes in a mission (AP_Mission.cpp): items with a place, and others.
+# Commands that ArduPilot 4.6 accepts (AP_Mission.cpp): with a position, and others.
 _WITH_PLACE = frozenset(
     (*(16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92), *(179, 188, 189, 191, 195, 201))
 )
@@ -40,10 +40,10 @@ _ALTITUDE_LIMIT_M = 83_000.0
 
 
 def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, str] | None:
-    """Place and defect of the first item of a mission that ArduPilot would not take, or None.
+    """Index and defect of the first item that ArduPilot would refuse; None if there is none.
 
-    To be called before a file is sent: a file is applied item by item after the old mission was
-    removed, and ends without an error at a refused item.
+    Must be called before a file is sent: ArduPilot clears the old mission, applies the file item by
+    item, and stops without a report at a refused item.
     """
     for seq, item in enumerate(items):
         if seq >= max_items:

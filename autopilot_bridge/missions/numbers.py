@@ -1,4 +1,4 @@
-"""Checked values of plan files; each function raises ValueError with the reason."""
+"""Checked values of plan files; each function raises ValueError naming the fault."""
 
 import math
 from typing import Any
@@ -28,7 +28,7 @@ def array(value: Any, name: str, length: int | None = None) -> list[Any]:
 
 
 def null_or_number(value: float) -> float | None:
-    """What JSON writes for a parameter: null for NaN."""
+    """A parameter as a JSON value: null for NaN."""
     if math.isinf(value):
         raise ValueError(f"an item has the value {value}, which no plan file can hold")
     return None if math.isnan(value) else value

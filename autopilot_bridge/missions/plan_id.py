@@ -1,12 +1,12 @@
-"""The opaque id an autopilot gives to a list of items, worked out from the items.
+"""The opaque id that an autopilot assigns to a list of items, computed from the items.
 
 PX4 1.17 (read: ``mavlink_mission.cpp``, ``crc32_for_mission_item``; seen in simulation): a CRC-32
 without inversions, from 0, over frame, command, autocontinue, params 1 to 4, x, y and z of every
-item as it came in its MISSION_ITEM_INT, 32 bytes each. Neither ``current`` nor the mission type is
-in it, so two plans that differ in the item to begin with have one id. A list without items has
-id 0. The id is in MISSION_ACK.opaque_id, in MISSION_COUNT.opaque_id when a list is read, in
-MISSION_CURRENT (once a second, and at once after a change) and survives a reboot. A fence that
-comes from a file on the vehicle has an id of another make. ArduPilot 4.6 has no ids.
+item as received in its MISSION_ITEM_INT, 32 bytes each. Neither ``current`` nor the mission type is
+in it, so two plans that differ in their first item to fly only have one id. A list without items
+has id 0. The id is in MISSION_ACK.opaque_id, in MISSION_COUNT.opaque_id when a list is read, in
+MISSION_CURRENT (once a second, and at once after a change) and survives a reboot. The id of a fence
+loaded from a file on the vehicle is computed differently. ArduPilot 4.6 has no ids.
 """
 
 import binascii

@@ -1,7 +1,7 @@
 """QGroundControl .plan files: mission (simple items), geofence and rally points.
 
-The format is that of QGroundControl's developer guide ("Plan File Format"); how it becomes
-mission items is as QGroundControl and MAVSDK do it.
+The format is described in QGroundControl's developer guide ("Plan File Format"); conversion to
+mission items is as in QGroundControl and MAVSDK.
 """
 
 import json

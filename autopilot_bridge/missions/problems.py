@@ -12,9 +12,9 @@ Kind = Literal["refused", "dangerous", "dropped", "changed"]
 class Problem:
     """One thing wrong with a mission for one stack.
 
-    ``refused``: the autopilot rejects it. ``dangerous``: it accepts it and flies something else.
-    ``dropped``: it accepts it and never does it. ``changed``: it keeps another value. ``index`` is
-    None for the mission as a whole.
+    ``refused``: the autopilot rejects the item. ``dangerous``: it accepts the item and flies
+    something else. ``dropped``: it accepts the item and never executes it. ``changed``: it stores
+    another value. ``index`` is None for the mission as a whole.
     """
 
     kind: Kind

@@ -1,4 +1,4 @@
-"""What an autopilot's read-back shows of an item that it was sent (see ``stack_rules``)."""
+"""The expected read-back of an item that was sent to an autopilot (see ``stacks/rules.py``)."""
 
 import math
 import struct
@@ -72,14 +72,14 @@ KEEP: dict[str, Callable[[float], float]] = {
 
 
 def words_of(item: MissionItem, rules: Rules) -> list[str]:
-    """How a stack keeps an item's params 1 to 4; all as sent for a command it does not take."""
+    """The rules (``Rules``) by which a stack stores params 1 to 4; "keep" for unknown commands."""
     with_position = takes_position(item, rules)
     kept = (rules.position if with_position else rules.bare).get(item.command)
     return (kept or "keep keep keep keep").split()
 
 
 def takes_position(item: MissionItem, rules: Rules) -> bool:
-    """Whether the stack takes x, y, z of an item for a place."""
+    """Whether the stack reads x, y, z of an item as a position."""
     if rules.bare_frame is not None and item.frame == rules.bare_frame:
         return False
     if item.command in rules.position:
@@ -88,14 +88,14 @@ def takes_position(item: MissionItem, rules: Rules) -> bool:
 
 
 def kept_param(word: str, value: float) -> float:
-    """What becomes of one param; a NaN stays one only where numbers are kept."""
+    """The stored value of a param; NaN stays NaN only by the rules "keep" and "yaw"."""
     if not math.isfinite(value):
         return value if word in ("keep", "yaw") else 0.0
     return KEEP[word](single(value))
 
 
 def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -> MissionItem:
-    """The item that reading the mission back shows, for one that was sent and accepted.
+    """The read-back of an item that was sent and accepted.
 
     Not for ArduPilot's item 0, which is its home whatever was sent.
     """
@@ -123,10 +123,12 @@ def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -
 
 
 def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> MissionItem:
-    """An item of ArduPilot's mission file, with these values where its command holds none.
+    """An item of ArduPilot's mission file, with these values in fields that its command does not
+    use.
 
-    The file has there what is left in the autopilot's memory (read: 4.6.2, ``AP_Mission::get_item``
-    fills an item that was not set to zeros; seen: home's place in a DO_CHANGE_SPEED).
+    In a file these fields hold leftovers of the autopilot's memory (read: 4.6.2,
+    ``AP_Mission::get_item`` fills an item that was not set to zeros; seen: home's place in a
+    DO_CHANGE_SPEED).
     """
     if takes_position(item, _IN_FILES):
         return item
@@ -162,7 +164,7 @@ def _rally_point(item: MissionItem, rules: Rules) -> MissionItem:
 def same_as_sent(
     sent: MissionItem, read: MissionItem, stack: Stack, mission_type: int = MISSION
 ) -> bool:
-    """Whether an item read back is what the stack makes of the one sent.
+    """Whether an item read back equals the stack's expected read-back of the item sent.
 
     Tolerated: single precision, a frame's INT twin, a NaN read back as any number.
     """
@@ -189,7 +191,7 @@ def same_mission(
     stack: Stack,
     mission_type: int = MISSION,
 ) -> bool:
-    """Whether a list read back is what the stack makes of the one sent.
+    """Whether a list read back equals the stack's expected read-back of the list sent.
 
     Both as they are on the wire; item 0 of an ArduPilot's mission is its home, whatever was sent.
     """

@@ -1,4 +1,4 @@
-"""Text files read and written, with errors of one line."""
+"""Reading and writing of text files, with one-line errors."""
 
 from pathlib import Path
 

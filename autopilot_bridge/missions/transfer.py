@@ -1,4 +1,4 @@
-"""What mission transfers share: timing, results, matching of messages, comparison of missions."""
+"""Common parts of mission transfers: timing, results, matching of messages."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -35,7 +35,7 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class TransferTiming:
-    """Timeout of an answer, and number of repeated requests."""
+    """Timeout of an answer, and the number of retries."""
 
     timeout_us: int = 1_500_000
     retries: int = 5
@@ -43,7 +43,7 @@ class TransferTiming:
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The two ends of a transfer and what is transferred."""
+    """The two ends of a transfer and the type of its list."""
 
     own: tuple[int, int]
     target: tuple[int, int]
@@ -69,9 +69,9 @@ class TransferResult:
     """How a transfer ended.
 
     ``rejected``: the autopilot refused (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
-    it requested). ``unknown``: all was sent, no answer came. ``failed``: the transfer broke off.
-    ``cancelled``: its end was requested. ``holds`` is the mission that the vehicle has now, and
-    ``items`` are its items where they were read.
+    it requested). ``unknown``: all items were sent without a final answer. ``failed``: the transfer
+    was aborted. ``cancelled``: it was cancelled on request. ``holds`` is the mission that the
+    vehicle has now, and ``items`` are its items if they were read.
     """
 
     outcome: Outcome
@@ -99,12 +99,12 @@ class Exchange:
         self._deadline_us = 0
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """End it; nothing more is sent."""
+        """End the exchange; nothing more is sent."""
         self.result = TransferResult("cancelled", "cancelled")
         return []
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def _is_from_target(self, message: Message) -> bool:

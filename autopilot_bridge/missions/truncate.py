@@ -2,8 +2,8 @@
 
 counted --request for item 0--> refusing --any MISSION_ACK but "busy"--> ended
 MISSION_COUNT cuts the list at once; item 0 is answered with a command that no autopilot has, so the
-transfer ends (MISSION_ACK 3) before anything is overwritten. Whether the list was cut is found by
-reading it back.
+transfer ends (MISSION_ACK 3) before anything is overwritten. A read-back must show whether the list
+was cut.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -33,7 +33,7 @@ class Truncate(RequestRepeater):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Answer the request; the refusal ends it."""
+        """Answer the request for item 0; the refusal ends the exchange."""
         kind = message.get_type()
         if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
             return []

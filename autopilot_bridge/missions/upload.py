@@ -2,8 +2,8 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent on request, and a few ahead of requests if the autopilot accepts that, until
-it repeats a request: then a message was lost, and each request is awaited
+sending: items are sent on request, or a few ahead of the requests if the autopilot accepts that,
+until it repeats a request: then a message was lost, and each request is awaited
 any --MISSION_ACK--> ended
 sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
 to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
@@ -41,11 +41,10 @@ class MissionUpload(Exchange):
         ahead: int = 0,
         plan_id: int | None = None,
     ) -> None:
-        """``items`` are sent unchanged; ``first`` is the one to be flown first (current = 1).
+        """``items`` are sent unchanged; ``first`` is the item to be flown first (current = 1).
 
-        Up to ``ahead`` items are sent before their requests. ``plan_id`` is the id that the
-        autopilot will give the plan (see ``plan_id.py``): it confirms an upload whose
-        acknowledgement was lost.
+        Up to ``ahead`` items are sent before they are requested. ``plan_id`` is the expected id of
+        the plan (see ``plan_id.py``), which proves the upload if the acknowledgement is lost.
         """
         super().__init__(address, timing)
         self.items = items
@@ -57,9 +56,9 @@ class MissionUpload(Exchange):
         self._sent = -1  # the last item sent
         self._ahead = ahead
         self._plan_id = plan_id
-        self._reported_id: int | None = None  # by MISSION_CURRENT since all was sent
+        self._reported_id: int | None = None  # by MISSION_CURRENT since all items were sent
         self._all_sent = False
-        self._doubt: TransferResult | None = None  # a refusal that may not be one
+        self._doubt: TransferResult | None = None  # a refusal that may be meant for a duplicate
 
     def start(self, now_us: int) -> list[Message]:
         """Announce the mission."""
@@ -114,7 +113,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """End it: at once, or when an autopilot that does not listen has given up by itself."""
+        """Cancel: at once, or after the autopilot's own timeout if it ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -128,7 +127,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot's answer to a duplicate; it goes on
+            return  # ArduPilot sends this for a duplicate and continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
@@ -141,7 +140,7 @@ class MissionUpload(Exchange):
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the request, wait on, or give up."""
+        """Repeat the count, wait on, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
@@ -158,7 +157,7 @@ class MissionUpload(Exchange):
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= self._timing.retries:
             return [self._count()] if self._state == "counted" else []
-        self.touched = True  # a lost MISSION_COUNT and a lost answer to it look the same
+        self.touched = True  # a lost MISSION_COUNT and a lost answer to it look alike
         if self._all_sent:
             self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
         elif self._state == "counted":

@@ -1,8 +1,8 @@
-"""Bounds of message fields: a value that is not finite, or is implausible, is not used. Pure.
+"""Bounds of message fields: values that are not finite or not plausible are discarded. Pure.
 
-One table for all messages from which the bridge reads a vehicle's state. A message with one value
-out of bounds is not used at all. Integers that mean "unknown" are allowed by name; floats that may
-be NaN for "unknown" (``UNKNOWN``) are decoded as such.
+One table covers all messages from which the bridge reads a vehicle's state. A message with any
+value out of bounds is discarded as a whole. Integers that mean "unknown" are allowed by name;
+floats that may be NaN for "unknown" (``UNKNOWN``) are decoded as such.
 
 Sources: common.xml of MAVLink for units and unknowns; latitude, longitude and angles by definition;
 heights from the Dead Sea (-430 m) to twice the ceiling of any aircraft here; speeds of air from
@@ -22,7 +22,7 @@ GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MAX_PARAM = 1e12  # of an item: no command has any that comes near
+MAX_PARAM = 1e12  # of an item; no command has values near it
 
 
 class Bound(NamedTuple):
@@ -69,7 +69,7 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "MISSION_ITEM": (Bound("x", -MAX_PARAM, MAX_PARAM), Bound("y", -MAX_PARAM, MAX_PARAM)),
     "STATUSTEXT": (Bound("severity", 0, 7),),
 }
-# Fields that are NaN if their value is unknown.
+# Fields that are NaN if unknown.
 UNKNOWN: Final = {
     "VFR_HUD": ("airspeed",),  # of PX4 multirotors
     "WIND_COV": ("wind_x", "wind_y"),
@@ -99,7 +99,7 @@ def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
 
 
 def _absurd_item(item: MissionItem | Message) -> str | None:
-    """Of an item as it is on the wire; parameters may be NaN."""
+    """The first value of a wire item that is out of bounds; its parameters may be NaN."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MAX_PARAM or math.isnan(value)):

@@ -32,7 +32,7 @@ def read_wpl(path: Path) -> Plan:
 
 
 def parse(path: Path, text: str) -> Plan:
-    """The plan in a file's text; ``path`` is for the errors."""
+    """The plan in a file's text; ``path`` is named in errors."""
     lines = [(at, line.strip()) for at, line in enumerate(text.splitlines(), 1)]
     version = lines[0][1] if lines else ""
     if version not in _HOME_AT:

@@ -1,4 +1,4 @@
-"""What ArduPilot takes as an item, and what is wrong with a fence."""
+"""ArduPilot's acceptance of items, and its check of a fence."""
 
 import math
 
@@ -12,7 +12,7 @@ from autopilot_bridge.stacks.stacks import Stack
 
 
 def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
-    """Whether ArduPilot takes an item: a MAV_MISSION_RESULT."""
+    """ArduPilot's MAV_MISSION_RESULT for an item."""
     rules = rules_of(stack)
     known = {
         MISSION: rules.position.keys() | rules.bare.keys(),
@@ -41,7 +41,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def fence_fault(items: list[MissionItem]) -> tuple[int, str] | None:
-    """What is wrong with a whole fence: severity and words of the text sent."""
+    """The fault of a whole fence: severity and text; None if there is none."""
     left = 0
     for item in items:
         if item.command in VERTICES:

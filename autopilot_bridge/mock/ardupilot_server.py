@@ -47,7 +47,7 @@ class Receiving:
 
 
 class ArduPilotServer(MissionServer):
-    """Works on what arrives at the next tick of its loop."""
+    """ArduPilot's mission server; it processes messages at the next tick of its loop."""
 
     _receiving: dict[int, Receiving]
 
@@ -72,7 +72,7 @@ class ArduPilotServer(MissionServer):
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Answer one message of the tick, repeat requests to silent uploaders, give up on them."""
+        """Answer one message per tick, repeat requests to silent uploaders, end their transfers."""
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):
@@ -129,7 +129,7 @@ class ArduPilotServer(MissionServer):
     def _answer(self, message: Message, now_us: int) -> list[Message]:
         kind = message.get_type()
         if kind == "MISSION_ACK":
-            return []  # not even a cancellation is heeded
+            return []  # even a cancellation is ignored
         client, mission_type = client_of(message), message.mission_type
         if mission_type not in self.lists:
             return [ack(client, int(mavlink.MAV_MISSION_UNSUPPORTED), mission_type)]

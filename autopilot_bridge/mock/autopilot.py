@@ -1,6 +1,6 @@
 """The mock autopilot, sans-IO: bytes in, datagrams out, one timer.
 
-The time it is given is its simulation clock; ``time_boot_ms`` counts from the first time it sees.
+Times passed to the mock are its simulation clock; ``time_boot_ms`` counts from the first one.
 """
 
 from dataclasses import replace
@@ -38,8 +38,8 @@ class MockAutopilot:
     """One vehicle standing at its home, disarmed; a peer for a ``Connection`` or a ``MemoryLink``.
 
     Args:
-        stack: The autopilot and the kind of vehicle that it imitates.
-        home: Where it stands.
+        stack: The autopilot and the kind of vehicle to simulate.
+        home: Its start position.
         system_id: MAVLink system id, 1 to 255.
         airspeed_m_s: Cruise speed in m/s.
         wind: Speed in m/s and direction that it comes from.
@@ -105,7 +105,7 @@ class MockAutopilot:
 
     @property
     def battery_percent(self) -> float | None:
-        """Charge left; None: not reported."""
+        """Remaining charge in percent; None: not reported."""
         return self.flight.battery_percent
 
     @battery_percent.setter
@@ -113,13 +113,13 @@ class MockAutopilot:
         self.flight.battery_percent = percent
 
     def breach_fence(self, breached: bool) -> None:
-        """A fence of its own is crossed, or kept again."""
+        """Set whether the vehicle's fence is breached."""
         self.flight.breach(breached, self._now_s())
 
     # Bytes and time -----------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram from any ground station."""
+        """Process a datagram from any ground station."""
         for message in self._codec.decode(data):
             target = getattr(message, "target_system", self.system_id)
             broadcast = target == 0 and self.stack.name == "ardupilot"
@@ -196,7 +196,7 @@ class MockAutopilot:
             self._apply_mission()
 
     def _apply_mission(self) -> None:
-        """What the vehicle flies after its list of items has changed."""
+        """Apply a changed list of items to the flight."""
         flight, missions = self.flight, self.missions
         flight.items = tuple(missions.items)
         if self.stack.keeps_target and self.stack.vehicle == "copter" and self._flying_mission():

@@ -16,11 +16,11 @@ class Battery:
 
     percent: float | None = None
     endurance_s: float | None = None
-    acted: bool = False  # on being low
+    acted: bool = False  # on a low charge
     warned: bool = False  # of the emergency
 
     def drain(self) -> bool:
-        """One step in the air; True once, when it has become low."""
+        """Drain for one step in the air; True once, when the charge becomes low."""
         if self.percent is None:
             return False
         if self.endurance_s is not None:
@@ -31,7 +31,7 @@ class Battery:
         return True
 
     def emergency(self) -> bool:
-        """True once, when it has come to the last of three thresholds."""
+        """True once, when the charge falls to the emergency threshold."""
         if self.warned or self.percent is None or self.percent > EMERGENCY_PERCENT:
             return False
         self.warned = True
@@ -39,12 +39,12 @@ class Battery:
 
     @property
     def empty(self) -> bool:
-        """Nothing left to fly with."""
+        """Whether the battery is empty."""
         return self.percent == 0.0
 
     @property
     def volts(self) -> float:
-        """Falls evenly with the charge; full where no battery is reported."""
+        """Voltage, linear in the charge; full if no battery is reported."""
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 

@@ -1,4 +1,4 @@
-"""A mock's body: how it moves and where it stands; ``flight_model.py`` decides where to."""
+"""The motion of a mock vehicle; ``flight_model.py`` selects its manoeuvres."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -171,5 +171,5 @@ class Body:
         self.airborne = False
 
     def distance(self, place: Place) -> float:
-        """To a place, over the ground."""
+        """Horizontal distance to a place in metres."""
         return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)

@@ -1,4 +1,4 @@
-"""Commands as the mock obeys them, by the rules of each stack (read and seen: PX4 1.17,
+"""Execution of commands by the mock, by the rules of each stack (read and seen: PX4 1.17,
 ArduPilot 4.6.2)."""
 
 import math
@@ -59,7 +59,7 @@ class CommandRequest:
 
 
 def command_request_of(message: Message) -> CommandRequest:
-    """The request in a COMMAND_LONG or COMMAND_INT."""
+    """The request of a COMMAND_LONG or COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)
@@ -93,7 +93,7 @@ class CommandServer:
         self._handlers = self._handlers_of_stack()
 
     def execute(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
-        """Do it; the MAV_RESULT. Another mode by order ends PX4's failsafe."""
+        """Execute a command; returns its MAV_RESULT. A commanded mode ends PX4's failsafe."""
         before = flight.mode
         result = self._execute(request, flight, now_s)
         if self._px4 and flight.mode != before:

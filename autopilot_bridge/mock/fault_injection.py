@@ -63,7 +63,7 @@ class FaultyMock:
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram of the station that is tried."""
+        """Process a datagram of the station under test."""
         self._begin(now_us)
         if not self._within(self.faults.silence, now_us):
             self._up.send(data, now_us)
@@ -108,7 +108,7 @@ class FaultyMock:
         return any(start_s <= at_s < end_s for start_s, end_s in spans)
 
     def _exchange(self, now_us: int) -> None:
-        """Move what is under way."""
+        """Exchange messages between the station and the mock."""
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         if self._second_speaks:
@@ -144,7 +144,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """MISSION_ACKs of a failure that is none of the station's: each is wrong in one way."""
+        """Refusing MISSION_ACKs that are not for the station: each is wrong in one field."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

@@ -28,8 +28,8 @@ from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
-NEAR_M = 5.0  # a copter that flies on is there
-STOP_WITHIN_M = 2.0  # one that stays
+NEAR_M = 5.0  # a copter that flies on has arrived
+STOP_WITHIN_M = 2.0  # a copter that stops has arrived
 GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
 GLIDES_BY = 0.7  # and flies by so much of its airspeed
 # How long a copter flies on without satellites before it lands at its estimated position, as the
@@ -41,7 +41,7 @@ DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
 @dataclass(slots=True)
 class Target:
-    """What is being flown: an item, and the leg that leads to it."""
+    """The item being flown, and the leg that leads to it."""
 
     item: MissionItem
     leg_start: Place
@@ -124,7 +124,7 @@ class FlightModel(Body):
         self.battery.percent = percent
 
     def blind_s(self, now_s: float) -> float:
-        """How long it has flown without satellites; on the ground nothing bridges that."""
+        """Seconds since the last fix: 0 with satellites, infinite without them on the ground."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
@@ -145,7 +145,7 @@ class FlightModel(Body):
             self.go_to(self.current, now_s)
 
     def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
-        """Where to hold, and how wide; by this a vehicle leaves the ground too."""
+        """Set place, altitude and radius of the hold; a vehicle on the ground takes off to it."""
         self._hold_at = (*place, altitude_m)
         self.radius_m = radius_m
 
@@ -265,7 +265,7 @@ class FlightModel(Body):
     # Items ------------------------------------------------------------------------------------
 
     def _run(self, seq: int, now_s: float) -> None:
-        """A DO item, if the mission is being flown."""
+        """Run a DO item, if the mission is being flown."""
         item = self.items[seq]
         if self.mode != "mission":
             return
@@ -287,7 +287,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """One after the other, within milliseconds (seen), unless one is to wait."""
+        """Run the waiting DO items in order, within milliseconds (seen), unless one delays."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -497,7 +497,7 @@ class FlightModel(Body):
         return True
 
     def failsafe_to(self, mode: Mode, now_s: float) -> None:
-        """Act on a failsafe: fly home, hold or land."""
+        """Execute a failsafe: return, hold or land."""
         self.failsafe = True
         if self.mode != mode:
             self.set_mode(mode, now_s)
@@ -522,7 +522,7 @@ class FlightModel(Body):
                 self.set_mode("rtl", now_s)
 
     def _land_blind(self, now_s: float) -> None:
-        """Land where it is when satellites were lost for long."""
+        """Land in place after a long loss of satellites."""
         if self.gps or not self.airborne:
             self._fix_s, self.blind = now_s, False
         after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)
@@ -535,7 +535,7 @@ class FlightModel(Body):
         self.failsafe_to("land", now_s)
 
     def _look_down(self) -> None:
-        """Below the ground is a crash: the vehicle stays there for good."""
+        """Detect a crash into the ground, after which the vehicle stays there."""
         ground_m = self.ground_amsl_m
         if self.motion.altitude_m > ground_m - 0.5:
             return

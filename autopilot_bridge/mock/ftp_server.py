@@ -79,7 +79,7 @@ class FtpServer:
         return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
-        """The last reply once more, to the same request as far as the autopilot looks."""
+        """The last reply again, if session and sequence number are repeated; else None."""
         if self._last is None or self._last[0] != source:
             return None
         last = self._last[1]

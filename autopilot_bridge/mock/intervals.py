@@ -1,4 +1,4 @@
-"""How often the mock sends which message: each stack's own rates until others are requested.
+"""Message rates of the mock: each stack's own until others are requested.
 
 Seen in SITL without any request: ArduPlane sends all at 1 Hz, ArduCopter nothing but HEARTBEAT and
 texts, PX4 what its link's profile holds.
@@ -70,5 +70,5 @@ class Intervals:
         return message_id in self._every
 
     def due(self, step: int) -> list[int]:
-        """The messages that are sent in this step."""
+        """The messages due in a step."""
         return [key for key, every in self._every.items() if every and not step % every]

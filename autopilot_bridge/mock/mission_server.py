@@ -1,4 +1,4 @@
-"""The autopilot's side of the mission protocol: what both stacks have in common.
+"""The autopilot's side of the mission protocol: the common part of both stacks.
 
 ``ardupilot_server.py`` and ``px4_server.py`` have the habits of each.
 """
@@ -68,7 +68,7 @@ class MissionServer(ABC):
 
     @abstractmethod
     def forget_transfers(self) -> None:
-        """What a reboot does to transfers under way."""
+        """End all transfers, as a reboot does."""
 
     @abstractmethod
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
@@ -88,7 +88,7 @@ class MissionServer(ABC):
         return False
 
     def _heard(self, messages: list[Message]) -> list[Message]:
-        """What of the answers gets out."""
+        """The answers that are sent before the fault ``silent_after`` suppresses the rest."""
         if self.faults.silent_after is None:
             return messages
         told = messages[: self.faults.silent_after]
@@ -125,7 +125,7 @@ def item_in(message: Message) -> MissionItem:
 
 
 def _whole(value: float) -> int:
-    """What fits into MISSION_ITEM_INT; anything else, NaN too, is no place."""
+    """A value as MISSION_ITEM_INT's integer; NaN and values out of range are no place."""
     return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 

@@ -51,7 +51,7 @@ class _Held:
 
 
 class ParameterServer:
-    """The parameters of one mock. Requests for unknown parameters get no answer."""
+    """The parameters of one mock. Unknown names get no answer."""
 
     def __init__(self, stack: Stack) -> None:
         self._bytewise = stack.name == "px4"
@@ -63,7 +63,7 @@ class ParameterServer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What there is."""
+        """The names of all parameters."""
         return tuple(self._held)
 
     @property
@@ -82,7 +82,7 @@ class ParameterServer:
         self._held[name].value = value
 
     def receive(self, message: Message) -> list[Message]:
-        """Take in PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET."""
+        """Answer PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET."""
         names = list(self._held)
         match message.get_type():
             case "PARAM_REQUEST_LIST":

@@ -1,4 +1,4 @@
-"""What missions and commands switch on board: servos, relays, grippers and the like."""
+"""Outputs switched by missions and commands: servos, relays, grippers and others."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ class Payload:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
 
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
-        """Carry out a DO command of a mission or a COMMAND_LONG (params 1 to 7); False: not one.
+        """Execute a DO command (params 1 to 7); returns False if it switches no output.
 
         The caller decides whether the stack accepts it at all.
         """
@@ -125,7 +125,7 @@ class Px4Gripper:
         return [*answers, (requester, IN_PROGRESS)]
 
     def ended(self, now_us: int) -> list[Answer]:
-        """What has come to its end by now."""
+        """The answers of actions that have ended by now."""
         if self._under_way is None or now_us < self._under_way[2]:
             return []
         action, requester, _ = self._under_way

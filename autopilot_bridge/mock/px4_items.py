@@ -1,4 +1,4 @@
-"""What PX4 takes as an item, and its checksum of a plan."""
+"""PX4's acceptance of items, and its checksum of a plan."""
 
 import binascii
 import struct
@@ -24,7 +24,7 @@ FLOAT_FRAMES = {5: 0, 6: 3}
 
 
 def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
-    """Whether PX4 takes an item: a MAV_MISSION_RESULT."""
+    """PX4's MAV_MISSION_RESULT for an item."""
     rules = rules_of(stack)
     if item.frame not in (*rules.frames, FRAME_MISSION):
         return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
@@ -118,7 +118,7 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def lacking(items: list[MissionItem], required: int) -> str | None:
-    """The item required by MIS_TKO_LAND_REQ that is missing (0 none, 1 takeoff, 2 landing)."""
+    """The item that MIS_TKO_LAND_REQ requires and a mission lacks (1 takeoff, 2 landing)."""
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

@@ -11,23 +11,23 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 
 
 class MockGroup:
-    """Takes the place of one mock on a link: all receive everything, and all may send."""
+    """Several mocks as one peer of a link: all receive every datagram, and all may send."""
 
     def __init__(self, peers: Sequence[MockAutopilot | FaultyMock]) -> None:
         self.peers = peers
         self.mocks = [peer.mock if isinstance(peer, FaultyMock) else peer for peer in peers]
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram."""
+        """Process a datagram."""
         for peer in self.peers:
             peer.receive_data(data, now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams of all."""
+        """Datagrams of all mocks."""
         return [datagram for peer in self.peers for datagram in peer.data_to_send()]
 
     def next_timer(self) -> int:
-        """When the first of them has something to do."""
+        """Time of the first mock's next ``handle_timer`` call."""
         return min(peer.next_timer() for peer in self.peers)
 
     def handle_timer(self, now_us: int) -> None:
@@ -40,7 +40,7 @@ _ID = b"\x00\x01\x00"  # 256 as a header has it: most datagrams need no look at 
 
 
 class SigningServer:
-    """Hands all on to a mock or a fleet, and ``learned`` the key that SETUP_SIGNING brings.
+    """Passes frames to a mock or a fleet, and the key of a SETUP_SIGNING to ``learned``.
 
     None for a key of zeros, which turns signing off. As on ArduPilot, not while armed.
     """
@@ -52,7 +52,7 @@ class SigningServer:
         self._codec = Codec(1, 1)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Take in whole frames."""
+        """Process whole frames."""
         if _ID in data:
             for frame in filter(is_secret, frames_of(data)):
                 self._learn_key(frame)
@@ -71,7 +71,7 @@ class SigningServer:
         return self._peer.data_to_send()
 
     def next_timer(self) -> int | None:
-        """When the mock has something to do."""
+        """Time of the mock's next ``handle_timer`` call."""
         return self._peer.next_timer()
 
     def handle_timer(self, now_us: int) -> None:
@@ -90,8 +90,8 @@ async def serve(
 ) -> None:
     """Fly a mock or a fleet on a link until cancelled. ``clock`` gives real microseconds.
 
-    ``opened`` is called when the link is open. With ``learns``, a fleet signs with the keys that it
-    receives; the function makes the signing for a key.
+    ``opened`` is called when the link is open. With ``learns`` a fleet signs with received keys; it
+    makes the signing for a key.
     """
     began_us = clock()
 

@@ -1,4 +1,4 @@
-"""Differences between the mission servers of the two stacks, as data.
+"""The differences of the two stacks' mission servers, as data.
 
 Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, except values marked "read".
 """
@@ -55,5 +55,5 @@ _CONSTANTS = {
 
 
 def stack_constants_of(stack: Stack) -> StackConstants:
-    """The habits of a stack."""
+    """The constants of a stack."""
     return _CONSTANTS[stack.name, stack.vehicle]

@@ -1,4 +1,4 @@
-"""What the mock sends without a request."""
+"""Messages that the mock sends without a request."""
 
 import math
 from collections.abc import Callable
@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """Sends the messages due after each step of a flight. ``send`` takes any number of them."""
+    """Sends the messages due after each step of a flight, through ``send``."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class TelemetrySender:
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
-        """All that is due after the step with this number."""
+        """Send all messages due after a step."""
         self._send_reached(flight, steps)
         self.send_texts(flight)
         if steps % HEARTBEAT_EVERY_STEPS == 1:

@@ -1,1 +1,1 @@
-"""What PX4 and ArduPilot do differently: modes and rules of items."""
+"""The differences of PX4 and ArduPilot: modes and rules of items."""

@@ -1,4 +1,4 @@
-"""Flight modes of the stacks: one word for what is the same thing, and the number on the wire.
+"""Flight modes of the stacks: one name for equivalent modes, and the number on the wire.
 
 Read: ArduPlane and ArduCopter 4.6.2 ``mode.h``, PX4 1.17 ``px4_custom_mode.h``. The first word of a
 number names it.

@@ -1,4 +1,4 @@
-"""What PX4 1.17 and ArduPilot 4.6.2 make of each mission item, as data.
+"""The treatment of each mission item by PX4 1.17 and ArduPilot 4.6.2, as data.
 
 Seen in SITL where a transcript exists, otherwise read in their sources: AP_Mission.cpp,
 MissionItemProtocol_*.cpp and each vehicle's start_command; mavlink_mission.cpp and

@@ -1,4 +1,4 @@
-"""What PX4 and ArduPilot each do differently, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
+"""The differences of PX4 and ArduPilot, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from autopilot_bridge.stacks.modes import ARDUCOPTER, ARDUPLANE, PX4, Modes
 
 
 class Place(NamedTuple):
-    """Where a command acts, as COMMAND_INT carries it: x and y in degrees times 1e7."""
+    """The place of a command as in COMMAND_INT: x and y in 1e-7 degrees."""
 
     frame: int
     x: int
@@ -37,7 +37,7 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One autopilot on one kind of vehicle: what it does differently, as data.
+    """One autopilot on one kind of vehicle: its modes, limits and procedures, as data.
 
     Get one by ``stack_named``; the comments at the fields have their meaning.
     """
@@ -64,7 +64,7 @@ class Stack:
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """The word for a mode number; an unknown number stays a number."""
+        """The name of a mode number, or the number itself if unknown."""
         for name, number in self.modes:
             if number == custom_mode:
                 return name

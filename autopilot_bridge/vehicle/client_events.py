@@ -1,4 +1,4 @@
-"""What a vehicle's client reports. ``at_us`` is the link's clock when it was noticed."""
+"""The events of a vehicle's client. ``at_us`` is the link's clock at the detection."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -28,21 +28,21 @@ class LinkLost:
 
 @dataclass(frozen=True, slots=True)
 class LinkRestored:
-    """HEARTBEATs again."""
+    """A HEARTBEAT after a lost link."""
 
     at_us: int
 
 
 @dataclass(frozen=True, slots=True)
 class Rebooted:
-    """The autopilot's time since boot began again."""
+    """The autopilot has restarted: its time since boot began again."""
 
     at_us: int
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """GLOBAL_POSITION_INT in units people use."""
+    """GLOBAL_POSITION_INT in degrees, metres and m/s."""
 
     at_us: int
     boot_us: int
@@ -69,7 +69,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """VFR_HUD; no airspeed where nothing measures it."""
+    """VFR_HUD; airspeed None without a sensor."""
 
     at_us: int
     airspeed_m_s: float | None
@@ -80,7 +80,7 @@ class Speed:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """The autopilot's estimate: where the wind comes from, and how fast."""
+    """The autopilot's wind estimate: direction from, and speed."""
 
     at_us: int
     from_deg: float
@@ -110,7 +110,7 @@ class Battery(Status):
 
 @dataclass(frozen=True, slots=True)
 class Health(Status):
-    """What is switched on and not healthy, in words, reported when it changes; () is all well."""
+    """Sensors that are switched on and unhealthy, by name, reported on change; () if none is."""
 
     at_us: int
     unhealthy: tuple[str, ...]
@@ -206,9 +206,8 @@ class CommandFinished:
 
 @dataclass(frozen=True, slots=True)
 class DropFinished:
-    """What became of one drop. ``refused``: it did not fall. ``unknown``: it may have fallen.
-
-    ``done``: the autopilot has taken the order; it does not see what falls.
+    """The outcome of one drop. ``refused``: nothing was released. ``unknown``: it may have been
+    released. ``done``: the autopilot has accepted the command; it does not detect the fall.
     """
 
     at_us: int
@@ -219,7 +218,7 @@ class DropFinished:
 
 @dataclass(frozen=True, slots=True)
 class ParametersFinished:
-    """Reading or setting of parameters has ended."""
+    """A parameter request has ended."""
 
     at_us: int
     request_id: int
@@ -250,7 +249,7 @@ AlarmKind = Literal["source", "clock", "jump", "value"]
 
 @dataclass(frozen=True, slots=True)
 class SameSystemId:
-    """Two remotes of one link send with one system id; messages of ``left_out`` are not used."""
+    """Two remotes of one link send with one system id; messages of ``left_out`` are discarded."""
 
     at_us: int
     kept: str

@@ -16,7 +16,7 @@ R = TypeVar("R", CommandSequence, Request)
 
 
 class _RequestQueue(Generic[R]):
-    """Requests waiting and under way, by their ids: one at a time."""
+    """Queued and active requests, by their ids: one at a time."""
 
     def __init__(self) -> None:
         self._last_id = 0
@@ -29,30 +29,30 @@ class _RequestQueue(Generic[R]):
         return self._last_id
 
     def start_next(self, now_us: int) -> list[Message]:
-        """Start what waits if nothing is under way."""
+        """Start the next request if none is active."""
         if self._active or not self._queue:
             return []
         self._active = True
         return self._go_on(self._queue[0][1].start(now_us), now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Hand a message to what is under way."""
+        """Pass a message to the active request."""
         if not self._active:
             return []
         return self._go_on(self._queue[0][1].receive(message, now_us), now_us)
 
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
         return self._queue[0][1].next_timer() if self._active else None
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Do what is due."""
+        """Run all actions due at ``now_us``."""
         if not self._active:
             return []
         return self._go_on(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _go_on(self, messages: list[Message], now_us: int) -> list[Message]:
-        """The messages of what is under way; if it has ended, those of the next too."""
+        """The messages of the active request; if it has ended, those of the next one too."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages
@@ -61,12 +61,12 @@ class _RequestQueue(Generic[R]):
         return messages + self.start_next(now_us)
 
     def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
-        """Report the end of what is under way, if it has ended; ``sent``: it sent messages now."""
+        """Report the active request if it has ended; ``sent``: it sent messages now."""
         raise NotImplementedError
 
 
 class CommandQueue(_RequestQueue[CommandSequence]):
-    """Commands waiting and under way."""
+    """Queued and active commands."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         super().__init__()
         self._own = own
         self._commanded_modes = commanded_modes
-        self._modes: dict[int, tuple[int, ...]] = {}  # that each leads to, by its id
+        self._modes: dict[int, tuple[int, ...]] = {}  # modes commanded, by command id
         self._timing = timing
         self._report = report
 
@@ -92,7 +92,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         now_us: int,
         timing: TransferTiming | None = None,
     ) -> int:
-        """Queue an order; an urgent one takes the place of all others."""
+        """Queue an order; an urgent one replaces all others."""
         if urgent:
             self.end_all(f"{name} took its place", now_us)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
@@ -107,7 +107,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         return command_id
 
     def end_all(self, reason: str, now_us: int) -> None:
-        """End what waits and what is under way."""
+        """End all queued and active commands."""
         for command_id, sequence in self._queue:
             self._report(CommandFinished(now_us, sequence.name, False, reason, command_id))
         self._queue.clear()
@@ -115,7 +115,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._active = False
 
     def release_mode(self, why: str, now_us: int) -> list[Message]:
-        """Autopilot or pilot took over: end commands that would change the mode or arm."""
+        """After a failsafe or a pilot's mode change: end commands that change the mode or arm."""
         kept = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:
@@ -137,7 +137,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
 
 
 class ParameterQueue(_RequestQueue[Request]):
-    """Reading and setting of parameters, waiting and under way."""
+    """Queued and active parameter requests."""
 
     def __init__(
         self, timing: TransferTiming, report: Callable[[ParametersFinished], None]
@@ -147,15 +147,15 @@ class ParameterQueue(_RequestQueue[Request]):
         self._report = report
 
     def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the reading of one."""
+        """Queue the reading of one parameter."""
         return self._add(ParameterRead(target, name, _bytewise(stack), self._timing))
 
     def read_all(self, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the reading of all."""
+        """Queue the reading of all parameters."""
         return self._add(ParametersRead(target, _bytewise(stack), self._timing))
 
     def set(self, name: str, value: float, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the setting of one."""
+        """Queue the setting of one parameter."""
         return self._add(ParameterSet(target, name, value, _bytewise(stack), self._timing))
 
     def _reported(self, request_id: int, request: Request, sent: bool, now_us: int) -> bool:

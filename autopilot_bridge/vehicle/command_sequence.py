@@ -1,7 +1,7 @@
-"""Commands one after another, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
+"""Sequences of commands, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
 
-sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK refuses--> ended
-sent: repeated on timeout; working: not repeated, because it was accepted and ends late or never
+asked --ACK accepted--> next step; asked --ACK in progress--> working; asked --ACK refuses--> ended
+asked is repeated on timeout, working is not: the command was accepted and ends late or never
 """
 
 from dataclasses import dataclass
@@ -67,11 +67,11 @@ def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
 
 
 class CommandSequence:
-    """Sends steps one by one, each when the one before was accepted; repeats what gets no answer.
+    """Sends steps one by one, each after the previous one was accepted; repeats unanswered ones.
 
-    All steps can be repeated without harm: they name a state or a place, never a change.
+    All steps can be repeated without harm: they command a state or a place, never a change.
     ``outcome`` becomes (accepted, reason) when the last step was accepted or one was refused; the
-    reason of a refusal holds the last warning the autopilot wrote meanwhile.
+    reason of a refusal includes the autopilot's last warning text.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class CommandSequence:
         behind_heartbeats: bool = False,
         insists: bool = False,
     ) -> None:
-        """``bytewise`` is how the autopilot carries parameters that are whole numbers.
+        """``bytewise``: the autopilot sends integer parameters as bytes in the float.
 
         ``behind_heartbeats``: a command is repeated only right after a HEARTBEAT, so that a mode
         which the autopilot selected meanwhile is known by then. ``insists``: it is repeated even
@@ -139,7 +139,7 @@ class CommandSequence:
         return [command_message(self._target, step, self._tries)]
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in an acknowledgement, a text or a parameter."""
+        """Process an acknowledgement, a text or a parameter."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if source != self._target or self.outcome is not None:
             return []
@@ -202,11 +202,11 @@ class CommandSequence:
         self.outcome = (False, f"{self._refusal}{said}")
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the step or give up."""
+        """Repeat the step, or fail after the last retry."""
         if self.outcome is not None or now_us < self._deadline_us:
             return []
         if self._refusal is not None:

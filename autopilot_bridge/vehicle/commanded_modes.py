@@ -1,4 +1,4 @@
-"""Which flight modes were commanded, so that any other is attributed to the autopilot or pilot.
+"""The commanded flight modes; any other mode is attributed to the autopilot or a pilot.
 
 An autopilot in failsafe, and a pilot by radio, change the mode too. Such a mode is not overridden:
 no command is repeated, and no transfer changes it.
@@ -42,7 +42,7 @@ class CommandedModes:
         self._until_us: dict[int, int] = {}
 
     def ask(self, modes: tuple[int, ...], now_us: int) -> None:
-        """Note modes that are commanded now."""
+        """Add modes that are commanded now."""
         if not modes:
             return
         self._until_us = {

@@ -1,10 +1,11 @@
-"""DropSender, sans-IO: each release is sent once, at once, past all other orders, or not at all.
+"""DropSender, sans-IO: a release is sent once, at once, ahead of all other orders, or not at all.
 
 sent --ACK accepted or in progress--> done; --ACK refuses--> refused; --no ACK in time--> unknown
 set back ``hold_s`` later, again and again until acknowledged or until the next release
 
 An acknowledgement has only the number of the command, which is the same for release and setting
-back. So each pulse of the dropper is sent by components of its own, to which it is answered.
+back. So each release and each setting back is sent from a component id of its own, which its
+acknowledgement is addressed to.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from autopilot_bridge.vehicle.orders import Dropper, drop
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 # ArduPilot keeps the signatures of 16 streams (system, component, link).
 PULSES_APART = 4
-BACK_EVERY_US = 50_000  # a dropper that is not set back lets go of nothing more
+BACK_EVERY_US = 50_000  # a dropper that is not set back releases nothing more
 MAX_BACKS = 40
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
 # PX4's gripper answers a release with the former when the setting back arrives, and with the latter
@@ -68,9 +69,10 @@ class DropSender:
         lost: bool,
         now_us: int,
     ) -> tuple[int, list[Message]]:
-        """A number for the drop, and the release, to be sent at once; refused if it would be late.
+        """The drop's id, and the release to send at once; the drop is refused if it would be late.
 
-        ``lost``: the vehicle is silent. Raises BridgeError where the stack has no way.
+        ``lost``: the vehicle is silent. Raises BridgeError if the stack has no command for this
+        dropper.
         """
         release, back = drop(stack, dropper)
         self._last_id += 1
@@ -94,7 +96,7 @@ class DropSender:
         return self._last_id, [message]
 
     def _forget(self, component: int, now_us: int) -> None:
-        """A new pulse ends the setting back of those before it, and takes over old components."""
+        """End the setting back of earlier pulses, and reuse old component ids."""
         for pulse in self._pulses:
             pulse.is_back = True
             if pulse.component == component and pulse.waits:
@@ -102,7 +104,7 @@ class DropSender:
         self._tidy()
 
     def withdraw(self, outgoing: list[Message], reason: str, now_us: int) -> None:
-        """Take back releases that are not sent yet."""
+        """Withdraw releases that are not sent yet."""
         for pulse in self._pulses:
             if any(message is pulse.release for message in outgoing):
                 outgoing[:] = [message for message in outgoing if message is not pulse.release]
@@ -111,7 +113,7 @@ class DropSender:
         self._tidy()
 
     def receive(self, message: Message, now_us: int) -> None:
-        """Take in an acknowledgement."""
+        """Process an acknowledgement."""
         if message.get_type() != "COMMAND_ACK" or message.target_system != self._system_id:
             return
         for pulse in self._pulses:
@@ -131,7 +133,7 @@ class DropSender:
             self._end(pulse, "refused", f"{command_name(pulse.command)} {words}", now_us)
 
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
         if not self._pulses:
             return None
         timers = [pulse.back_due_us for pulse in self._pulses if not pulse.is_back]
@@ -139,7 +141,7 @@ class DropSender:
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Set back what is due; give up waiting."""
+        """Set back droppers that are due; end overdue waits for an outcome."""
         messages = []
         for pulse in self._pulses:
             if not pulse.is_back and now_us >= pulse.back_due_us:

@@ -1,11 +1,11 @@
-"""Requests message rates from an autopilot, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
+"""Requests of message rates, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
 
-requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
-after all requests: messages that do not arrive or stop are requested again, a few times
+asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
+after all requests: messages that do not arrive, or stop, are requested again a few times
 
 ArduCopter resets its rates at a restart, and its heartbeat does not show that.
 
-The acknowledgement does not name the message, so one is requested at a time.
+The acknowledgement does not contain the message id, so requests are sent one at a time.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ ROUNDS = 3  # in a row for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
-    """The rates without what the stack does not have."""
+    """The rates of the messages that the stack has."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
@@ -93,7 +93,7 @@ def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) ->
 
 
 class MessageRates:
-    """Requests the messages of one vehicle."""
+    """Requests the message rates of one vehicle."""
 
     def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:
         self._own = own
@@ -103,13 +103,13 @@ class MessageRates:
         self._waiting: list[int] = []
         self._arrived: set[int] = set()
         self._unanswered: set[int] = set()
-        self._absent: set[int] = set()  # at the last look
+        self._absent: set[int] = set()  # at the last check
         self._tries = 0
         self._rounds = 0
         self._due_us: int | None = None
 
     def begin(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
-        """Start with the requests, or start again."""
+        """Request all rates, from the beginning."""
         self._target = target
         self._wanted = rates_for(stack, self._rates_hz)
         self._absent = set()
@@ -136,7 +136,7 @@ class MessageRates:
         self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Note what arrives; go on after an acknowledgement of any result."""
+        """Note received messages; after an acknowledgement of any result request the next rate."""
         message_id = message.get_msgId()
         if message_id in self._wanted:
             self._arrived.add(message_id)
@@ -150,11 +150,11 @@ class MessageRates:
         return self._send_request(now_us)
 
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat what was not answered; look for what does not arrive."""
+        """Repeat unanswered requests; request absent messages again."""
         if self._due_us is None or now_us < self._due_us:
             return []
         if self._waiting:

@@ -1,14 +1,14 @@
-"""Begins a new mission that is on board, and looks for proof that it is flown, sans-IO.
+"""Activation of an uploaded mission: start it, and confirm that it is being flown (sans-IO).
 
-PX4 begins a new list by itself, at the item that came with ``current`` set; it needs no command.
+PX4 starts a new list without a command, at the item that was sent with ``current`` set.
 MISSION_CURRENT, once a second, has the id of the list and whether PX4 accepts it for flight. Its
-sequence number proves little: a plane in the air skips its takeoff item at once, and a waypoint may
-be reached before the first message arrives. Only if the same list was on board before (the same id)
-PX4 keeps its current item, and is commanded to another.
+sequence number is weak evidence: a plane in the air skips its takeoff item at once, and a waypoint
+may be reached before the first message arrives. Only if the same list was on board before (the same
+id) does PX4 keep its current item, and another one has to be commanded.
 
-ArduPilot flies on to its old target, and keeps its current item, until it is commanded. It
+ArduPilot flies on to its old target, and keeps its current item, until an item is commanded. It
 acknowledges the command; if the acknowledgement is lost, a sequence number that the old current
-item could not have led to proves the same.
+item could not have led to is equal proof.
 
 sent --acknowledged, or the new item seen--> ended
 sent --the old item seen, on timeout--> repeated; nothing seen: wait without repetition
@@ -35,16 +35,16 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
-SETTLED_US = 300_000  # PX4 looks at a new mission after it has acknowledged it (seen: 60 ms)
+SETTLED_US = 300_000  # PX4 checks a new mission after acknowledging it (seen: 60 ms)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # what arrives sooner after a command may have been sent before it
+ANSWERED_US = 700_000  # messages this soon after a command may have been sent before it
 OTHERS = 5  # messages in a row that show another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
 
 
 class Onboard(NamedTuple):
-    """What was on board, and flown, before a mission went up: by MISSION_CURRENT."""
+    """The mission and the current item before an upload, by MISSION_CURRENT."""
 
     seq: int | None
     plan_id: int | None
@@ -52,11 +52,11 @@ class Onboard(NamedTuple):
 
 
 class MissionActivation(Exchange):
-    """Waits for proof that a new mission is current; commands the vehicle to it where needed.
+    """Waits for proof that a new mission is flown; commands its first item where needed.
 
-    ``seq`` of ``count`` items on the wire is the one to begin with, and ``shown`` the number that
-    the autopilot shows then (ArduPilot's passes over DO items). ``plan_id`` is the list's id; None
-    on ArduPilot.
+    ``seq`` (of ``count`` wire items) is the item to start with, and ``shown`` the number that the
+    autopilot then reports (ArduPilot's skips DO items). ``plan_id`` is the list's id; None on
+    ArduPilot.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class MissionActivation(Exchange):
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Look for proof that the mission has begun, or never will."""
+        """Check a message for proof that the mission has started, or is rejected."""
         if not self._is_from_target(message):
             return []
         match message.get_type():
@@ -162,11 +162,11 @@ class MissionActivation(Exchange):
     def _has_begun(self, seq: int) -> bool:
         """Whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
-        if self._plan_id is not None:  # the same list: any other item was commanded
+        if self._plan_id is not None:  # the same list: another item was commanded
             return seq != before
         if before is None or seq < self._shown:
             return False
-        if before <= self._shown:  # on from the old place it flies the new list from there
+        if before <= self._shown:  # advancing from the old item, it flies the new list
             return seq > self._shown or before != seq
         return seq < before
 
@@ -179,12 +179,12 @@ class MissionActivation(Exchange):
             self.result = TransferResult("rejected", f"{words}{self._warning_text}")
 
     def stop_commands(self, why: str) -> None:
-        """Send no command any more: autopilot or pilot took over. Without one, wait on."""
+        """Send no more commands, after a failsafe or a pilot's mode change; only wait for proof."""
         if self._needs_command and self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the command if the old item was seen; else wait; give up after ``TRIES``."""
+        """Repeat the command if the old item was seen, else wait; fail after ``TRIES``."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1

@@ -4,8 +4,8 @@ waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> 
 sent --COMMAND_ACK that refuses--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
-The command leaves right behind a heartbeat, and is repeated (its acknowledgement may be lost) only
-behind another: a mode that the autopilot selects in between is seen, and not overridden.
+The command is sent right after a heartbeat, and repeated (its acknowledgement may be lost) only
+after another one: a mode that the autopilot selects in between is detected and not overridden.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -24,7 +24,7 @@ def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
 
 
 class ModeChange(Exchange):
-    """Changes the mode, out of ``before`` only; done when a HEARTBEAT shows it."""
+    """Changes the mode, from ``before`` only; ends when a HEARTBEAT shows the new mode."""
 
     def __init__(
         self,
@@ -43,13 +43,13 @@ class ModeChange(Exchange):
         self._again_us = 0
 
     def start(self, now_us: int) -> list[Message]:
-        """Wait for a heartbeat."""
+        """Start to wait for a heartbeat."""
         self._again_us = now_us
         self._deadline_us = now_us + self._timing.timeout_us * (self._timing.retries + 1)
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """A heartbeat in the mode ends it, and so does a refusal."""
+        """Process a heartbeat or an acknowledgement; the wanted mode or a refusal ends it."""
         if not self._is_from_target(message):
             return []
         kind = message.get_type()
@@ -77,12 +77,12 @@ class ModeChange(Exchange):
         return []
 
     def stop_commands(self, why: str) -> None:
-        """Send no command any more: the autopilot or a pilot has taken over."""
+        """Send no more commands, after a failsafe or a pilot's mode change."""
         if self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Give up."""
+        """Fail after the timeout."""
         if self.result is None and now_us >= self._deadline_us:
             self.result = TransferResult("failed", "no HEARTBEAT showed the new mode")
         return []

@@ -36,20 +36,20 @@ NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """``current`` and ``total`` are MISSION_CURRENT's: wire numbers, or None before the first."""
+    """The state of a vehicle; ``current``, ``total`` (wire) are None before MISSION_CURRENT."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Positions out of reach at ``max_speed_m_s`` are not used; None: all are."""
+        """Positions that imply more than ``max_speed_m_s`` are discarded; None: no limit."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
         self._restarted = False  # since its mode was reported
         self.current: int | None = None
         self.total: int | None = None
-        self.plan_id: int | None = None  # of the mission on board; ArduPilot has none
-        self.unfit = False  # the mission on board is none to fly, or there is none
+        self.plan_id: int | None = None  # id of the mission on board; ArduPilot has none
+        self.unfit = False  # the mission on board cannot be flown, or there is none
         self.critical = False  # in failsafe, by its heartbeat
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._received_us: int | None = None
@@ -61,8 +61,8 @@ class VehicleMonitor:
         self._reach = Reach(max_speed_m_s)
         self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
         self._back_us = 0  # by how much times since boot went back, if they did
-        self.undecided_until_us = 0  # until then its clock cannot decide whether it has restarted
-        self.used = True  # the last message, at least in part
+        self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
+        self.used = True  # whether the last message was used, at least in part
 
     @property
     def hidden_items(self) -> int:
@@ -71,12 +71,12 @@ class VehicleMonitor:
 
     @property
     def in_mission(self) -> bool:
-        """Whether it flies its mission."""
+        """Whether the vehicle flies its mission."""
         flies = self.stack is not None and self.custom_mode == self.stack.mission_mode
         return self.armed and flies
 
     def next_timer(self) -> int | None:
-        """When its silence counts as a lost link."""
+        """Time at which silence counts as a lost link."""
         if self._received_us is None or self._lost:
             return None
         return self._received_us + self._heartbeat_timeout_us
@@ -90,7 +90,7 @@ class VehicleMonitor:
         return [LinkLost(now_us, now_us - self._received_us)]
 
     def alarm_timer(self) -> int | None:
-        """When to call ``end_alarms``."""
+        """Time of the next ``end_alarms`` call."""
         return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
@@ -103,7 +103,7 @@ class VehicleMonitor:
         return [AlarmEnded(now_us, kind) for kind in ended]
 
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
-        """Take in a message of this vehicle's autopilot; ``used``: whether it is plausible."""
+        """Process a message of this vehicle's autopilot; sets ``used``: whether it is plausible."""
         absurd = out_of_bounds(message)
         self.used = absurd is None
         if absurd is not None:

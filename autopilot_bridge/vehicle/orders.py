@@ -1,4 +1,4 @@
-"""The commands of a vehicle: the MAV_CMDs of each stack, their arguments, how each is repeated.
+"""The commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
 
 ``ORDERS`` is the table. To add a command, add a row and the function of its steps. Read and flown:
 PX4 1.17, ArduPilot 4.6.2. A command that a stack does not have raises BridgeError. Altitudes are
@@ -33,7 +33,7 @@ S = TypeVar("S")
 
 
 class Dropper(NamedTuple):
-    """An output that lets go of one thing each time it is set, and has to be set back between.
+    """An output that releases one object each time it is set, and must be set back in between.
 
     ``release`` and ``rest`` are a servo's PWM in us or an actuator's -1 to 1; a gripper has none.
     """
@@ -42,7 +42,7 @@ class Dropper(NamedTuple):
     number: int
     release: float = 0.0
     rest: float = 0.0
-    hold_s: float = 0.2  # set for so long
+    hold_s: float = 0.2  # duration of the release setting
 
 
 def arm(stack: Stack) -> Steps:
@@ -99,12 +99,12 @@ def resume(stack: Stack) -> tuple[Step, ...]:
 
 
 def return_home(stack: Stack) -> tuple[Step, ...]:
-    """Return to the launch place, or where the autopilot is set to return to."""
+    """Return to the launch place, or to the autopilot's configured return point."""
     return (stack.set_mode(stack.rtl_mode),)
 
 
 def return_height(stack: Stack, height_m: float) -> Steps:
-    """How high above home a return leads at least, for good; multirotors only.
+    """Set the minimum height of returns above home, permanently; multirotors only.
 
     As delivered ArduCopter returns at 15 m or as low as it flies, and PX4 lower the nearer it is to
     home.
@@ -143,7 +143,7 @@ def orbit(
 ) -> Steps:
     """Circle a place, clockwise with a positive radius; again to move or change the circle.
 
-    A speed is set too where one is given; without one PX4 multirotors circle at 1 m/s at first.
+    A given speed is commanded too; without one PX4 multirotors circle at 1 m/s at first.
     """
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     if stack.name == "ardupilot" and stack.vehicle == "copter":
@@ -166,17 +166,17 @@ def orbit(
 
 
 def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Leave what is flown, go up at a place and hold there; multirotors only."""
+    """Stop the present flight, climb at a place and hold there; multirotors only."""
     if stack.vehicle != "copter":
         raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
     return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
 
 
 def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
-    """The commands to release, and to reset the dropper.
+    """The step that releases, and the step that sets the dropper back.
 
-    The first must be sent only once: a repetition may release another sphere. PX4 rejects servos,
-    and accepts commands to an actuator without a configured output.
+    The first must be sent once only: a second one may release another object. PX4 has no servo
+    command, and accepts actuator commands for which no output is configured.
     """
     match dropper.by:
         case "servo" if stack.name == "px4":
@@ -230,7 +230,7 @@ def _check_output(
 
 
 def _actuators(number: int, value: float) -> tuple[float, ...]:
-    """Params 1 to 7 that set one of the first six and leave the others as they are."""
+    """Params 1 to 7 that set one of the actuators 1 to 6 and leave the others unchanged."""
     values = [NAN] * PX4_MAX_ACTUATORS
     values[number - 1] = value
     return (*values, 0.0)
@@ -254,7 +254,7 @@ def _checked_speed(speed_m_s: float) -> None:
 
 
 def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
-    # PX4 takes all of these, however wrong.
+    # PX4 accepts all of these values, also invalid ones.
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
         raise BridgeError(f"latitude {lat_deg}, longitude {lon_deg} is no place on Earth")
     if lat_deg == 0.0 and lon_deg == 0.0:
@@ -266,7 +266,7 @@ def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
     )
 
 
-AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # what must not wait for a slow retry
+AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # for commands that need fast retries
 
 
 class OrderContext(NamedTuple):

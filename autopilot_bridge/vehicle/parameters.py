@@ -45,7 +45,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ParametersResult:
-    """How it ended. ``rejected``: the autopilot keeps another value. ``failed``: no answer."""
+    """A result. ``rejected``: the autopilot kept another value. ``failed``: no answer."""
 
     outcome: Literal["accepted", "rejected", "failed", "cancelled"]
     reason: str
@@ -53,7 +53,7 @@ class ParametersResult:
 
 
 def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
-    """The number that a PARAM_VALUE carries."""
+    """The number in a PARAM_VALUE."""
     if not bytewise or kind not in _FORMATS:
         return wire
     code = _FORMATS[kind]
@@ -62,7 +62,7 @@ def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
 
 
 def encoded_value(value: float, kind: int, bytewise: bool) -> float:
-    """The float to put into a PARAM_SET. Raises BridgeError for what the type cannot hold."""
+    """The float to put into a PARAM_SET. Raises BridgeError if the type cannot hold the value."""
     if kind not in _FORMATS:
         return value
     code = _FORMATS[kind]
@@ -81,7 +81,7 @@ def encoded_value(value: float, kind: int, bytewise: bool) -> float:
 
 
 def checked_name(name: str) -> str:
-    """The name, or BridgeError when no parameter can be called so."""
+    """The name itself; raises BridgeError if it is not a valid parameter name."""
     if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
         raise BridgeError(f"{name!r} is no parameter name; they have 1 to 16 ASCII characters")
     return name
@@ -94,7 +94,7 @@ def parameter_of(message: Message, bytewise: bool) -> Parameter:
 
 
 class _ParameterExchange:
-    """What reading and setting share: source of messages, deadline, tries, result."""
+    """Common parts of reading and setting: source of messages, deadline, tries, result."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         self.result: ParametersResult | None = None
@@ -105,11 +105,11 @@ class _ParameterExchange:
         self._tries = 0
 
     def next_timer(self) -> int:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def cancel(self) -> None:
-        """End it; nothing is under way at the autopilot that would need ending."""
+        """End the exchange; the autopilot holds no state that must be ended."""
         if self.result is None:
             self.result = ParametersResult("cancelled", "cancelled")
 
@@ -123,7 +123,7 @@ class _ParameterExchange:
         return [message]
 
     def _no_more(self, now_us: int) -> bool:
-        """Whether a timeout ends it; counts the try."""
+        """Count a try; returns whether it was the last one."""
         self._tries += 1
         return self._tries > self._timing.retries
 
@@ -138,14 +138,14 @@ class ParameterRead(_ParameterExchange):
         self._name = checked_name(name)
 
     def start(self, now_us: int) -> list[Message]:
-        """Send the request."""
+        """Request the parameter."""
         name = self._name.encode()
         return self._again(
             mavlink.MAVLink_param_request_read_message(*self._target, name, -1), now_us
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in a PARAM_VALUE."""
+        """Process a PARAM_VALUE."""
         if self._concerns(message) and message.param_id == self._name:
             read = parameter_of(message, self._bytewise)
             if math.isfinite(read.value):
@@ -155,7 +155,7 @@ class ParameterRead(_ParameterExchange):
         return []
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the request or give up."""
+        """Repeat the request, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if not self._no_more(now_us):
@@ -166,7 +166,7 @@ class ParameterRead(_ParameterExchange):
 
 
 class ParameterSet(_ParameterExchange):
-    """Sets one parameter: reads its type, sends the value, accepts only what is reported back."""
+    """Sets one parameter: reads its type, sends the value, and waits until it is reported."""
 
     def __init__(
         self,
@@ -185,7 +185,7 @@ class ParameterSet(_ParameterExchange):
         self._told: Parameter | None = None  # a finite number
 
     def start(self, now_us: int) -> list[Message]:
-        """Request its type, which is needed to send the value."""
+        """Request the parameter's type, in which the value has to be sent."""
         name = self._name.encode()
         if self._kind is None:
             ask = mavlink.MAVLink_param_request_read_message(*self._target, name, -1)
@@ -195,7 +195,7 @@ class ParameterSet(_ParameterExchange):
         return self._again(sets, now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in a PARAM_VALUE: the type, later the value set."""
+        """Process a PARAM_VALUE: first the type, later the value set."""
         if not self._concerns(message) or message.param_id != self._name:
             return []
         told = parameter_of(message, self._bytewise)
@@ -217,7 +217,7 @@ class ParameterSet(_ParameterExchange):
         return []
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Send again or give up."""
+        """Repeat the message, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if not self._no_more(now_us):
@@ -242,7 +242,7 @@ def _same(told: float, wanted: float) -> bool:
 
 
 class ParametersRead(_ParameterExchange):
-    """Reads all parameters: the list, then what was lost of it; without those that are NaN."""
+    """Reads all parameters: the list, then its missing indexes; NaN values are left out."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         super().__init__(target, bytewise, timing)
@@ -256,7 +256,7 @@ class ParametersRead(_ParameterExchange):
         return [mavlink.MAVLink_param_request_list_message(*self._target)]
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Take in a PARAM_VALUE; index 65535 is no part of the list (PX4's hash)."""
+        """Process a PARAM_VALUE; index 65535 (PX4's hash) is not part of the list."""
         if not self._concerns(message) or message.param_index >= message.param_count:
             return []
         if message.param_index not in self._found:
@@ -287,7 +287,7 @@ class ParametersRead(_ParameterExchange):
         self.result = ParametersResult(outcome, reason, found)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Request the list again, or the missing parameters."""
+        """Request the list again, or its missing indexes."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._no_more(now_us):

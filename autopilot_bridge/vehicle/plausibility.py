@@ -14,8 +14,8 @@ them, continue from a time since boot that is no longer than the silence before 
 from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and
 mission time continues without a jump: the autopilot's clock was set, or this machine's stood still.
 
-*Positions.* None is used that is farther from the last ones than the airframe flies in the time
-between. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
+*Positions.* A position farther from the last ones than the airframe can fly in the time between is
+discarded. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
 simulator's vehicle was moved, or a position estimate was wrong and is right again.
 
 A forged message within these limits cannot be distinguished from the vehicle's own on one remote.
@@ -94,7 +94,7 @@ class BootClock:
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """How far a time is ahead of where it should be; behind is negative."""
+        """Lead of a time since boot over the fitted line in microseconds; negative if behind."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
@@ -226,7 +226,7 @@ class Reach:
         return "adopted"
 
     def beyond_m(self, place: Position) -> float:
-        """How far a position is from the last one used."""
+        """Distance of a position from the last one used, in metres."""
         return 0.0 if self._last is None else max(map(abs, _apart_m(self._last, place)))
 
     def _keep(self, place: Position) -> None:
@@ -246,7 +246,7 @@ def _passed_us(before: Position, place: Position) -> int:
 
 
 def _apart_m(before: Position, place: Position) -> tuple[float, float, float]:
-    """Over the ground, up, and up by the heights above home."""
+    """Distances in metres: horizontal, in altitude, and in height above home."""
     north_deg = place.lat_deg - before.lat_deg
     east_deg = (place.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0
     east_deg *= math.cos(math.radians(place.lat_deg))

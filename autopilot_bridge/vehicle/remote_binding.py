@@ -1,4 +1,4 @@
-"""From which remote of a link a vehicle's messages are taken. Pure; time is an argument.
+"""Binding of a vehicle to one remote of a link. Pure; time is an argument.
 
 A vehicle is bound to the remote (address and port, or connection) on which a HEARTBEAT of its
 autopilot was found first. Messages with its system id from another remote are not used while the
@@ -25,7 +25,7 @@ class RemoteBinding:
     """The remote of one vehicle. ``alarms`` are those to be reported; the owner takes them out."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
-        """``called`` is the remote that the link calls, where it calls one."""
+        """``called`` is the remote that the link connects to; "" if it listens."""
         self.remote: str | None = None  # None: not found yet
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us
@@ -80,11 +80,11 @@ class RemoteBinding:
         self._raised = type(alarm)
 
     def alarm_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
         return self._alarm_until_us
 
     def handle_timer(self, now_us: int) -> None:
-        """End an alarm when what raised it is over."""
+        """End alarms whose cause has ended."""
         if self._alarm_until_us is not None and now_us >= self._alarm_until_us:
             self._raised = self._alarm_until_us = None
             self.alarms.append(AlarmEnded(now_us, "source"))

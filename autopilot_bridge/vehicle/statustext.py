@@ -8,14 +8,14 @@ CHUNK_BYTES = 50
 
 
 class StatustextAssembler:
-    """Holds the chunks that came of a text until its end came, or a HEARTBEAT without it."""
+    """Collects the chunks of a text until its last chunk, or a HEARTBEAT in its place, arrives."""
 
     def __init__(self) -> None:
         self._begun: Message | None = None  # with the text so far
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
-        """The messages to go on with, in order: texts whole, all others as they are."""
+        """The messages to process, in order: texts assembled, all others unchanged."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return [*self._end(), message]

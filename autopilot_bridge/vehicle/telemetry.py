@@ -1,4 +1,4 @@
-"""Telemetry as events: pure functions of a message, and what keeps them in order and few."""
+"""Telemetry as events: pure functions of a message; late and repeated messages are dropped."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "stat
 def position(message: Message, at_us: int) -> Position | None:
     """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot sends before its fix.
 
-    It drifts there by dead reckoning: 35 m in the first seconds of one in simulation.
+    That position drifts by dead reckoning: 35 m in the first seconds of one simulation.
     """
     if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
         return None
@@ -63,7 +63,7 @@ def speed(message: Message, at_us: int) -> Speed:
 
 
 def wind(message: Message, at_us: int) -> Wind | None:
-    """WIND: where it comes from (ArduPilot); None while there is no estimate.
+    """WIND (ArduPilot), direction from; None without an estimate.
 
     ArduCopter 4.6 without parameters of its drag sends a wind of exactly 0 all the time.
     """
@@ -78,7 +78,7 @@ def wind_from_vector(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """By the velocity of the air, so where it goes."""
+    """The wind of an air velocity (north, east) in m/s, which points downwind."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
@@ -113,7 +113,7 @@ def _percent(remaining: int) -> int | None:
 
 
 def health(message: Message, at_us: int) -> Health:
-    """SYS_STATUS: what is switched on and not healthy."""
+    """SYS_STATUS: sensors that are switched on and unhealthy."""
     bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
     words = [word for bit, word in _SENSORS if bad & bit]
     return Health(at_us, tuple(words))
@@ -170,7 +170,7 @@ class Changes:
         self._told: dict[tuple[str, int], ToldOnChange] = {}
 
     def has(self, event: ToldOnChange) -> bool:
-        """Whether it is announcements."""
+        """Whether a state differs from the last one; stores it."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._told.get(key)
@@ -189,7 +189,7 @@ class Telemetry:
         self._has_battery_status = False
 
     def forget(self) -> None:
-        """Start again after a restart of the autopilot."""
+        """Reset after a restart of the autopilot."""
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()
@@ -215,7 +215,7 @@ class Telemetry:
         return found
 
     def changed(self, event: ToldOnChange) -> list[TelemetryEvent]:
-        """A state, if it has changed."""
+        """A state as a list, empty if it has not changed."""
         return [event] if self._changes.has(event) else []
 
     def retract(self, kind: str) -> None:
@@ -234,5 +234,5 @@ class Telemetry:
 
 
 def boot_time_us(message: Message) -> int | None:
-    """Time since boot of messages that are read for it."""
+    """Time since boot in a message, in microseconds; None for other messages."""
     return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

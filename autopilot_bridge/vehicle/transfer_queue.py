@@ -1,11 +1,11 @@
-"""Transfers one after another, sans-IO: what is under way, what comes after it, how it ended.
+"""The queue of transfers, sans-IO: the active transfer, its phases and its result.
 
 ``transfer_states.py`` has the phases of a transfer and the table of their order.
 
-A transfer holds where the autopilot would otherwise fly a list that is half overwritten. It reads
-back if a check is requested, and to report what the vehicle holds where the upload's end does not
-show it. If a failsafe or a pilot by radio takes over meanwhile, the mode is not changed, and a
-mission that would need a command is not started.
+During an upload the vehicle holds if its autopilot would fly a half-overwritten list. The list is
+read back if a check is requested, and if the upload's end does not show which mission the vehicle
+has. After a failsafe or a pilot's mode change the mode is not changed, and a mission that needs a
+start command is not started.
 """
 
 from collections.abc import Callable
@@ -35,8 +35,8 @@ from autopilot_bridge.vehicle.mode_change import ModeChange
 from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
-LAST_NAV = 95  # MAV_CMD_NAV_LAST; what comes behind is done on the way
-# Behind these a vehicle never gets by itself: loiter without end, return, land.
+LAST_NAV = 95  # MAV_CMD_NAV_LAST; higher commands are executed on the way
+# A vehicle never advances past these: loiter without end, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
@@ -80,7 +80,7 @@ class TransferQueue:
         return job.transfer_id
 
     def cancel(self, transfer_id: int, stack: Stack, now_us: int) -> list[Message]:
-        """End a job; its outcome is reported when it has really ended."""
+        """Cancel a job; its result is reported when the autopilot has ended it."""
         for waiting in list(self._queue):
             if waiting.transfer_id == transfer_id:
                 self._queue.remove(waiting)
@@ -93,9 +93,9 @@ class TransferQueue:
         return job.under_way.cancel(stack.cancels_after_us, now_us)
 
     def release_mode(self) -> None:
-        """Another command has the mode from now on: no upload holds or resumes.
+        """Another command controls the mode from now on: uploads no longer hold or resume.
 
-        One that changes the mode right now is given up.
+        An upload that is changing the mode is ended.
         """
         job = self._job
         for asked in (*self._queue, *(() if job is None else (job,))):
@@ -118,7 +118,7 @@ class TransferQueue:
             job.under_way.stop_commands(why)
 
     def start_next(self, state: VehicleState, now_us: int) -> list[Message]:
-        """Begin what waits if nothing is under way."""
+        """Start the next job if none is active."""
         if self._job is not None or not self._queue:
             return []
         job = self._job = self._queue.pop(0)
@@ -186,7 +186,7 @@ class TransferQueue:
         return transfer.start(now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Hand a message to what is under way."""
+        """Pass a message to the active job."""
         if self._job is None or self._job.under_way is None:
             return []
         messages = self._job.under_way.receive(message, now_us)
@@ -195,19 +195,19 @@ class TransferQueue:
         return messages
 
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Time of the next ``handle_timer`` call; None without one."""
         if self._job is None or self._job.under_way is None:
             return None
         return self._job.under_way.next_timer()
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Do what is due."""
+        """Run all actions due at ``now_us``."""
         if self._job is None or self._job.under_way is None:
             return []
         return self._job.under_way.handle_timer(now_us)
 
     def step(self, state: VehicleState, now_us: int) -> list[Message]:
-        """See whether what is under way has ended, and begin what comes after it."""
+        """If the active exchange has ended, start the next phase or the next job."""
         job = self._job
         if job is None or job.under_way is None or job.under_way.result is None:
             return []
@@ -224,7 +224,7 @@ class TransferQueue:
         return []
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         assert all(job.phase is Phase.QUEUED for job in self._queue)
         if self._job is not None:
             assert self._job.phase not in (Phase.QUEUED, Phase.ENDED), self._job
@@ -393,7 +393,7 @@ def likely_reason(job: Job) -> str:
 
 
 def accepted(job: Job) -> TransferResult:
-    """The result of an upload that is held, and flown unless autopilot or pilot took over."""
+    """The result of an accepted upload, flown unless a failsafe or a pilot changed the mode."""
     words = (
         f"accepted; {job.override}, and its mode was not changed" if job.override else "accepted"
     )
@@ -401,12 +401,12 @@ def accepted(job: Job) -> TransferResult:
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Items as users have them: without home, jumps counted from the first."""
+    """The user's items of wire items: without home, jump targets counted from item 0."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """What the vehicle holds after an upload, as far as its end alone shows."""
+    """The mission that the vehicle has after an upload, as far as the upload's end shows."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:

@@ -1,4 +1,4 @@
-"""The states of a transfer and which may follow which, as data.
+"""The phases of a transfer and their allowed transitions, as data.
 
 upload: file -> read the file back -> [start -> [cut off the old tail -> read it back]],
         where the autopilot takes whole files, or else
@@ -37,7 +37,7 @@ Transfer = (
 
 
 class Phase(Enum):
-    """What a transfer does now."""
+    """The present phase of a transfer."""
 
     QUEUED = "queued"
     WRITING_FILE = "writing the file"
@@ -94,7 +94,7 @@ FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
 
 
 class InvalidTransitionError(RuntimeError):
-    """A defect: a state was entered that cannot follow the one before. Carries the history."""
+    """A defect: an invalid transition between phases of a transfer; has the history."""
 
 
 class VehicleState(NamedTuple):
@@ -107,17 +107,17 @@ class VehicleState(NamedTuple):
     armed: bool
     custom_mode: int
     plan_id: int | None = None  # MISSION_CURRENT.mission_id
-    unfit: bool = False  # the mission on board is none to fly
+    unfit: bool = False  # the mission on board cannot be flown
 
     @property
     def in_mission(self) -> bool:
-        """Whether it flies its mission."""
+        """Whether the vehicle flies its mission."""
         return self.armed and self.custom_mode == self.stack.mission_mode
 
 
 @dataclass
 class Job:
-    """One transfer: what is under way for it, and what it needs to end well."""
+    """One transfer: its active exchange, and the state that its later phases need."""
 
     transfer_id: int
     action: Action
@@ -133,7 +133,7 @@ class Job:
     shorter: bool = False  # than a mission being flown: a file leaves that one's tail
     old_tail: bool = False  # old items still stand behind the new ones of a file
     paused: bool = False  # it holds because of this job
-    uploaded: TransferResult | None = None  # how the upload itself ended
+    uploaded: TransferResult | None = None  # result of the upload itself
     before: Onboard = NOTHING
     reread: bool = False  # it was read back after it should have started
     override: str = ""  # why the mode is not changed any more; "" if it may be
@@ -142,18 +142,18 @@ class Job:
 
     @property
     def phase(self) -> Phase:
-        """What it does now."""
+        """The present phase."""
         return self.history[-1]
 
     def enter(self, phase: Phase, under_way: Transfer | None = None) -> None:
-        """Go on to a phase, or raise InvalidTransitionError."""
+        """Enter a phase; raises InvalidTransitionError if it may not follow."""
         if phase not in TRANSITIONS[self.action].get(self.phase, ()):
             raise InvalidTransitionError(f"{self}: {phase.value} cannot follow")
         self.history.append(phase)
         self.under_way = under_way
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         expected = PROTOCOLS.get(self.phase)
         assert (self.under_way is None) == (expected is None), self
         assert expected is None or isinstance(self.under_way, expected), self

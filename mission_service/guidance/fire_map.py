@@ -1,9 +1,9 @@
-"""The on-board fire map of Islam & Hu (table 1): what one vehicle's camera has seen of the fire.
+"""The on-board fire map of Islam & Hu (table 1): the fire as seen by one vehicle's camera.
 
 The map is kept around a centre (the ignition cell, or the fire's centre) in 360 whole-degree
 bearings, clockwise from north. For each bearing it holds the outer cell (the front as last seen),
-the inner cell (the front as seen before) and when. It holds observations only: nothing here reads
-the simulated fire.
+the inner cell (the front as seen before) and the times of both. It holds observations only: nothing
+here reads the simulated fire.
 
 Distances are in cells, times in seconds of mission time.
 """
@@ -113,7 +113,7 @@ class FireMap:
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the arrays that follow from the centre, which are most of it."""
+        """The state without the arrays that follow from the centre, which are most of it."""
         return {name: value for name, value in vars(self).items() if name != "_grid"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -234,7 +234,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
     # A flank that runs outwards passes bearings whose own cells are nearer than a neighbour's:
-    # no island, for that one is front too.
+    # no island, since that neighbour is front too.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
     seen = np.where(flank, beside, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
@@ -248,7 +248,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
     for bearing in range(BEARINGS):
         elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
         moved = outer[bearing] - inner[bearing]
-        if elapsed_s > 0.0 and moved > 0.0:  # neither where the front has not been seen
+        if elapsed_s > 0.0 and moved > 0.0:  # both are false if the front has not been seen
             found[bearing] = moved / elapsed_s
     return found
 

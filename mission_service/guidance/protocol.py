@@ -1,8 +1,8 @@
-"""The interfaces of planners and of the guidance, which has vehicles fly the planners' decisions.
+"""The interfaces of planners, which steer vehicles, and of the guidance, which commands them.
 
-A planner steers one vehicle. Vehicles of a team share a plan: each has a member of the team as its
-planner. Planners are pure: they use no clock, no network and no randomness of their own. Positions
-are float (row, col) of the landscape's grid, row 0 in the north.
+A planner steers one vehicle. Vehicles that share a plan are members of a team; each member is a
+planner too. Planners are pure: no clock, no network, no randomness of their own. Positions are
+float (row, col) of the landscape's grid, row 0 in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ Phase = Literal["approach", "initial circle", "monitor"]
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground of an observed fire: the grid, the reported cell of the fire, and its start."""
+    """The monitored area: the grid, the reported cell of the fire, and the time of ignition."""
 
     landscape: Landscape
     centre: tuple[float, float]  # row, col
@@ -38,10 +38,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A decision on the flying direction, made at one cell of the front.
+    """A decision on the flying direction, taken at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are the importances of turning back and of going
-    on, in the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` and ``importance_front`` are the values of turning back and of flying on, in
+    the planner's own unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -52,30 +52,30 @@ class Decision:
 
 
 class Steered(Protocol):
-    """Receives the observations, corrections, wind and positions for one vehicle."""
+    """The receiver of one vehicle's observations, wind and positions."""
 
     def observe(self, observed: Observed) -> None:
-        """Process an observation of this vehicle's camera."""
+        """Update the map by a camera window of this vehicle."""
 
     def correct(self, told: Observed) -> None:
-        """Process an operator's correction of a window; it overrides observations there."""
+        """Apply an operator's correction of a window, which overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Process the wind measured by this vehicle's autopilot; from true north."""
+        """Apply a wind that this vehicle's autopilot measured; direction from true north."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Process the vehicle's position; returns a decision if one is made."""
+        """Set the vehicle's position; returns a decision if one is taken there."""
 
     def left(self, at_s: float) -> None:
-        """The vehicle is lost, recalled or on the ground: others take over its part."""
+        """Remove a vehicle that is lost, recalled or on the ground; others take over."""
 
 
 class Planner(Steered, Protocol):
-    """Decides in which direction one vehicle flies along the front."""
+    """Decides the direction in which one vehicle flies along the front."""
 
     @property
     def phase(self) -> Phase:
-        """Its phase: on the way to the fire, on the first lap, or monitoring."""
+        """The phase of the flight: approach to the fire, first lap, or monitoring."""
 
     @property
     def clockwise(self) -> bool:
@@ -83,17 +83,17 @@ class Planner(Steered, Protocol):
 
     @property
     def reversals(self) -> int:
-        """The number of its turns back."""
+        """The number of reversals so far."""
 
     def path(self, row: float, col: float) -> Floats:
-        """The path ahead: (n, 2) float (row, col) along the front, in flying direction."""
+        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """The estimated fire: its front in cells on 360 bearings."""
+        """The planner's estimated front: distances in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """The command that announces and records a vehicle's decision."""
+    """The command that publishes and records a vehicle's decision."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,10 +106,10 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importances that a planner compares at its vehicle's position, for display.
+    """The importance of each cell of the front at the vehicle's place, for display.
 
-    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are of the window
-    behind and of the window ahead.
+    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are over the
+    window behind and the window ahead.
     """
 
     rows: Floats
@@ -120,16 +120,16 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """Required inputs: an approval of this plan ("": none), and answers to the GO list."""
+    """The input that a guidance awaits: approval of a plan (hash, "": none), answers to a list."""
 
     plan_hash: str
     answers: bool
 
 
 class Guidance(ABC):
-    """Guides vehicles in the air while they are available; ``planners`` steer them, by name.
+    """Commands the available vehicles in the air; ``planners`` are their planners, by name.
 
-    The default implementations of optional methods do nothing.
+    The methods' defaults do nothing; a way of flying overrides those that it needs.
     """
 
     planners: Mapping[str, Steered]
@@ -150,15 +150,15 @@ class Guidance(ABC):
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Commands to a vehicle that flies and has time left."""
+        """Commands for a vehicle that flies and has flight time left."""
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Commands to a vehicle that must fly home; None: its autopilot flies home from here."""
+        """Commands for a vehicle at the end of its flight time; None: its autopilot flies home."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
-        """The path of its first mission: (n, 2) x, y in metres; None: no mission yet."""
+        """The path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
@@ -171,34 +171,34 @@ class Guidance(ABC):
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Announcements after an event; ``leaving`` are the other commands sent for it."""
+        """Further commands after an event, given the commands ``leaving`` that it caused."""
         return []
 
-    # For interfaces ---------------------------------------------------------------------------
+    # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Its status; ``complete``: the run may end now without loss."""
+        """The state for interfaces; ``complete``: ending the run now loses nothing."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission that would be sent now, or None; changes no state."""
+        """The mission that a renewal would send now, without side effects; None: there is none."""
         return None
 
     def compared(self, name: str, here: PositionFix) -> Compared | None:
-        """The importances its planner compares at a position; None if it compares none."""
+        """The importances that its planner compares at a position; None if it compares none."""
         return None
 
     def settings(self) -> dict[str, float]:
-        """The current values of the settings that may be changed in flight."""
+        """The present values of settings that may change in flight."""
         return {}
 
     def awaited(self) -> Awaited:
-        """The operators' inputs required before it goes on."""
+        """The operator input that the guidance awaits."""
         return Awaited("", False)
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The estimated fire used for planning, if it differs from the run's fire."""
+        """The fire that its plans are based on; None if that is the monitored fire."""
         return None
 
 
@@ -212,10 +212,10 @@ class Lock(Protocol):
         """Apply the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """The reason why a drop must not be ordered now; None: it may."""
+        """Why a drop must not be ordered now; None if it may."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether anything in a mission may switch an output."""
+        """Whether an item of a mission may switch an output."""
 
     def status(self) -> dict[str, Any]:
-        """Its state, for interfaces."""
+        """The lock's state, for interfaces."""

@@ -1,4 +1,4 @@
-"""The ways of flying of this package, one line each; those of other packages are entry points.
+"""The ways of flying of this package; other packages register theirs as entry points.
 
 Both are looked up by their rule in ``config/rule_lookup.py``.
 """
@@ -31,6 +31,6 @@ def way_for(rule: str) -> WayOfFlying:
 
 
 def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
-    """The last check of commands, if the scenario's tables need one, for any rule."""
+    """The independent lock on drops, if the scenario's tables need one; None otherwise."""
     locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
     return next((lock for lock in locks if lock is not None), None)

@@ -1,7 +1,6 @@
-"""The interface of a way of flying; each guidance folder has one in its ``way.py``.
+"""The interface of a way of flying; each folder defines its own in ``way.py``.
 
-Every check of a scenario imports this module, so it imports quickly: the code for flight is
-imported at its first call.
+Fast to import, since every scenario is checked with it: flight code is imported when called.
 """
 
 from collections.abc import Callable, Mapping
@@ -36,22 +35,21 @@ class WayOfFlying:
     """A way of flying.
 
     Attributes:
-        rules: its values of ``planner.rule``.
+        rules: the values of ``planner.rule``.
         guidance: makes the guidance of a run.
-        warm_up: compiles all kernels before the flight.
+        warm_up: compiles all kernels before the first flight.
         section: the model of the table in the scenario that has the rule's name.
         check: raises ValueError for a scenario that cannot be flown.
-        first_mission: the first mission of a vehicle on the ground at home.
-        along_front: its planners decide on the direction along a front, and missions are renewed
-            as the front moves.
+        first_mission: the first mission of a vehicle that stands at home.
+        along_front: its planners decide which way to fly, and missions are renewed as the front
+            moves.
         prescribed: it burns the unit of the table ``[burn]``: operators approve each plan, and
-            their corrections change the estimated fire, not the simulated one.
-        resumes_mission: after the order resume a vehicle flies the mission on board, not a new one.
-        messages_peers: its vehicles exchange messages with those of other processes.
-        changes_airspeed: it orders airspeeds up to a vehicle's ``max_airspeed_m_s``.
-        requests: the requests that it accepts besides ``OF_EVERY_RUN``.
-        rates_hz: message rates other than the usual ones, by the message's id.
-        return_height_m: safe height of a return above home; None: the autopilot's own setting.
+        their corrections change the estimated fire, not the real one. resumes_mission: on a resume
+        command a vehicle flies the mission on board, not a new one. messages_peers: its vehicles
+        exchange messages with those of other processes. changes_airspeed: it orders airspeeds up to
+        a vehicle's ``max_airspeed_m_s``. requests: what operators may request beside
+        ``OF_EVERY_RUN``. rates_hz: message rates other than the usual ones, by the message's id.
+        return_height_m: safe height above home of a return; None: the autopilot's own setting.
         lock: the last check of commands, if the scenario's tables need one.
     """
 

@@ -46,7 +46,7 @@ class BurnState:
         weather: WeatherStream,
         vehicle: VehicleSection,
     ) -> None:
-        """Raises MissionServiceError for a unit, or a home, that cannot be."""
+        """Raises MissionServiceError for an invalid unit or home."""
         self.burn, self.landscape = burn, landscape
         self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
         self.fire = EstimatedFire(burn, landscape, weather)
@@ -85,7 +85,7 @@ class BurnState:
         return None
 
     def stands(self, here: PositionFix) -> None:
-        """On the ground: set the difference of the autopilot's altitude to the landscape's."""
+        """Set the autopilot's altitude minus the landscape's; called on the ground."""
         self._above_map_m = round(here.altitude_m - self._ground_m(here), 1)
 
     # Outputs ----------------------------------------------------------------------------------
@@ -96,7 +96,7 @@ class BurnState:
         return weather.wind_speed_m_s, weather.wind_from_deg
 
     def wind_m_s(self, at_s: float) -> tuple[float, float]:
-        """The same as a velocity on the grid: x, y."""
+        """The estimated wind as a velocity on the grid: x, y in m/s."""
         return toward(self.landscape, *self.wind_from(at_s))
 
     def height_m(self, here: PositionFix) -> float:

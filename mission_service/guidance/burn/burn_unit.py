@@ -25,7 +25,7 @@ Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
 ARC = 16  # sides of a quarter of a circle
 MIN_AREA_M2 = 1.0  # of an area
-CLEAR_M = 0.01  # on top of margins, for what is rounded
+CLEAR_M = 0.01  # added to margins, for rounding
 
 
 class ExclusionCircle(NamedTuple):

@@ -1,4 +1,4 @@
-"""The GO/NO-GO list of a burn (NWCG PMS 515): with an open item nothing flies. Pure."""
+"""The GO/NO-GO list of a burn (NWCG PMS 515): no flight with an open item. Pure."""
 
 from typing import Any
 

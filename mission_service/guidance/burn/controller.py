@@ -1,9 +1,9 @@
-"""Flight of a burn: a line is proposed, approved, flown, and dropped sphere by sphere.
+"""Flight of a burn: a line is proposed, approved and flown, and its spheres are dropped in turn.
 
 planning --> proposed --approved--> approved --its mission is flown--> flying
-flying --at the path's end--> planning; --any fault--> climbing --safe height--> planning
-waiting: no planning before a request of an operator (after an abort, manual control, at the end).
-No drop is part of a mission on board: each is ordered here while all conditions are fulfilled.
+flying --end of the path--> planning; --plan not valid--> climbing --safe height--> planning
+waiting: no plan before an operator's request (after an abort, under manual control, at the end).
+A mission on board contains no drop: each is ordered here while all conditions for it hold.
 """
 
 import math
@@ -86,7 +86,7 @@ WIND_FOR = 3  # measurements in a row that must differ before the wind counts as
 
 
 class BurnFlight(Guidance):
-    """Guides the single vehicle of a burn."""
+    """Commands the one vehicle of a burn."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class BurnFlight(Guidance):
         spacing: TrafficManager,
         missions: MissionsSent,
     ) -> None:
-        assert scenario.burn is not None  # by the scenario's own check
+        assert scenario.burn is not None  # ensured by the scenario's check
         burn, section = scenario.burn, scenario.vehicles[0]
         self.planners = {section.name: Undecided()}
         self.state = BurnState(burn, landscape, weather_of(scenario), section)
@@ -117,7 +117,7 @@ class BurnFlight(Guidance):
         self._winds: list[WindFrom] = []
 
     def _refuse_stations_inside(self) -> None:
-        """Raise ScenarioError if a station for approvals is inside the burn unit."""
+        """Raise ScenarioError for an operator's station inside the burn unit."""
         for station in self.state.burn.stations:
             place = (station.lat_deg, station.lon_deg)
             x_m, y_m = self.state.landscape.xy_of_lat_lon(*place)
@@ -126,7 +126,7 @@ class BurnFlight(Guidance):
                     f"burn.stations: {station.name} is inside the burn unit; move it outside"
                 )
 
-    # Input ------------------------------------------------------------------------------------
+    # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Process a request of an operator."""
@@ -195,7 +195,7 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
-        """Set the measured wind for planning if it differs repeatedly from the planned wind."""
+        """Adopt a measured wind that differs from the planned one ``WIND_FOR`` times in a row."""
         plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
         if plan is None:
             return []
@@ -208,12 +208,12 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
-        """Check a proposed or flown plan after a change."""
+        """Check the plan again after a change of fire, unit or wind; void it if it is not valid."""
         why = self._why_void(at_s)
         return [] if why is None else self._stop(why)
 
     def _why_void(self, at_s: float) -> str | None:
-        """The reason why the proposed or flown plan is no longer valid; None if it is valid."""
+        """Why the proposed or flown plan is no longer valid in the present state; None if it is."""
         plan = self.approvals.plan
         if plan is None:
             return None
@@ -223,7 +223,7 @@ class BurnFlight(Guidance):
         return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
-        """The reason if the proposed or remaining path comes too near to the expected fire."""
+        """Why the proposed or remaining path would come too near to fire; None if it does not."""
         flown, vehicle = self._flown, self._vehicle
         if vehicle is None or vehicle.availability.here is None or self._found is None:
             return None
@@ -248,7 +248,7 @@ class BurnFlight(Guidance):
         here = vehicle.availability.here
         if here is None:
             return []
-        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # it stands
+        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
             self.state.stands(here)
         why = self._why_over(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
@@ -269,7 +269,7 @@ class BurnFlight(Guidance):
         return self.approvals.expiry_reason(at_us) or over
 
     def _look(self, at_s: float) -> str | None:
-        """At intervals: the reason why the plan is no longer valid, or None."""
+        """At intervals check the plan; returns why it is not valid, or None."""
         every_s = LOOK_AT_PROPOSED_EVERY_S if self.phase == "proposed" else LOOK_EVERY_S
         if at_s - self._looked_at_s < every_s:
             return None
@@ -277,7 +277,7 @@ class BurnFlight(Guidance):
         return self._why_void(at_s)
 
     def _flies(self, vehicle: Vehicle, flown: ApprovedPlan) -> bool:
-        """Whether the vehicle flies the mission of the plan, by its reported state."""
+        """Whether the vehicle flies the plan's mission, by its reports."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
@@ -321,7 +321,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _plan(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Propose the next line; if there is none, the vehicle returns home."""
+        """Propose the next line; without one the vehicle returns home."""
         airborne = vehicle.availability.airborne
         begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
         found = self.state.next_plan(vehicle, here, begin_s)
@@ -359,26 +359,26 @@ class BurnFlight(Guidance):
         }
 
     def awaited(self) -> Awaited:
-        """The inputs required: approval of the proposed plan, answers to open items."""
+        """The approval of the proposed plan, and answers to open items."""
         plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
         return Awaited(plan, not self.checklist.complete)
 
     @property
     def estimated_fire(self) -> EstimatedFire:
-        """The estimated fire used for its plans."""
+        """The fire that the plans are based on."""
         return self.state.fire
 
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
-        """The path of the approved plan."""
+        """The path of the approved plan: (n, 2) x, y in metres."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission of the plan: its path only, without drops."""
+        """The mission of the plan: its path, without drops."""
         assert self._flown is not None
         self._flown.sent = True
         plan, on_ground = self._flown.plan, not vehicle.availability.airborne
@@ -386,11 +386,11 @@ class BurnFlight(Guidance):
         return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
     def in_mission(self, name: str) -> bool:
-        """Whether it flies the mission it has on board, by its mode."""
+        """Whether the vehicle's mode is that of flying the mission on board."""
         return self._mode == "mission"
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Send an approved plan, monitor and drop a flown one, or climb to the safe height."""
+        """Send the approved mission, fly the plan with its drops, or climb to the safe height."""
         if not self._fix_good:
             return []
         if self.phase == "flying" and self._flown is not None:
@@ -404,7 +404,7 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, here)
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Climb to the safe height; from there (None) its autopilot flies home."""
+        """Climb to the safe height before the return home; None at that height."""
         return None if self._is_high(here) else self._climb(vehicle, here)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix) -> list[AnyCommand]:
@@ -420,7 +420,7 @@ class BurnFlight(Guidance):
     def _release(
         self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix
     ) -> list[AnyCommand]:
-        """Drop the next sphere if it would now fall on its place."""
+        """Order the next drop if its sphere would hit its target now."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, here):
             why_not = due.why_not or self._why_none()
@@ -434,7 +434,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _why_none(self) -> str | None:
-        """The reason why no drop is permitted, or None."""
+        """Why no drop is allowed now; None if drops are allowed."""
         if self.approvals.approval is None or not self.checklist.complete:
             return "it is not approved"
         if self._mode != "mission" or not self._armed:
@@ -467,7 +467,7 @@ class BurnFlight(Guidance):
     # End of a plan ----------------------------------------------------------------------------
 
     def _void(self, why: str) -> list[AnyCommand]:
-        """Withdraw a proposed or approved plan."""
+        """Void the proposed or approved plan."""
         name = self.approvals.plan_hash
         self._end_plan()
         if not name:
@@ -484,13 +484,13 @@ class BurnFlight(Guidance):
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
         """Withdraw the plan; a vehicle that flies it climbs to the safe height and holds.
 
-        ``always``: a vehicle in the air does so also without a plan.
+        ``always``: a vehicle in the air does so without a plan as well.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._void(why)
         if vehicle is None or not vehicle.availability.airborne:
             self.phase = then
-            if vehicle is not None:  # it must not take off with a mission left on board
+            if vehicle is not None:  # no takeoff with a mission that may be on board
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None
@@ -507,7 +507,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _climb(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Climb vertically to the safe height, unless an operator controls the vehicle."""
+        """Climb straight up to the safe height, unless under manual control."""
         ordered = self._climbed_at_s > -math.inf
         if self._is_high(here) and (ordered or self.phase != "climbing"):
             if self.phase == "climbing":
@@ -557,14 +557,14 @@ class BurnFlight(Guidance):
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """The guidance of a burn. Raises MissionServiceError for a run that is not a burn."""
+    """The guidance of a burn; raises MissionServiceError if the run is no burn."""
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance
 
 
 class Undecided:
-    """A planner that makes no decisions: a burn's vehicle flies plans."""
+    """A planner without decisions: a burn's vehicle flies plans."""
 
     def observe(self, observed: Observed) -> None:
         """Nothing."""

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
 SLOW_M_S = 0.5  # below it the course is undefined
-NEAR_S = 1.0  # of flight: farther than that from its target a sphere is not near it yet
+NEAR_S = 1.0  # of flight: farther from its target than that, the vehicle is not near it yet
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 
@@ -116,10 +116,11 @@ def release_decision(
 ) -> ReleaseDecision:
     """Whether to order the release now; ``there`` is the impact point.
 
-    ``wait`` until the landing, which moves as the vehicle does, is at its nearest to the target, to
-    half a telemetry step. Then ``release``, or ``missed`` if that is farther than ``max_miss_m``.
-    It also waits far off (more than ``max_miss_m`` and ``NEAR_S`` of flight), where it may have
-    passed on another leg, and without a course while it is farther than ``max_miss_m``.
+    ``wait`` until the impact point, which moves with the vehicle, is nearest to the target, to half
+    a telemetry step. Then ``release``, or ``missed`` if it is farther away than ``max_miss_m``. The
+    decision is also ``wait`` far from the target (more than ``max_miss_m`` and ``NEAR_S`` of
+    flight), where the vehicle may have passed on another leg, and without a course while the impact
+    point is farther away than ``max_miss_m``.
     """
     east, north = target_m[0] - there.x_m, target_m[1] - there.y_m
     off_m = math.hypot(east, north)

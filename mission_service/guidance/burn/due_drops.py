@@ -18,7 +18,7 @@ from mission_service.guidance.burn.sphere_account import PointXY, Sphere
 from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
-RELEASES_BEFORE_S = 6.0  # a drop may become due so long before its time in the plan
+RELEASES_BEFORE_S = 6.0  # earliest time of a drop before its time in the plan
 LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
 
 

@@ -1,10 +1,10 @@
 """Where and when fire is too near: times of ignition on a raster, tested along legs of a flight.
 
 A place x is in danger at time t if any place y, no farther from it than ``distance_margin_m`` and,
-where x is downwind of y, as much more as the wind goes that way in ``wind_margin_s``, ignites after
-t - residence_s and before t + time_margin_s. The raster must never miss fire of the simulation. So
-each cell holds bounds of the times within it, its distance is that of its nearest corner, and a
-sample of a leg stands for the whole part of the leg around it, in place and in time.
+where x is downwind of y, farther by as much as the wind travels that way in ``wind_margin_s``,
+ignites after t - residence_s and before t + time_margin_s. The raster must never miss fire of the
+simulation. So each cell holds bounds of the times within it, its distance is that of its nearest
+corner, and a sample of a leg stands for the whole part of the leg around it, in place and in time.
 """
 
 import math
@@ -28,7 +28,7 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, for where the other does not decide
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, if the other does not decide
 # A raster of a unit of 20 acres has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # earlier times of ignition are this one
@@ -42,7 +42,7 @@ class Margins:
 
     time_s: float
     distance_m: float
-    wind_m: float  # more of it straight downwind
+    wind_m: float  # additional distance straight downwind
     toward_rad: float
     residence_s: float
 

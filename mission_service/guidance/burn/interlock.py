@@ -321,7 +321,7 @@ class Interlock:
         )
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether anything in a mission may switch an output."""
+        """Whether an item of a mission may switch an output."""
         return has_drop(items)
 
     def _plan_refuses(self, name: str, known: _Plan, drop: Drop, at_us: int) -> str | None:
@@ -442,7 +442,7 @@ def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:
 
 
 def interlock_of(burn: BurnSection, landscape: Landscape) -> Interlock:
-    """The last lock of a burn; it knows the unit from the scenario, or from its file."""
+    """The independent lock of a burn, with the unit from the scenario or from its file."""
     if burn.unit_file is None:
         return Interlock(burn)
 

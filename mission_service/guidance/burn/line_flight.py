@@ -230,7 +230,7 @@ class LineFlight:
     skipped: Floats
     min_margin_s: float
     climbs_first: bool
-    home_s: float  # from its end to the ground at home
+    home_s: float  # duration of the way from its end to the ground at home
     why_ended: Literal["", "spheres", "battery"]
 
     @property

@@ -1,4 +1,4 @@
-"""Whether a plan made earlier is still valid: in the fire, the unit and the wind of now."""
+"""Whether an earlier plan is still valid in the present fire, unit and wind."""
 
 import math
 from collections.abc import Sequence
@@ -107,7 +107,7 @@ def _of_load(plan: LinePlan, situation: Situation, settings: BurnSection, flown_
 SAME_PLACE_M = 0.05
 MIN_DRIFT_M = 0.2  # a smaller drift is ignored
 CALM_M_S = 1.0  # below it the direction of the wind does not count
-WindFrom = tuple[float, float]  # speed in m/s, where it comes from in degrees from true north
+WindFrom = tuple[float, float]  # speed in m/s, direction from in degrees from true north
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:

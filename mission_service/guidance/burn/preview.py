@@ -1,4 +1,4 @@
-"""A burn to its end as it would go now, without a vehicle: report and picture."""
+"""Simulation of a whole burn from its present state, without a vehicle: report and picture."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from mission_service.guidance.burn.whole_burn import whole_burn
 
 
 def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) -> Situation:
-    """Before the first line: the vehicle stands at home, and burns what the crew has lit."""
+    """The situation before the first line: the vehicle stands at home, the crew's fires burn."""
     home = scenario.vehicles[0]
     state = BurnState(burn, landscape, weather_of(scenario), home)
     home_m = landscape.xy_of_lat_lon(home.home_lat_deg, home.home_lon_deg)
@@ -28,7 +28,7 @@ def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
     """All lines of a scenario's burn from its deployment on; writes burn.json and burn.png.
 
     Returns the totals; no time is counted for approvals. Raises MissionServiceError for a scenario
-    without a burn, or with a unit that cannot be.
+    without a burn, or with an invalid unit.
     """
     burn = scenario.burn
     if burn is None or not scenario.vehicles:

@@ -1,4 +1,4 @@
-"""The requests of operators to a prescribed burn. Pure."""
+"""Operators' requests of a prescribed burn. Pure."""
 
 from typing import Annotated, ClassVar
 
@@ -25,7 +25,7 @@ Spacing = Annotated[Annotated[float, Meta(ge=1, le=1000)] | None, Meta(descripti
 
 
 class BurnRequest(Request, frozen=True):
-    """A request for the role that permits drops: approval, presence, burn unit, GO list."""
+    """A request for the role that approves drops, which also sets people, unit and GO items."""
 
     role: ClassVar[Role] = "approve"
     path = "/burn/{do}"
@@ -44,7 +44,7 @@ class Plan(BurnRequest, frozen=True):
 
 
 class HashRequest(BurnRequest, frozen=True):
-    """A decision on the proposed plan of a hash."""
+    """A request about the proposed plan with a hash."""
 
     example: ClassVar = {"hash": HASH}
 
@@ -115,7 +115,7 @@ class Unit(BurnRequest, frozen=True):
     points: Places
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """As its keys are, if the corners make a polygon."""
+        """``BurnUnitSet``, if the corners form a polygon."""
         refuse_no_polygon("unit", self.points)
         return super().event(at_us)
 

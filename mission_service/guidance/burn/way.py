@@ -1,4 +1,4 @@
-"""The way of flying a prescribed burn: a copter drops lines, each approved by an operator."""
+"""The way of flying a prescribed burn: a copter ignites lines that operators approve one by one."""
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.stacks.stacks import stack_named

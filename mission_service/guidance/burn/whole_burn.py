@@ -43,7 +43,7 @@ class Assumptions:
     pause_s: float  # between the end of a line and the begin of the next
     time_margin_s: float
     distance_margin_m: float
-    wind_m_s: float  # all the time, for lines and margins; the simulation may know of changes
+    wind_m_s: float  # constant, for lines and margins; the simulation may have wind changes
     toward_rad: float
 
 
@@ -76,7 +76,7 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires as one, by the first that reaches a place."""
+    """Several fires as one: the earliest time of ignition of all."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)

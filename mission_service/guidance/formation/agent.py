@@ -1,6 +1,6 @@
 """One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
 
-Every UAV runs one of these on its own camera and on the messages it receives. ``step`` is called at
+Every UAV runs one agent on its own camera and the messages it receives. ``step`` is called at
 each of its positions and returns an ``Intention``: an orbit and an airspeed, to be flown by the
 ideal world's kinematics, an autopilot's own orbit command, or a loiter item.
 """
@@ -39,11 +39,11 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # an orbit this far from the one sent is sent at once, as is any other goal
+RESEND_M = 20.0  # an orbit this far from the one sent is sent at once, as is a new goal
 LONGEST_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
-COOL_FOR_S = 20.0  # after heat it stays at the higher altitude for so long
+COOL_FOR_S = 20.0  # time at the higher altitude after the last heat
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +66,8 @@ class OwnState:
 class Intention:
     """The orbit (radius signed as in MAVLink) and the airspeed that a UAV intends to fly.
 
-    ``climb_m`` is how far above its normal altitude, to get away from heat; ``settled``: the UAV
-    has been on that orbit for a while. On the way home there is no virtual agent: not a number.
+    ``climb_m`` is the climb above the normal altitude to avoid heat; ``settled``: the UAV has been
+    on that orbit for a while. On the way home the virtual agent's place is NaN.
     """
 
     orbit_x_m: float
@@ -78,11 +78,11 @@ class Intention:
     settled: bool
     agent_x_m: float
     agent_y_m: float
-    in_conflict: bool = False  # the orbit wanted is not flown: another UAV is in its way
+    in_conflict: bool = False  # the orbit wanted is not flown because of another UAV
 
 
 class Agent:
-    """See the module. ``name`` gives the priority where two are in each other's way."""
+    """The agent of one UAV. ``name`` determines the priority in a conflict of two UAVs."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class Agent:
     # Outputs ----------------------------------------------------------------------------------
 
     def step(self, own: OwnState) -> Intention:
-        """Advance to the UAV's state now; returns what it intends to fly from here on."""
+        """Advance to the UAV's present state; returns its intended orbit and airspeed."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
@@ -174,7 +174,7 @@ class Agent:
         self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """Fly to a circle there from now on, without a virtual agent, still avoiding the others."""
+        """Fly to a circle around (x, y) from now on, without a virtual agent."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:

@@ -1,11 +1,11 @@
 """Flight in a formation: orbits that move with virtual agents, and loiters at settled agents.
 
-A vehicle flies to the fire and loiters by a mission, which remains its fallback after any failure.
-On the way its agent takes over: the stack's orbit command follows the virtual agent. When the agent
-has settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when the
-agent moves on, orbit commands take over again. Meanwhile the mission on board is renewed at
-intervals, so that it ends in a circle nearby. The number of orders is limited: one at a time, and
-a minimum interval for each kind.
+A vehicle flies to the fire and loiters by a mission, so that it ends there if anything fails. On
+the way its agent takes control: orbit commands of the stack follow the virtual agent. Once the
+agent has settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when
+the agent moves, orbit commands resume. Meanwhile the mission on board is renewed at intervals, so
+that it ends in a circle nearby. The rate of commands is limited: one under way at a time, and a
+minimum interval for each kind.
 """
 
 import math
@@ -60,7 +60,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, say
 Floats = NDArray[np.float64]
 
 ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
-# Near other vehicles the flown orbit must be the one that its agent has sent and checked.
+# Near others a vehicle must fly the orbit that its agent has sent and checked.
 NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
 RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 LOOK_DOWN_EVERY_S = 10.0
@@ -70,17 +70,17 @@ SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 AGAIN_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # from here its autopilot flies home
-UNANSWERED_S = 30.0  # an order without an acknowledgement expires after this time
-TAKES_EFFECT_S = 15.0  # a change of mode within this time after an orbit order is its effect
-# The mode in which a stack flies orbits that were ordered.
+UNANSWERED_S = 30.0  # timeout of an order without an outcome
+TAKES_EFFECT_S = 15.0  # a mode change within this time of an orbit order is its effect
+# The mode in which a stack flies commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
 
 @dataclass
 class Led:
-    """The orders to one vehicle and its reported flight."""
+    """The flight state of one vehicle, and the orders sent to it."""
 
-    leads: bool = False  # it flies its mission or ordered orbits, not under manual control
+    leads: bool = False  # it flies its mission or our orbits, not under manual control
     taken_over: bool = False
     mode: str = ""
     order: str = ""  # under way
@@ -93,9 +93,9 @@ class Led:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # led by its agent, at most until then
-    sending: Circle | None = None  # the end of the mission being uploaded
-    loiter: Circle | None = None  # the end of the mission on board
+    goes_home_until_s: float = math.inf  # latest end of the agent's control
+    sending: Circle | None = None  # final circle of a mission being uploaded
+    loiter: Circle | None = None  # final circle of the mission on board
 
 
 def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
@@ -106,7 +106,7 @@ def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
 def waits_at(
     scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
 ) -> Place:
-    """The end of a vehicle's first mission: a separate place at the fire's edge for each."""
+    """The end of a vehicle's first mission: its own place at the fire's edge."""
     number = [each.name for each in scenario.vehicles].index(section.name)
     reach_m = clear_of_fire_m(formation, section)
     apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
@@ -124,7 +124,7 @@ def mission_to_place(
 
 
 class FormationFlight(Guidance):
-    """Guides each vehicle along the orbit of its agent."""
+    """Commands each vehicle to fly as its agent intends."""
 
     def __init__(
         self,
@@ -140,15 +140,15 @@ class FormationFlight(Guidance):
         self._missions = missions
         self._led = {section.name: Led() for section in scenario.vehicles}
         self._not_understood: set[str] = set()
-        self._in_contact = not scenario.formation.peer_messaging  # else vehicles keep their circles
+        self._in_contact = not scenario.formation.peer_messaging  # else it circles in place
 
-    # Input ------------------------------------------------------------------------------------
+    # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """After a restart of the service: drop pending orders; agents send their orbits again."""
         if isinstance(event, Resumed):
             for led in self._led.values():
-                if led.order == "orbit":  # it may have arrived, and still change the mode
+                if led.order == "orbit":  # it may have arrived and may still change the mode
                     led.orbit_at_s = event.at_us / 1e6
                 led.order, led.circle, led.airspeed_m_s = "", None, None
         return []
@@ -189,14 +189,14 @@ class FormationFlight(Guidance):
         return [*commands, *self.formation.outgoing()]
 
     def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
-        """Whether it is in the air, and controlled neither by its agent nor by its mission."""
+        """Whether it is in the air and under control of neither its agent nor its mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.here is None:
             return False
         return bool(vehicle.ordered) or availability.recalled or not led.leads
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
-        """Deliver a message; one that does not fit the map is dropped, announced once a sender."""
+        """Apply a peer's message; reject cells off this map, with one report per sender."""
         try:
             self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
@@ -268,7 +268,7 @@ class FormationFlight(Guidance):
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
 
     def _begin_again(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Send the first mission again to a vehicle in the air at the start that refused it."""
+        """Send the first mission again to a vehicle that refused it in the air at the start."""
         if here.at_s < vehicle.not_before_s:
             return []
         path_m = self.first_path(vehicle, here)
@@ -276,7 +276,7 @@ class FormationFlight(Guidance):
         return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
 
     def _renew(self, vehicle: Vehicle, led: Led, here: PositionFix) -> list[AnyCommand]:
-        """Renew the mission with the flown circle as its loiter, if that is due."""
+        """Renew the mission so that it ends in the circle being flown, if that is due."""
         circle = led.circle
         if circle is None or vehicle.awaits_mission or led.mode == "mission":
             return []
@@ -304,7 +304,7 @@ class FormationFlight(Guidance):
     # Orders -----------------------------------------------------------------------------------
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Follow the agent, once the vehicle has flown far enough on its mission."""
+        """Commands to follow the agent; none before the vehicle has climbed out by its mission."""
         led = self._led[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
             return self._begin_again(vehicle, here)
@@ -339,7 +339,7 @@ class FormationFlight(Guidance):
         return [*commands, *self._renew(vehicle, led, here)]
 
     def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Guide it home by its agent, which avoids other vehicles, until it is near home."""
+        """Commands home by the agent, which avoids the others; None near home."""
         led = self._led[vehicle.name]
         away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
@@ -394,7 +394,7 @@ class FormationFlight(Guidance):
         return since_s is not None and here.at_s - since_s >= SETTLED_FOR_S
 
     def _start_due(self, led: Led, here: PositionFix) -> bool:
-        """Whether the mission on board now ends in the circle that is flown by order."""
+        """Whether to start the mission on board, which ends in the commanded circle being flown."""
         ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
         return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
 
@@ -403,11 +403,11 @@ class FormationFlight(Guidance):
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.min_airspeed_m_s, section.max_airspeed_m_s
-        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb requires airspeed
+        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
             least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
-        # After a change of mode at once: the stack has reset the speed.
+        # At once after a mode change, which resets the airspeed.
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
         if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []

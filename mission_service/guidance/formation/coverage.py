@@ -43,7 +43,7 @@ DECIDE_EVERY_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The place where a virtual agent goes, and the place up to which it can go straight.
+    """The goal of a virtual agent, and the via: the last point on its path in a straight line.
 
     ``since_s`` is when the goal was chosen.
     """
@@ -93,7 +93,7 @@ def next_goal(
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
-    """The goal of the agent at (x, y); None outside its area, to which forces must bring it.
+    """The goal of the agent at (x, y); None outside its area, where forces move the agent.
 
     ``goal`` is the previous result (None at first), ``others_m`` (n, 2) x, y of the other agents,
     or of where they go. To be called every few seconds (``AgentMover``).
@@ -189,7 +189,7 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Velocity (east, north) in m/s for the next ``step_s``; 0 without fire. Times only rise.
 
-        ``others_*`` (n): where the other virtual agents in range are or go, nan for one not there.
+        ``others_*`` (n): places or goals of the other virtual agents in range, NaN if absent.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-SILENT_US = 3_000_000  # a state comes twice a second: no chance, even if a third is lost
+SILENT_US = 3_000_000  # states are sent twice a second: not by chance, even if a third is lost
 MINDED_FOR_US = 120_000_000
 AGAIN_US = 500_000
 

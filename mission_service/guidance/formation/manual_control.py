@@ -1,4 +1,4 @@
-"""UAVs of the formation under manual control: the orbits that the others expect of them.
+"""UAVs of the formation under manual control: the orbits by which the others avoid them.
 
 Such a UAV (held, recalled or flown by a pilot) has no virtual agent and avoids nothing. Its state
 is sent with the orbit expected from its motion, so that the others keep clear of it.

@@ -32,7 +32,7 @@ from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
-FOUR_BY_THREE = 0.75  # of a camera whose angle along the track is not given
+FOUR_BY_THREE = 0.75  # image ratio of a camera without an angle along the track
 HOT_FOR_S = 1.5  # after the last look at fire straight below
 
 
@@ -62,8 +62,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
     """The cells (numbers, rising) that the base shares as burning before the mission.
 
-    The fire that burns at the start where the scenario gives one, else the cell where it is said
-    to be.
+    The fire at the start if the scenario defines one, else the reported cell of the fire.
     """
     burning = burning_of(scenario, landscape)
     if burning is not None:
@@ -89,7 +88,7 @@ class FormationMember:
     def observe(self, observed: Observed) -> None:
         """Update the agent's map by a camera window; fire straight below counts as heat.
 
-        No autopilot tells the temperature outside.
+        Autopilots do not report the outside temperature.
         """
         self.correct(observed)
         middle = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]

@@ -1,4 +1,4 @@
-"""Vehicles in phase on their orbits (section 5.3.2): one ahead of the others flies slower.
+"""Vehicles in phase on their orbits (section 5.3.2): a vehicle ahead of the others flies slower.
 
 Beyond the paper: all vehicles within radio range count, not the neighbours alone, because a ring of
 vehicles that each follow the next ones only may settle with phases that wind once round; and where

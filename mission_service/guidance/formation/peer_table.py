@@ -20,7 +20,7 @@ LOST_AFTER_S = 10.0
 
 
 def priority_key(name: str) -> int:
-    """A number for a name, the same in all processes: the lower one has priority."""
+    """A number for a name, equal in all processes: the lower number has priority."""
     return zlib.crc32(name.encode())
 
 

@@ -16,7 +16,7 @@ PAPER_CAMERA = Camera(across_rad=1.047, along_rad=0.817)
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """What a fixed wing can do; speeds through the air.
+    """The limits of a fixed wing; speeds are airspeeds.
 
     The paper's thrust goes from 0.4 of the most to the most (eq. 16); here so does the airspeed.
     """
@@ -55,7 +55,7 @@ class Constants:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Table 1, and below the line what the paper does not give a number for."""
+    """Table 1, and below the line settings without a value in the paper."""
 
     monitoring_m: float = 350.0  # d_mon
     altitude_agl_m: float = 300.0  # alt
@@ -64,7 +64,7 @@ class Settings:
     safety_radius_m: float = 30.0  # r_s: nearer than twice that is a collision
     neighbourhood_m: float = 500.0  # d_n
     # ---
-    range_m: float = 2000.0  # r_com: how far states are heard; fire updates reach all
+    range_m: float = 2000.0  # r_com: range of state messages; fire updates reach all UAVs
     restart_m: float = 600.0  # a virtual agent farther than this from its UAV starts anew
     vertical_separation_m: float = NEVER_M  # altitudes that differ so much need no avoidance
     placement: Literal["coverage", "forces"] = "coverage"  # ``coverage.py``; the paper's forces
@@ -74,7 +74,7 @@ class Settings:
 
     @property
     def coverage_radius_m(self) -> float:
-        """What a UAV sees on a full circle (eq. 2)."""
+        """Radius in metres of the area that a UAV sees on a full circle (eq. 2)."""
         return self.loiter_radius_m + self.camera.half_width_m(self.altitude_agl_m)
 
     @property
@@ -83,10 +83,10 @@ class Settings:
         return 2.0 * self.coverage_radius_m / math.sqrt(2.0)
 
     def augmentation_m(self, cell_m: float) -> float:
-        """No virtual agent nearer to fire than this: section 5.1, r_l and a cell."""
+        """Minimum distance of a virtual agent from fire in metres: r_l and a cell (section 5.1)."""
         return self.loiter_radius_m + cell_m
 
     @property
     def agent_area_m(self) -> float:
-        """A virtual agent nearer to fire than this covers something useful (section 3.4)."""
+        """Maximum distance from fire at which a virtual agent covers cells (section 3.4)."""
         return self.monitoring_m + self.coverage_radius_m

@@ -73,7 +73,7 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
 
 @kernel
 def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Of each cell's stamps take the later one.
+    """Merge received stamps: the later stamp of each cell wins.
 
     Fills ``changed`` with cells that burn now from the front, and cells that no longer do from the
     back; returns both counts and -1, or the index of a cell off the map as ``record_view`` does.
@@ -106,9 +106,9 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
 
 @kernel
 def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
-    """How many cells runs have: (n, 4), see ``Difference``.
+    """The number of cells in runs (n, 4), see ``Difference``.
 
-    -1 - place for one that is not on a map of ``size`` cells.
+    Returns -1 - index for a run that is not on a map of ``size`` cells.
     """
     count = 0
     for i in range(runs.shape[0]):

@@ -58,19 +58,19 @@ def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no
 
 @kernel
 def attraction(in_area, constants):  # type: ignore[no-untyped-def]
-    """How strongly an agent is drawn to the fire's centre (eq. 5)."""
+    """Attraction of an agent to the fire's centre, m/s (eq. 5)."""
     return constants[C1] if in_area else constants[C2]
 
 
 @kernel
 def avoidance(in_augmentation, constants):  # type: ignore[no-untyped-def]
-    """How strongly it is pushed away from there (eq. 9)."""
+    """Repulsion of an agent from the fire's centre, m/s (eq. 9)."""
     return constants[C4] if in_augmentation else 0.0
 
 
 @kernel
 def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad):  # type: ignore[no-untyped-def]
-    """The push of all others (n) that are too near (eqs. 6 to 8): a vector."""
+    """Repulsion by all other agents (n) within the spacing (eqs. 6 to 8): a vector, m/s."""
     east, north = 0.0, 0.0
     for j in range(others_x_m.size):
         e, n, distance_m = unit_vector(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
@@ -83,7 +83,7 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
 
 @kernel
 def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
-    """Whether all forces cancel although others push hard (section 5.2.5)."""
+    """Whether all forces cancel although the others' repulsion is strong (section 5.2.5)."""
     return force < constants[T1] and formation_force > constants[T2]
 
 

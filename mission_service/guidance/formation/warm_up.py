@@ -1,4 +1,4 @@
-"""Kernels compiled before anybody flies: that takes many seconds the first time."""
+"""Compilation of the formation's kernels before flight; the first time takes many seconds."""
 
 import numpy as np
 
@@ -14,10 +14,11 @@ STEP_US = 250_000
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Fly three agents for a moment over a small fire and have them lose what they say of it.
+    """Fly three agents briefly over a small fire, with their messages about it lost.
 
-    So all that an agent does has been done once, and is compiled, or read from the disk. Columns of
-    one row and of several are different to the compiler: each hears nobody first, then two.
+    So every kernel of an agent is called once and compiled, or loaded from the disk cache. The
+    compiler distinguishes columns of one row and of several: agents receive no message first, then
+    two.
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])

@@ -1,4 +1,4 @@
-"""Flight along a front: a rolling mission, renewed when it deviates from the planner's path."""
+"""Flight along a front by a rolling mission, renewed when its path is outdated."""
 
 from collections.abc import Mapping
 
@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class FrontFlight(Guidance):
-    """Guides each vehicle by its planner; ``planners`` by vehicle name."""
+    """Commands each vehicle by its planner; ``planners`` by vehicle name."""
 
     planners: Mapping[str, Planner]
 
@@ -86,7 +86,7 @@ class FrontFlight(Guidance):
         return commands
 
     def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
-        """The path to the reported position of the fire; the camera finds the front on the way."""
+        """The path to the reported fire; the camera finds the front on the way."""
         return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
 
     def announcements(
@@ -106,7 +106,7 @@ class FrontFlight(Guidance):
         return commands
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
-        """Announce the revisit time that a team can achieve, when it has changed."""
+        """Report changed advice on the team's size."""
         if not isinstance(planner, TeamMember):
             return []
         team = planner.team
@@ -123,7 +123,7 @@ class FrontFlight(Guidance):
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Note sent missions; report parts of the front no longer observed, or again observed."""
+        """Note missions sent; report parts of the front no longer monitored, or monitored again."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)
@@ -136,7 +136,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Give way, or renew the mission if that is due."""
+        """Commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         aside = self._out_of_the_way(vehicle, here)
@@ -145,7 +145,7 @@ class FrontFlight(Guidance):
         return self._follow(vehicle, here) if self._renewal.to_be_checked(vehicle, here) else []
 
     def _out_of_the_way(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
-        """Move aside and wait there; None when the way is free."""
+        """Commands to move aside and hold there; None when the way is free."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
@@ -158,7 +158,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, here, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        """Renew the rolling mission when it deviates from the planner's path."""
+        """Renew the rolling mission when its path is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, here), self._renewal.why_on_approach(vehicle)
@@ -174,7 +174,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission that would be sent now; changes no state."""
+        """The mission that a renewal would send now, without side effects."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, here), here)
@@ -189,7 +189,7 @@ class FrontFlight(Guidance):
         return planner.compared(here.row, here.col, here.at_s)
 
     def settings(self) -> dict[str, float]:
-        """The settings of the perimeter planners."""
+        """The present settings of the perimeter planners."""
         for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 return {name: getattr(planner.settings, name) for name in TUNED}
@@ -217,9 +217,9 @@ class FrontFlight(Guidance):
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
-    """Whether its autopilot still takes off; a new mission would end the takeoff at any height.
+    """Whether its autopilot is still taking off: a new mission would abort that at any height.
 
-    ArduPlane then climbs at 1 to 4 m/s instead of 10, and a PX4 plane that took off soon after its
+    ArduPlane then climbs at 1 to 4 m/s rather than 10, and a PX4 plane that took off soon after its
     start sinks to the ground (flown). The takeoff is over when the next item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"

@@ -23,7 +23,7 @@ class LapProgress:
     swept_deg: float = 0.0
 
     def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
-        """Set the vehicle's bearing; ``counts`` adds to the lap. True once a whole lap is flown."""
+        """Set the bearing; ``counts`` adds to the lap. Returns whether a lap is complete."""
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
         self.bearing_deg = bearing_deg

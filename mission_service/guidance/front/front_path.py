@@ -1,4 +1,4 @@
-"""The path along a front: the vehicle's place on it, what it has in view, and where to fly.
+"""The path along a front: the vehicle's place on it, the bearings in view, and the path to fly.
 
 Functions of the on-board map alone, the same for all planners. Positions are float (row, col) of
 the landscape's grid; ``clockwise`` is the flying direction around the fire.
@@ -23,7 +23,7 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """How far a path reaches, and how far ahead of the vehicle it begins, in cells."""
+    """Length of a path, and its begin ahead of the vehicle, in cells."""
 
     horizon_cells: float
     lookahead_cells: float
@@ -110,10 +110,10 @@ def path_along(
     settings: PathSettings,
     smoothing_deg: int = PATH_SMOOTHING_DEG,
 ) -> Floats:
-    """Where to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
+    """The path to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
 
-    Never inside what was seen burned: a vehicle that finds itself over burned ground is led
-    outwards until it sees the front again.
+    The path is never inside ground seen burned: a vehicle over burned ground is led outwards until
+    the front is in view again.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)

@@ -1,4 +1,4 @@
-"""When the mission of a vehicle along a front is renewed, and why.
+"""The rule that decides when the mission of a vehicle along a front is renewed, and why.
 
 ``Vehicle.due`` is a reason that has come up elsewhere: a decision to turn back, a way that is free
 again, an operator's request. A further reason is a line of ``Renewal.why``.
@@ -31,7 +31,7 @@ class Renewal:
         self._corrected: set[str] = set()  # those whose whole path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
-        """Take note that people have corrected the fire: the mission is checked at once."""
+        """Request a check of the mission at once, after an operator's correction of the fire."""
         self._corrected.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
@@ -49,7 +49,7 @@ class Renewal:
         return True
 
     def why_on_approach(self, vehicle: Vehicle) -> str | None:
-        """Why a vehicle that has not found the front is sent a mission; None: it is not."""
+        """The reason to send a mission before the front is found; None: there is no reason."""
         if vehicle.flown_line is not None and not vehicle.due:
             return None
         return vehicle.due or "fly to the fire"
@@ -60,9 +60,9 @@ class Renewal:
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], here: PositionFix) -> str | None:
-        """Why the mission is to be renewed by one along a path; None: it is not.
+        """The reason to renew the mission by one along a path; None: no renewal.
 
-        ``path_m`` is (n, 2) x, y in metres, where the vehicle would fly now.
+        ``path_m`` is (n, 2) x, y in metres, the path of a mission made now.
         """
         line, horizon_m = vehicle.flown_line, self._settings.horizon_m
         if line is None:

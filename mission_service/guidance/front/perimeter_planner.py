@@ -105,11 +105,11 @@ class PerimeterPlanner:
         )
 
     def tune(self, event: SettingsChanged) -> None:
-        """Other settings from now on."""
+        """Apply changed settings from now on."""
         self.settings = replace(self.settings, **event.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
+        """Set the vehicle's position; returns a decision at each new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -121,7 +121,7 @@ class PerimeterPlanner:
         return self._decide(row, col, at_s)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """The paper's rule does not use the wind."""
+        """Nothing: the paper's rule does not use the wind."""
 
     def left(self, at_s: float) -> None:
         """Nothing: the planner has one vehicle."""
@@ -157,7 +157,7 @@ class PerimeterPlanner:
         )
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """The importance of each cell of the front, and where the cells are."""
+        """The importance and the place of each cell of the front."""
         values = self.importance(row, col, at_s)
         bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
@@ -191,10 +191,10 @@ class PerimeterPlanner:
         )
 
     def path(self, row: float, col: float) -> Floats:
-        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
 
-        In view it is the front itself, beyond it the reconstructed one, during the initial circle
-        the line on which the visible front ends.
+        In view the path follows the front itself, beyond it the reconstructed front; during the
+        initial circle it extends the visible front in a straight line.
         """
         known = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = known(self.map, self._in_view, row, col, self.clockwise)

@@ -1,4 +1,4 @@
-"""Arguments of all planners along a front, derived from the scenario."""
+"""Inputs of all planners along a front, from the scenario."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -11,7 +11,7 @@ TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """The ground with the reported position of a scenario's fire."""
+    """The grid and the reported fire of a scenario."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
     # The ignition is given as a cell; the centre of bearings is rounded to a cell as well.
     centre = (float(round(float(row))), float(round(float(col))))
@@ -20,7 +20,7 @@ def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
 
 
 def turn_back_s(section: VehicleSection) -> float:
-    """The time that a vehicle needs to turn back."""
+    """Duration of turning back, in seconds."""
     return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
 
 

@@ -129,7 +129,7 @@ class PredictivePlanner:
         """Nothing: the planner has one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """The vehicle is here now; a decision whenever it has reached a new cell of the grid."""
+        """Set the vehicle's position; returns a decision at each new cell of the grid."""
         bearing = bearing_deg(self.map, row, col)
         circling = self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
@@ -201,9 +201,9 @@ class PredictivePlanner:
         return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
-        """Where to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
 
-        The estimated front; during the initial circle the extrapolated one.
+        The path follows the estimated front; during the initial circle the extrapolated one.
         """
         settings = self.settings.path
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
@@ -216,7 +216,7 @@ class PredictivePlanner:
 def predictive_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PredictivePlanner:
-    """The planner of one vehicle; it has the landscape and the moistures at the beginning."""
+    """The planner of one vehicle, with the landscape and the initial fuel moistures."""
     told, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PredictiveSettings(
         clockwise_first=told.first_direction == "clockwise",

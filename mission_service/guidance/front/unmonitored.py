@@ -66,7 +66,7 @@ class FrontMonitor:
         self._alarm: RaiseAlarm | None = None  # of the vehicle that left it last
 
     def standing_alarms(self) -> list[AnyCommand]:
-        """The alarm that is raised, to be sent again after a restart of the service."""
+        """The standing alarm, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
     def on_availability(
@@ -96,7 +96,7 @@ class FrontMonitor:
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """The bearings to which it was the nearest of the vehicles that share its map."""
+        """The bearings to which the vehicle was nearest of all that share its map."""
         places = {
             each: here
             for each in (name, *sorted(self._watching))

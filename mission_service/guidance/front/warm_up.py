@@ -1,4 +1,4 @@
-"""Planners' kernels compiled before anybody flies: the first time that takes many seconds."""
+"""Compilation of the planners' kernels before flight; the first time takes many seconds."""
 
 import math
 
@@ -14,13 +14,13 @@ from mission_service.missions.separation import Track, heights_below
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
 STEP_S = 20.0
-ENOUGH = 2  # vehicles: more do nothing that two do not
+ENOUGH = 2  # vehicles: two call every kernel
 
 
 def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
-    """Have planners of their own fly more than a lap around a round fire where theirs is.
+    """Fly separate planners for more than a lap around a round fire at the scenario's fire.
 
-    So all that a rule does has been done once, and is compiled, or read from the disk.
+    So every kernel of a rule is called once and compiled, or loaded from the disk cache.
     """
     heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})

@@ -23,7 +23,7 @@ Maker = Callable[["Scenario", "VehicleSection", "Ground"], "Planner"]
 Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 
 FOLDER = __package__
-# By rule: the address of the function that makes the planner of one vehicle.
+# By rule: address of the function that makes the planner of one vehicle.
 PLANNERS = {
     "islam_hu_damped": "perimeter_planner:perimeter_planner",
     "islam_hu": "perimeter_planner:perimeter_planner",
@@ -39,10 +39,10 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
         rule: its name in ``planner.rule``, and the name of its entry point.
         planner: makes the planner of one vehicle.
         section: the model of its table in the scenario, which has the rule's name; ``planner``
-            reads it with ``config.scenario.own_table(scenario, section)``.
+        reads it by ``config.scenario.own_table(scenario, section)``.
 
     Returns:
-        The object for the entry point of the group ``mission_service.planners``.
+        The object for an entry point of group ``mission_service.planners``.
     """
     return along_front((rule,), partial(_each_alone, planner), section)
 

@@ -1,10 +1,10 @@
 """A team that shares the front at the smallest mean cost (``team.balanced``).
 
 Two searches, both by roll-outs. ``patterns``: how the team shares the ring in the long run (all
-lap; all lap and pass a hot arc three times; some sweep the arc). ``lookahead``: what each vehicle
-does next, so that the team gets to that pattern with even gaps and visits what has waited. Each
-decision tries a few plans and keeps the present one unless another is better by a margin, so its
-cost does not grow with the duration of the search.
+lap; all lap and pass a hot arc three times; some sweep the arc). ``lookahead``: the next turns of
+each vehicle, so that the team reaches that pattern with even gaps and visits cells that have waited
+long. Each decision tries a few plans and keeps the present one unless another is better by a
+margin, so its cost does not grow with the duration of the search.
 """
 
 from typing import Literal
@@ -46,7 +46,7 @@ class Balanced:
     """A ``TeamRule`` for any number of vehicles, which may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
-        """``turn_s`` is the time that turning back costs a vehicle."""
+        """``turn_s`` is the duration of turning back."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
@@ -231,7 +231,7 @@ class Balanced:
         """Try other plans for one vehicle."""
         assert self._ring is not None
         silent = self._due_s < at_s - SEARCH_S
-        if silent.any():  # they are where dead reckoning has them
+        if silent.any():  # their positions are dead reckoned
             self._goal[silent] = fleet.cell[silent]
             self._due_s[silent] = at_s
             self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)

@@ -6,7 +6,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Int
 
 
 class Circling:
-    """All vehicles fly clockwise, one behind the other."""
+    """All vehicles fly clockwise."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Clockwise."""
@@ -19,18 +19,18 @@ class Circling:
 class Bumper:
     """Each starts in the direction opposite to its neighbour's; two that meet both turn back.
 
-    They never pass each other: growth may put two into one cell, or one just behind the other, so
-    the cells between neighbours are counted on through that.
+    Vehicles never pass each other: growth may put two into one cell, or one just behind the other,
+    so the counts of cells between neighbours continue through that.
     """
 
     def __init__(self) -> None:
-        # As ordered, not as flown: of two that meet the other one turns at its next cell.
+        # Ordered directions, not flown ones: of two that meet, the other turns at its next cell.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their order around the ring, which stays
         self._cells_on: dict[int, int] = {}  # from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """As before, unless the neighbour ahead comes the other way and is one cell on."""
+        """Keep the direction, unless the neighbour ahead is one cell away and flies towards it."""
         members = fleet.member.tolist()
         if sorted(self._around) != sorted(members):
             self._around = [members[place] for place in np.argsort(fleet.cell, kind="stable")]
@@ -41,7 +41,7 @@ class Bumper:
         member = members[which]
         clockwise, place = self._clockwise[member], self._around.index(member)
         behind, after = self._around[place - 1], self._around[(place + 1) % len(members)]
-        # Both are counted, whichever way it flies, so that neither count loses a lap.
+        # Both counts are updated in either direction, so that neither loses a lap.
         since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, member))
         met, gap = (after, until) if clockwise else (behind, since)
         if gap <= 1 and self._clockwise[met] is not clockwise:

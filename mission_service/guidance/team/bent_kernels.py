@@ -10,7 +10,7 @@ from firemodel.compiled import compiled
 
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
-    """Bent 3.2, the linear or the exponential one."""
+    """Bent's linear or exponential importance (3.2)."""
     age = max(age, 0.0)  # a camera sees ahead of the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
@@ -19,7 +19,8 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore[no-untyped-def]
     """The cell of highest importance, lifted, other than ``here``; ``here`` if there is none.
 
-    The one on which a vehicle is has none (4.1.3). Of equals the nearest in cells, clockwise first.
+    The vehicle's own cell has no importance (4.1.3). Of equals the nearest in cells, clockwise
+    first.
     """
     n = rate.size
     best, best_worth = here, -1.0
@@ -40,7 +41,7 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
 def best_path(  # type: ignore[no-untyped-def]
     rate, visited, step, begin, end, here, target, at_s, speed_m_s, exponential
 ):
-    """Where the straight path of highest mean importance when visited ends (4.1.4), lifted.
+    """End (lifted) of the straight path with the highest mean importance when visited (4.1.4).
 
     ``target`` wins over equals, then the nearer end, clockwise first.
     """

@@ -44,6 +44,6 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
 
 
 def bent(scenario: Scenario) -> TeamRule:
-    """The rule of a scenario."""
+    """The team rule of a scenario."""
     planner = scenario.planner
     return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

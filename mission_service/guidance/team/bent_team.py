@@ -1,4 +1,4 @@
-"""A team of Bent's: a region for each vehicle, a planner in it, negotiation at intervals."""
+"""Bent's team rule: a region and a planner for each vehicle, and negotiation at intervals."""
 
 from mission_service.guidance.team.bent_region import (
     Course,
@@ -75,7 +75,7 @@ class RegionTeam:
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
-        """The regions after all that has happened since the last decision."""
+        """The regions after all changes since the last decision."""
         cells = ring.step_m.size
         members = fleet.member.tolist()
         regions = self._regions
@@ -143,7 +143,7 @@ def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Reg
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # The place of one that has left is unknown: the begin of its region stands for it.
+            # The place of a vehicle that has left is unknown: the begin of its region is used.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

@@ -22,7 +22,7 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """The fleet at ``at_s``: each flies on as reported; without reports for too long it is lost."""
+    """The fleet at ``at_s``: without reports for too long a vehicle is left out."""
     here = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )

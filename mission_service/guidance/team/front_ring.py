@@ -35,7 +35,7 @@ class ActiveFleet:
 
 
 class TeamRule(Protocol):
-    """Decides for every vehicle of a team which way it flies along the ring."""
+    """Decides the direction of every vehicle of a team along the ring."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Whether vehicle ``which`` (index in the fleet), at a new cell, is to fly on clockwise."""

@@ -1,8 +1,8 @@
 """Roll-outs on a ring: the cost of the plans of all vehicles, in compiled code.
 
 A plan is a sequence of legs, each the number of cells that the vehicle flies before it turns; the
-last two are repeated for ever. So a lap is a leg without end, a sweep two equal legs, and a lap
-that passes an arc three times a long leg and a short one. Each visit changes one node only: a
+last two are repeated for ever. So a lap is a leg without end, a sweep is two equal legs, and a lap
+that passes an arc three times is a long leg and a short one. Each visit changes one node only: a
 roll-out costs nodes plus steps of the vehicles.
 """
 
@@ -34,8 +34,8 @@ class Nodes(NamedTuple):
 class StartState(NamedTuple):
     """The vehicles at the beginning of a roll-out; arrays (k)."""
 
-    node: Integers  # that each reaches next
-    arrival_s: Floats  # when it does
+    node: Integers  # next node of each vehicle
+    arrival_s: Floats  # time of arrival there
     heading: Integers  # 1 clockwise, -1 the other way
     speed_m_s: Floats
     turn_s: float  # duration of a turn back
@@ -186,7 +186,7 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 @kernel
 def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
-    """Two more turns at the beginning: back for some cells and on again."""
+    """Insert two turns at the beginning: back for some cells and on again."""
     plan[0], plan[1] = 0, back
     plan[2] = min(kept[0] + back, NEVER)
     for leg in range(3, LEGS):  # the last two legs are repeated ones
@@ -195,7 +195,7 @@ def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
 
 @kernel
 def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
-    """One turn some cells later; False if a leg would be shorter than nothing."""
+    """Delay one turn by some cells; False if a leg would have a negative length."""
     if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
         return False
     for leg in range(LEGS):
@@ -207,7 +207,7 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 
 @kernel
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
-    """Without the next two turns; False if there are not two, or they gain ground backwards."""
+    """Remove the next two turns; False if there are not two, or they gain ground backwards."""
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False
     plan[0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]

@@ -10,10 +10,10 @@ from mission_service.guidance.team.front_ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Party:
-    """A vehicle's part in a negotiation; cells are lifted (see ``regions``).
+    """One side of a negotiation; cells are lifted (see ``regions``).
 
-    ``reserved`` are the first and the last of the cells that it does not give away: its own, its
-    next one and its target, those of them that are in its region.
+    ``reserved`` are the first and the last of the cells that the vehicle keeps: its own cell, its
+    next one and its target, as far as they are in its region.
     """
 
     begin: int
@@ -23,12 +23,12 @@ class Party:
 
     @property
     def max_first(self) -> int:
-        """Number of cells that it may give at the beginning of its region."""
+        """Number of cells that the vehicle may give at the beginning of its region."""
         return max(self.reserved[0] - self.begin, 0)
 
     @property
     def max_last(self) -> int:
-        """Number of cells that it may give at the end."""
+        """Number of cells that the vehicle may give at the end of its region."""
         return max(self.end - 1 - self.reserved[1], 0)
 
 
@@ -47,15 +47,16 @@ def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, i
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
     """Importance to give to the left and to the right neighbour.
 
-    ``alone``: both are one and the same vehicle. It is then given, half at either border, what
-    makes the two equal; the thesis does not say at which border two vehicles trade.
+    ``alone``: both neighbours are the same vehicle. It is offered the amount that makes the two
+    equal, half of it at either border; the thesis does not define at which border two vehicles
+    trade.
     """
     more_left, more_right = max(own - left, 0.0), max(own - right, 0.0)
     if alone:
         return more_left / 4.0, more_right / 4.0
     if more_left == 0.0 or more_right == 0.0:
         return more_left / 2.0, more_right / 2.0
-    # Leaves this vehicle with as much as the neighbour that now has more.
+    # This vehicle keeps as much as the neighbour that now has more.
     less, more = sorted((more_left, more_right))
     scale = less / (2.0 * less + more)
     return scale * more_left, scale * more_right
@@ -101,13 +102,13 @@ def on_arrival(
 ) -> tuple[int, int]:
     """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
 
-    It would fly there at once. All have the same speed, so sooner is nearer; in cells, as steps are
-    much alike.
+    The neighbour is assumed to fly there at once. All have the same speed, so the nearer one
+    arrives first; distances are in cells, since steps are nearly equal.
     """
     cells = ring.step_m.size
     behind = lifted(left.here, own.here - cells, cells)
     ahead = lifted(right.here, own.here + 1, cells)
-    # A cell just as near to both stays where it is.
+    # A cell equally near to both stays with its owner.
     first = (behind + own.here + 1) // 2 - own.begin
     last = own.end - 1 - (ahead + own.here) // 2
     return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

@@ -5,7 +5,8 @@ reaches a new one, the rule decides its direction. The vehicles share the first 
 fly the other way round, and it ends when the map is complete.
 
 A vehicle that has left (lost, recalled, on the ground) is not in the fleet given to the rule, so
-the others close the gap at their next decision. It is back once it flies and has the front in view.
+the others close the gap at their next decision. It returns to the fleet once it flies and has the
+front in view.
 """
 
 from collections.abc import Mapping
@@ -57,7 +58,7 @@ class MemberPerformance:
     """Speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # meanwhile the rule does not decide for it
+    turn_s: float  # no decisions of the rule in this time
 
 
 class Team:
@@ -142,7 +143,7 @@ class TeamMember:
     def __init__(self, team: Team, number: int, flyer: MemberPerformance) -> None:
         self.number = number
         self.flyer = flyer
-        self.flies = False  # in the air, and the front was in view
+        self.flies = False  # in the air, and the front has been in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the cell of the ring that it has reached
         # On the first lap neighbours by number fly opposite ways: half a lap shows all.
@@ -161,7 +162,7 @@ class TeamMember:
 
     @property
     def map(self) -> FireMap:
-        """The on-board map, of all."""
+        """The on-board map, shared by all members."""
         return self._team.map
 
     @property
@@ -193,8 +194,8 @@ class TeamMember:
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """Set the vehicle's position; returns a decision whenever it has reached a new cell.
 
-        The rule decides at every cell passed, but not while the vehicle turns back: then it reaches
-        a new cell when it has passed the one where it turned.
+        The rule decides at every cell passed, but not while the vehicle turns back: the next new
+        cell is then the first one after the cell where it turned.
         """
         team = self._team
         self.reported_at_s = at_s
@@ -216,7 +217,7 @@ class TeamMember:
         passed = step * (place - self.bearing) % BEARINGS
         if passed == 0 or passed >= BEARINGS - CARRIED_BACK:
             return None
-        if passed >= BEARINGS // 2:  # it has been elsewhere
+        if passed >= BEARINGS // 2:  # it has flown elsewhere meanwhile
             self.bearing, passed = (place - step) % BEARINGS, 1
         return self._decide(passed, step, at_s)
 
@@ -241,7 +242,7 @@ class TeamMember:
         return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
-        """Where to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
+        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
 
         During the first lap the front is extrapolated where no vehicle has seen it.
         """

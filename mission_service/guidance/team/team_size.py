@@ -1,8 +1,8 @@
-"""How many vehicles a front needs, how many of them should lap or sweep, and advice about it.
+"""The number of vehicles that a front needs, their split into laps and sweeps, and advice.
 
 Ring of length L, vehicles of speed v: n that lap, evenly spaced, see every point each L/(n v); k
-that sweep an arc of length l come back to its ends after 2 l/(k v). With the rate of spread at a
-point, that is how far the front gets there unseen.
+that sweep an arc of length l come back to its ends after 2 l/(k v). Multiplied by the rate of
+spread at a point, this is the unseen advance of the front there.
 """
 
 import math
@@ -23,7 +23,7 @@ class Split(NamedTuple):
     lapping: int
     sweeping: int
     arc_m: float
-    worst_advance_m: float  # that the front makes unseen anywhere
+    worst_advance_m: float  # largest unseen advance of the front
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:

@@ -7,7 +7,7 @@ from mission_service.guidance.front.way import along_front
 from mission_service.guidance.way_of_flying import later
 
 FOLDER = __package__
-# By rule: the address of the function that makes it.
+# By rule: address of the function that makes it.
 RULES = {
     "team.balanced": "balanced:balanced",
     "team.circling": "bent_rules:bent",
