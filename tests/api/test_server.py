@@ -133,7 +133,7 @@ def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
                 assert answer.startswith(b"HTTP/1.1 400 "), data[:40]
                 assert b"nosniff" in answer
                 assert answer.endswith(b"}")
-                assert b'{"error":"this is no HTTP' in answer
+                assert b'{"error":"this is not an HTTP' in answer
 
     asyncio.run(go())
 

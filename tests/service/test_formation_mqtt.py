@@ -68,13 +68,13 @@ class Talker:
     def passed(self, mission_us: int) -> None:
         self.mission_us = max(self.mission_us, mission_us)
 
-    def hear(self, message: AnyMessage) -> None:
+    def on_message(self, message: AnyMessage) -> None:
         self.heard.append(message)
 
-    def contact(self, there: bool) -> None:
+    def on_link(self, there: bool) -> None:
         self.contacts.append(there)
 
-    def tell(self, text: str, warning: bool) -> None:
+    def announce(self, text: str, warning: bool) -> None:
         self.told.append(text)
 
     def says(self, at_us: int) -> None:

@@ -158,7 +158,7 @@ FOLDS: dict[str, Callable[[Engine], object]] = {
 
 def defective(monkeypatch: pytest.MonkeyPatch, fold: object, kind: type) -> None:
     """Let a fold raise at one kind of event, after it has taken in half of it."""
-    name = {"Core": "handle", "RunStatistics": "add"}.get(type(fold).__name__, "take")
+    name = "handle" if isinstance(fold, Core) else "apply"
     works = getattr(type(fold), name)
 
     def fails(self: Any, event: Any, *more: Any) -> Any:
