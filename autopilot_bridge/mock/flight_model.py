@@ -132,7 +132,7 @@ class FlightModel(Body):
     # Commands ---------------------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
-        """Change mode; holding happens where the vehicle is."""
+        """Change the mode; a hold is at the present position."""
         motion, before = self.motion, self.mode
         self.mode = mode
         if mode != before:

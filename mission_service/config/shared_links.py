@@ -8,7 +8,7 @@ from mission_service.errors import ScenarioError
 
 
 def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
-    """The vehicles of each link, in the order of each link's first vehicle.
+    """The vehicles grouped by link; links are in the order of the scenario's vehicles.
 
     Raises ScenarioError, in one line, for vehicles that cannot share their link.
     """

@@ -5,8 +5,8 @@ rate of spread over the one of the fire model. A front in view is set to what th
 of view it advances at the model's rate, under the wind that the vehicle measures, times the factor.
 A Kalman filter estimates the factors of 72 sectors, correlated with their neighbours and, less,
 with all: the advance between two views is the factor times the modelled advance, plus the noise of
-a front that moves in whole cells. So two views seconds apart change little, a view after half an
-hour much.
+a front that moves in whole cells. A view taken seconds after another one
+therefore changes the estimate little, a view after half an hour changes it much.
 
 Without a landscape, or before a wind is measured, the model is an even spread, and the factor
 becomes the measured rate of spread. Nothing here reads the simulated fire.

@@ -62,7 +62,7 @@ class Regions:
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
 
-    As Bent's begin (4.2), wherever the vehicles are.
+    These are the initial regions of Bent (section 4.2); positions only set the order.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]

@@ -141,7 +141,7 @@ class Publisher:
         self._hub.ring()
 
     def _lost(self, why: str) -> None:
-        """Raise the alarm; announce a lost broker, but not each of many short connections."""
+        """Raise the alarm; announce a lost broker once, not each of many short connections."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()
