@@ -119,7 +119,7 @@ def _all_requests() -> dict[str, Any]:
 
 @click.group(cls=Requests, table=_all_requests)
 def request() -> None:
-    """Ask something of a live run, over its control socket."""
+    """Send a request to a live run or a replay over its control socket."""
 
 
 def command_of(kind: Any, name: str) -> click.Command:
