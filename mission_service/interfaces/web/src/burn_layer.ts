@@ -99,7 +99,7 @@ export function followBurn(map: MapView, store: Store): void {
   store.on(["burn"], () => {
     const burn = store.state?.burn;
     if (!burn) return;
-    const { unit, fence, no_drop } = burn.leader;
+    const { unit, fence, no_drop } = burn.guidance;
     const outline = (kind: string) => (ring: Ring) => feature(line(ring.map(turned)), { kind });
     show(map, "unit", collection([...unit.map(outline("unit")), ...fence.map(outline("fence"))]));
     const area = (ring: Ring): GeoJSON.Feature =>
@@ -133,7 +133,7 @@ function planOf({ plan, drops, plan_hash }: Burn): GeoJSON.Feature[] {
 }
 
 function placesOf(burn: Burn): GeoJSON.Feature[] {
-  const people = burn.leader.people;
+  const people = burn.guidance.people;
   return [
     ...burn.stations.map((one) => feature(point([one.lon_deg, one.lat_deg]), { name: one.name })),
     ...people.map(([name, lat, lon]) => feature(point([lon, lat]), { name })),

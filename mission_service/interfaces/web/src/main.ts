@@ -105,7 +105,7 @@ async function makeMapOnce(): Promise<void> {
 async function firstView(): Promise<[number, number, number, number] | null> {
   const MIN_M = 500;
   const front = await get<GeoJSON.GeoJSON>("fire/front").catch(() => null);
-  const unit = (store.state?.burn?.leader.unit ?? []).flat().map(([lat, lon]): LonLat => [lon, lat]);
+  const unit = (store.state?.burn?.guidance.unit ?? []).flat().map(([lat, lon]): LonLat => [lon, lat]);
   const vehicles = [...store.telemetry.values()].map((here): LonLat => [here.lon_deg, here.lat_deg]);
   return around([...(front ? placesOf(front) : []), ...unit, ...vehicles], MIN_M);
 }

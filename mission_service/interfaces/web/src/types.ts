@@ -175,7 +175,7 @@ export interface Burn {
   at_us: number;
   plans: KnownPlan[]; // as the second lock has them
   open_items: string[];
-  leader: {
+  guidance: {
     phase: string;
     line: number;
     complete: boolean;

@@ -70,15 +70,15 @@ export class BurnPanel {
   private renew(): void {
     const burn = this.store.state?.burn;
     if (!burn) return;
-    const { leader } = burn;
+    const { guidance } = burn;
     setText(
       this.state,
-      leader.complete ? "Burn complete" : `Line ${leader.line}: ${leader.phase}; ${leader.spheres_left} spheres left`,
+      guidance.complete ? "Burn complete" : `Line ${guidance.line}: ${guidance.phase}; ${guidance.spheres_left} spheres left`,
     );
     this.stations(burn);
     const known = burn.plans.find((each) => each.plan_hash === burn.plan_hash);
     const key = JSON.stringify([
-      leader.checklist, burn.plan_hash, known, leader.phase, this.store.state?.roles,
+      guidance.checklist, burn.plan_hash, known, guidance.phase, this.store.state?.roles,
       burn.drops.length, burn.drops.at(-1)?.outcome,
     ]);
     for (const control of [this.planNow, this.line, this.drop]) setReason(control, lacking(this.store, "fly"));
@@ -95,7 +95,7 @@ export class BurnPanel {
     fill(this.station, ...names.map((name) => h("option", { value: name }, name)));
   }
 
-  private showList({ leader: { checklist } }: Burn): void {
+  private showList({ guidance: { checklist } }: Burn): void {
     setText(
       this.listState,
       checklist.complete ? "All GO" : `${checklist.open} of ${checklist.items.length} items not GO: no flight`,
@@ -124,12 +124,12 @@ export class BurnPanel {
   }
 
   private planParts(burn: Burn): Node[] {
-    const { plan, plan_hash, leader } = burn;
+    const { plan, plan_hash, guidance } = burn;
     if (!plan) return [h("p", {}, "No plan is proposed.")];
     const known = burn.plans.find((each) => each.plan_hash === plan_hash);
     const parts: Node[] = [safetyFigures(plan, plan_hash)];
-    if (leader.approved_by) {
-      parts.push(h("p", { class: "good" }, `Approved by ${leader.approved_by}`));
+    if (guidance.approved_by) {
+      parts.push(h("p", { class: "good" }, `Approved by ${guidance.approved_by}`));
       parts.push(this.outcomes(burn));
     } else {
       parts.push(h("p", { class: "words" }, `Not approved${known?.why_not ? `: ${known.why_not}` : ""}`));
@@ -137,7 +137,7 @@ export class BurnPanel {
     const reject = button("Reject", () => this.tell("Reject", "reject", { hash: plan_hash }), "Reject this plan", "no-go");
     const approve = this.approveButton(plan_hash);
     setReason(reject, lacking(this.store, "approve"));
-    if (leader.approved_by) parts.push(h("div", { class: "row" }, reject));
+    if (guidance.approved_by) parts.push(h("div", { class: "row" }, reject));
     else parts.push(h("div", { class: "row" }, approve, reject));
     parts.push(planFigures(plan), dropLegend());
     return parts;
