@@ -481,3 +481,33 @@ def test_vehicles_in_processes_of_their_own_are_the_same_user_to_the_same_broker
     assert access_for(Broker("b"), settings) == BrokerAccess("u", PASSWORD)
     assert access_for(Broker("c"), settings) == access_for(Broker("b"), None) == OPEN
     assert channel_of("b:1883", "x", "fire", settings).access.user == "u"
+
+
+def test_a_cancellation_that_meets_a_refused_attempt_ends_the_connection() -> None:
+    class Refused:
+        """A client that drops a cancellation, as ``asyncio.wait_for`` may."""
+
+        async def __aenter__(self) -> None:
+            try:
+                await asyncio.sleep(PATIENCE_S)
+            except asyncio.CancelledError:
+                raise aiomqtt.MqttError("refused") from None
+
+        async def __aexit__(self, *error: object) -> None: ...
+
+    async def unused(client: Any) -> None: ...
+
+    async def end() -> None:
+        refused: Any = Refused
+        connecting = broker_connection.keep_connected(
+            lambda logger: refused(), unused, lambda why: None
+        )
+        task = asyncio.create_task(connecting)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        task.cancel()
+        _, left = await asyncio.wait([task], timeout=PATIENCE_S)
+        task.cancel()
+        assert not left
+
+    asyncio.run(end())

@@ -123,7 +123,7 @@ async def keep_connected(
     """
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_all_but_known)
-    wait_s, ends = MIN_WAIT_S, False
+    wait_s, ends, task = MIN_WAIT_S, False, asyncio.current_task()
     while not ends:
         began_s, last_words = loop.time(), LastClientError()
         try:
@@ -136,6 +136,8 @@ async def keep_connected(
                     raise
         except (aiomqtt.MqttError, OSError) as error:  # OSError: from disconnecting over TLS
             lost(in_words(error, last_words.text))
+            # asyncio.wait_for (3.11) drops a cancellation that meets the end of an attempt.
+            ends = ends or (task is not None and task.cancelling() > 0)
         if not ends:
             wait_s = MIN_WAIT_S if loop.time() - began_s > STEADY_S else wait_s
             await asyncio.sleep(wait_s)
