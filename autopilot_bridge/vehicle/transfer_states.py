@@ -18,6 +18,7 @@ from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.missions.truncate import Truncate
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.transitions import enter
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from autopilot_bridge.vehicle.mode_change import ModeChange
 
@@ -93,10 +94,6 @@ FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
 }
 
 
-class InvalidTransitionError(RuntimeError):
-    """A defect: an invalid transition between phases of a transfer; has the history."""
-
-
 class VehicleState(NamedTuple):
     """The vehicle's state that transfers depend on."""
 
@@ -147,9 +144,7 @@ class Job:
 
     def enter(self, phase: Phase, under_way: Transfer | None = None) -> None:
         """Enter a phase; raises InvalidTransitionError if it may not follow."""
-        if phase not in TRANSITIONS[self.action].get(self.phase, ()):
-            raise InvalidTransitionError(f"{self}: {phase.value} cannot follow")
-        self.history.append(phase)
+        enter(self.history, phase, TRANSITIONS[self.action], self._of)
         self.under_way = under_way
 
     def validate_state(self) -> None:
@@ -164,4 +159,8 @@ class Job:
 
     def __str__(self) -> str:
         phases = ", ".join(phase.value for phase in self.history)
-        return f"{self.action} {self.transfer_id} of a {self.kind} ({phases})"
+        return f"{self._of} ({phases})"
+
+    @property
+    def _of(self) -> str:
+        return f"{self.action} {self.transfer_id} of a {self.kind}"

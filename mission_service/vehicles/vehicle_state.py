@@ -9,13 +9,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from autopilot_bridge.transitions import enter
 from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
-from mission_service.vehicles.transitions import enter, history_from
 
 Floats = NDArray[np.float64]
+HISTORY_LENGTH = 20  # of phases, for the error of an invalid transition
 
 
 class MissionPhase(Enum):
@@ -94,7 +95,7 @@ class Vehicle:
     sent_home: bool = False
     next_mission: Pending | None = None  # while it is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
-        default_factory=lambda: history_from(MissionPhase.NONE)
+        default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)
     )
     refusal: Refusal | None = None
     airspeed_m_s: float | None = None  # a mean of measurements

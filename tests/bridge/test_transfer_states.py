@@ -4,11 +4,11 @@ import pytest
 
 from autopilot_bridge.missions.download import MissionClear
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.transitions import InvalidTransitionError
 from autopilot_bridge.vehicle.transfer_states import (
     PROTOCOLS,
     TRANSITIONS,
     Action,
-    InvalidTransitionError,
     Job,
     Phase,
 )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from autopilot_bridge.vehicle.transfer_states import InvalidTransitionError
+from autopilot_bridge.transitions import InvalidTransitionError
 from mission_service.config.sections import BurnSection, Station
 from mission_service.events import Approved, HostTime, OperatorHeartbeat, Resumed
 from mission_service.guidance.burn.plan_approval import ApprovalTracker, PlanPhase

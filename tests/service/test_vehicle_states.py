@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import pytest
 
-from autopilot_bridge.vehicle.transfer_states import InvalidTransitionError
+from autopilot_bridge.transitions import InvalidTransitionError
 from mission_service.commands import AnyCommand, Hold, StartMission
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent, Telemetry, UploadFinished

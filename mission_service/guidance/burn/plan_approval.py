@@ -1,12 +1,14 @@
 """The plan that is proposed, and its approval: approver, station and validity."""
 
+from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
+from autopilot_bridge.transitions import enter
 from mission_service.config.sections import BurnSection
 from mission_service.events import Approved, HostTime, OperatorEvent, Resumed
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
-from mission_service.vehicles.transitions import enter, history_from
+from mission_service.vehicles.vehicle_state import HISTORY_LENGTH
 
 
 class PlanPhase(Enum):
@@ -43,7 +45,7 @@ class ApprovalTracker:
     """
 
     def __init__(self, burn: BurnSection) -> None:
-        self.phases = history_from(PlanPhase.NONE)
+        self.phases = deque([PlanPhase.NONE], HISTORY_LENGTH)
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.approval: PlanApproval | None = None
