@@ -24,7 +24,7 @@ from mission_service.requests import summary_of
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 PAGE = FOLDER.parent / "mqtt.md"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-WHO = ("do", "by", "station")  # of the request; a command has its own
+OPERATOR_FIELDS = ("do", "by", "station")  # of the request; a command has its own
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
 RING = {"type": "array", "items": {"type": "array", "prefixItems": [NUMBER, NUMBER]}}
 FRONT_SCHEMA: dict[str, Any] = {
@@ -126,7 +126,7 @@ def command_schema(name: str) -> dict[str, Any]:
     if name == ABORT:
         required = []
     else:
-        own = {key: each for key, each in asked["properties"].items() if key not in WHO}
+        own = {key: each for key, each in asked["properties"].items() if key not in OPERATOR_FIELDS}
         properties |= own
         required += [key for key in asked["required"] if key in own]
     example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ALL_REQUESTS[name].example}

@@ -341,14 +341,14 @@ def ask(engine: FuzzedEngine, rng: Rng, count: int, found: Found) -> None:
     """Ask for so many things, flying on in between."""
     simulation = engine.simulation
     request_handler = request_handler_of(engine.scenario, engine.service, simulation.clock, {})
-    doorkeeper = CommandGate(request_handler.ask)
+    gate = CommandGate(request_handler.ask)
     asker = Asker(rng, engine.service, engine.scenario)
     for number in range(count):
         asked = asker.request()
         word = ascii(asked.get("do")).strip("'")[:20]
         way = rng.random()
         try:
-            answer = _answer(request_handler, doorkeeper, asked, number, way, simulation)
+            answer = _answer(request_handler, gate, asked, number, way, simulation)
         except Exception:
             found.wrong.append(f"{asked!r:.500}: {traceback.format_exc()}")
             return
@@ -364,7 +364,7 @@ def ask(engine: FuzzedEngine, rng: Rng, count: int, found: Found) -> None:
 
 def _answer(
     request_handler: Any,
-    doorkeeper: CommandGate,
+    gate: CommandGate,
     asked: dict[str, Any],
     number: int,
     way: float,
@@ -379,7 +379,7 @@ def _answer(
     told |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
     payload = json.dumps(told).encode()
     at_us = simulation.clock.now_us
-    reply = doorkeeper.accept(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
+    reply = gate.accept(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
     assert reply is not None
     return msgspec.to_builtins(reply)  # type: ignore[no-any-return]
 

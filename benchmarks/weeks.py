@@ -367,13 +367,13 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
         stack.callback(people.over.set)
         run, flapping = Run(daemon, people, out), Flapping(broker)
         callers = people.threads()
-        _say(run.pause())
+        _announce(run.pause())
         while run.mission_h < given.hours and daemon.poll() is None:
             flapping.look()
             run.look()
             if run.mission_h >= math.floor(run.hours[-1].hour) + 1:
                 flapping.up()
-                _say(run.pause())
+                _announce(run.pause())
             time.sleep(SAMPLE_EVERY_S)
         crashed = daemon.poll() is not None
         people.over.set()
@@ -413,7 +413,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
     ]
 
 
-def _say(hour: Hour) -> None:
+def _announce(hour: Hour) -> None:
     sys.stdout.write(hour.line() + "\n")
     sys.stdout.flush()
 

@@ -25,7 +25,7 @@ MAX_DURATION_S = 1e7  # longer times are taken for an error
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are taken for an error
 MAX_FIRE_LENGTH_M = 500_000.0  # the same for outlines of fires mapped by others
 
-WHO = ("by", "station")  # keys of all requests
+OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
 
 # Not blank, without control characters. Limits of numbers also exclude NaN.
@@ -83,7 +83,7 @@ class Request(
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """The event that it becomes at mission time ``at_us``. Raises RequestError."""
-        own = (getattr(self, name) for name in self.__struct_fields__[len(WHO) :])
+        own = (getattr(self, name) for name in self.__struct_fields__[len(OPERATOR_FIELDS) :])
         return self.makes(*self.user(at_us), *own)
 
     def user(self, at_us: int) -> tuple[int, str, str]:

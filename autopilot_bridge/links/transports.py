@@ -83,7 +83,7 @@ Where = tuple[str, int]
 class _Remote:
     name: str
     framer: Framer = field(default_factory=Framer)
-    heard_s: float = float("-inf")
+    received_s: float = float("-inf")
     systems: set[int] = field(default_factory=set)
 
 
@@ -135,7 +135,7 @@ class Udp(asyncio.DatagramProtocol):
         if remote:  # even one forgotten since, after frames of many others
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
-        recent = [at for at, known in self._remotes.items() if known.heard_s >= since_s]
+        recent = [at for at, known in self._remotes.items() if known.received_s >= since_s]
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
@@ -186,7 +186,7 @@ class Udp(asyncio.DatagramProtocol):
             del self._remotes[next(iter(self._remotes))]
         frames = remote.framer.feed_datagram(data)
         if frames:
-            remote.heard_s = asyncio.get_running_loop().time()
+            remote.received_s = asyncio.get_running_loop().time()
             remote.systems.update(source_of(frame)[0] for frame in frames)
             if self._address.kind == "udpin":
                 self._target = addr

@@ -40,7 +40,7 @@ class Receiving:
     client: Client
     mission_type: int
     count: int
-    heard_us: int
+    received_us: int
     asked_us: int
     next_seq: int = 0
     fence: list[MissionItem] = field(default_factory=list)
@@ -61,7 +61,7 @@ class ArduPilotServer(MissionServer):
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Keep the message for the next tick."""
         if not self._queue:
-            self._tick_us = now_us + self.habits.tick_us
+            self._tick_us = now_us + self.constants.tick_us
         self._queue.append(message)
         return []
 
@@ -93,7 +93,7 @@ class ArduPilotServer(MissionServer):
         A fence is taken over when it is whole.
         """
         good = []
-        for item in items[: self.habits.most[mission_type]]:
+        for item in items[: self.constants.most[mission_type]]:
             jump = mission_type == MISSION and item.command == mavlink.MAV_CMD_DO_JUMP
             to_nowhere = jump and not 0 < item.param1 < len(items)
             if to_nowhere or judge(item, mission_type, self.stack) != ACCEPTED:
@@ -112,12 +112,12 @@ class ArduPilotServer(MissionServer):
 
     def _due_us(self, receiving: Receiving) -> int:
         return min(
-            receiving.asked_us + self.habits.rerequest_us,
-            receiving.heard_us + self.habits.gives_up_us,
+            receiving.asked_us + self.constants.rerequest_us,
+            receiving.received_us + self.constants.gives_up_us,
         )
 
     def _nudge(self, receiving: Receiving, now_us: int) -> list[Message]:
-        if now_us < receiving.heard_us + self.habits.gives_up_us:
+        if now_us < receiving.received_us + self.constants.gives_up_us:
             return [self._request(receiving, now_us)]
         del self._receiving[receiving.mission_type]
         cancelled = int(mavlink.MAV_MISSION_OPERATION_CANCELLED)
@@ -167,7 +167,7 @@ class ArduPilotServer(MissionServer):
         under_way = self._receiving.get(mission_type)
         if under_way is not None and under_way.client != client:
             return [ack(client, DENIED, mission_type)]
-        most = self.habits.most[mission_type]
+        most = self.constants.most[mission_type]
         if message.count > most:
             no_space = ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)
             return [no_space, text(WARNING, f"Only {most} items are supported")]
@@ -205,7 +205,7 @@ class ArduPilotServer(MissionServer):
             receiving.fence.append(as_read_back(item, self.stack, FENCE))
         else:
             self._put(mission_type, message.seq, item)
-        receiving.heard_us = now_us
+        receiving.received_us = now_us
         receiving.next_seq += 1
         if receiving.next_seq < receiving.count:
             return [self._request(receiving, now_us)]

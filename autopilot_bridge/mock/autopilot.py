@@ -209,14 +209,14 @@ class MockAutopilot:
             missions.cleared = False
             flight.current = 0
         if not self.stack.keeps_target:
-            self._begin_anew()
+            self._restart()
         if not self.stack.keeps_target and self._flying_mission():
             # PX4 reports it within the second, or at once if it begins elsewhere than commanded.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:
             self.telemetry.send_current(self.flight)
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         """PX4 flies a new mission at once; without one it loiters."""
         flight = self.flight
         self.telemetry.forget()

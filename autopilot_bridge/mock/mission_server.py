@@ -34,7 +34,7 @@ class MissionServer(ABC):
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         self.stack = stack
-        self.habits = stack_constants_of(stack)
+        self.constants = stack_constants_of(stack)
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # by MISSION_CLEAR_ALL

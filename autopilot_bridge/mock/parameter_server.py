@@ -87,12 +87,12 @@ class ParameterServer:
         match message.get_type():
             case "PARAM_REQUEST_LIST":
                 # PX4 begins with a hash over all of them, which has no index.
-                told = [self._tell(name, index) for index, name in enumerate(names)]
+                told = [self._param_value(name, index) for index, name in enumerate(names)]
                 return [*self._hash(), *told]
             case "PARAM_REQUEST_READ" if 0 <= message.param_index < len(names):
-                return [self._tell(names[message.param_index], message.param_index)]
+                return [self._param_value(names[message.param_index], message.param_index)]
             case "PARAM_REQUEST_READ" if message.param_index < 0 and message.param_id in names:
-                return [self._tell(message.param_id, self._index(message.param_id))]
+                return [self._param_value(message.param_id, self._index(message.param_id))]
             case "PARAM_SET" if message.param_id in names:
                 return self._set(message)
         return []
@@ -109,7 +109,7 @@ class ParameterServer:
         count = len(self._held)
         return [mavlink.MAVLink_param_value_message(b"_HASH_CHECK", wire, kind, count, NO_INDEX)]
 
-    def _tell(self, name: str, index: int) -> Message:
+    def _param_value(self, name: str, index: int) -> Message:
         held = self._held[name]
         wire = encoded_value(held.value, held.kind, self._bytewise)
         count = len(self._held)
@@ -125,4 +125,4 @@ class ParameterServer:
         except BridgeError:
             value = float(int(value))  # ArduPilot casts
         held.value = value
-        return [self._tell(message.param_id, self._index(message.param_id))]
+        return [self._param_value(message.param_id, self._index(message.param_id))]

@@ -57,7 +57,7 @@ class Manager:
     as_int: bool = True
     seq: int = 0  # the item expected next, or to be requested next
     count: int = 0
-    heard_us: int = 0
+    received_us: int = 0
     asked_us: int = 0
     checksum: int = 0
     start_at: int = 0
@@ -103,7 +103,7 @@ class Px4Server(MissionServer):
         for manager in self._managers.values():
             if manager.state == "idle" or now_us < self._due_us(manager):
                 continue
-            if now_us >= manager.heard_us + self.habits.gives_up_us:
+            if now_us >= manager.received_us + self.constants.gives_up_us:
                 manager.state = "idle"
                 answers.append(critical("Operation timeout"))
             else:
@@ -135,10 +135,10 @@ class Px4Server(MissionServer):
         return manager is not None and manager.state != "idle"
 
     def _due_us(self, manager: Manager) -> int:
-        gives_up_us = manager.heard_us + self.habits.gives_up_us
+        gives_up_us = manager.received_us + self.constants.gives_up_us
         if manager.state == "sending":
             return gives_up_us
-        return min(gives_up_us, manager.asked_us + self.habits.rerequest_us)
+        return min(gives_up_us, manager.asked_us + self.constants.rerequest_us)
 
     def _answer(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
         match message.get_type():
@@ -167,14 +167,14 @@ class Px4Server(MissionServer):
             busy = critical("WPM: IGN MISSION_COUNT: Busy")
             return [ack(client, ERROR, manager.mission_type), busy]
         if manager.state == "getting":
-            manager.heard_us = now_us
+            manager.received_us = now_us
             if manager.seq > 0:
                 return [ack(client, ERROR, manager.mission_type), critical("WPM: REJ. CMD: Busy")]
             return [self._request(manager, now_us)]
         if any(other.state == "getting" for other in self._managers.values()):
             return [ack(client, ERROR, mission_type)]
         manager.mission_type = mission_type
-        most = self.habits.most[mission_type] if mission_type in self.lists else 0
+        most = self.constants.most[mission_type] if mission_type in self.lists else 0
         if message.count > most:
             return [ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)]
         if message.count == 0:
@@ -204,7 +204,7 @@ class Px4Server(MissionServer):
             if manager.seq == message.seq + 1:  # the last item again: its ACK got lost
                 return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
             return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: No transfer")]
-        manager.heard_us = now_us
+        manager.received_us = now_us
         if message.seq != manager.seq:
             return []
         item = item_in(message)
@@ -256,7 +256,7 @@ class Px4Server(MissionServer):
         if not free and (manager.state == "getting" or manager.mission_type != mission_type):
             return [text(6, "Mission download request ignored, already active\t")]
         manager.state, manager.mission_type = "sending", mission_type
-        manager.heard_us, manager.seq = now_us, 0
+        manager.received_us, manager.seq = now_us, 0
         manager.count = len(self.lists.get(mission_type, []))
         counted = count_message(manager.client, manager.count, mission_type)
         return [with_extension(counted, self.ids.get(mission_type, 0))]
@@ -269,7 +269,7 @@ class Px4Server(MissionServer):
         mission_type, seq = manager.mission_type, message.seq
         if message.mission_type != mission_type:
             return []
-        manager.heard_us = now_us
+        manager.received_us = now_us
         items = self.lists.get(mission_type, [])
         if seq not in (manager.seq, manager.seq - 1) or not 0 <= seq < len(items):
             manager.state = "idle"

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 
-PIECES = 8  # of a path, for the mean along it
+PARTS = 8  # of a path, for the mean along it
 
 Floats = NDArray[np.float64]
 
@@ -47,11 +47,11 @@ def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
     """Compute the mean of exp w along the path to each point, into ``found`` (n,)."""
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
-        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        dx, dy = (points[place, 0] - x) / PARTS, (points[place, 1] - y) / PARTS
         total = 0.0
-        for piece in range(PIECES):
+        for piece in range(PARTS):
             total += _at(x + (piece + 0.5) * dx, y + (piece + 0.5) * dy, field)
-        found[place] = total / PIECES
+        found[place] = total / PARTS
 
 
 @kernel
@@ -69,7 +69,7 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
         row += 1
     else:
         up = 1.0 - up
-    return row * cols + col, right * up / PIECES
+    return row * cols + col, right * up / PARTS
 
 
 @kernel
@@ -81,10 +81,10 @@ def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
     cols = field.slower.shape[1]
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
-        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        dx, dy = (points[place, 0] - x) / PARTS, (points[place, 1] - y) / PARTS
         total = 0.0
         for second in range(2):
-            for corner in range(4 * PIECES):
+            for corner in range(4 * PARTS):
                 node, share = _share(x, y, dx, dy, corner, field)
                 part = share * field.slower[node // cols, node % cols]
                 if second:
@@ -103,17 +103,17 @@ def variances(points, origin, of_rates, field, covariance, found):  # type: igno
     k = of_rates.shape[1]
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
-        dx, dy = (points[place, 0] - x) / PIECES, (points[place, 1] - y) / PIECES
+        dx, dy = (points[place, 0] - x) / PARTS, (points[place, 1] - y) / PARTS
         total = 0.0
         for one in range(k):
             for other in range(k):
                 both = of_rates[place, one] * of_rates[place, other]
                 total += both * covariance[one, other]
-        for corner in range(4 * PIECES):
+        for corner in range(4 * PARTS):
             node, share = _share(x, y, dx, dy, corner, field)
             for rate in range(k):
                 total += 2.0 * share * of_rates[place, rate] * covariance[rate, k + node]
-            for another in range(4 * PIECES):
+            for another in range(4 * PARTS):
                 other_node, other_share = _share(x, y, dx, dy, another, field)
                 total += share * other_share * covariance[k + node, k + other_node]
         found[place] = total

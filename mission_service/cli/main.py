@@ -23,8 +23,8 @@ from mission_service.cli.options import (
     ReportOptions,
     echo,
     folder,
+    report_address,
     report_options,
-    tell_address,
 )
 from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import report
@@ -99,7 +99,7 @@ def demo(
     journal = folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, goes_on=False)
     with private():
-        summary = run_demo(run, scenario, speedup, progress, partial(tell_address, out))
+        summary = run_demo(run, scenario, speedup, progress, partial(report_address, out))
         _finish(summary, out, options.as_json)
 
 
@@ -202,7 +202,7 @@ def run(config: str, **values: Any) -> None:
         skip_unreadable=options.skip_unreadable,
     )
     with private():
-        record, world = asyncio.run(serve(going, progress, address=partial(tell_address, made)))
+        record, world = asyncio.run(serve(going, progress, address=partial(report_address, made)))
         summary = write_outputs(made, scenario, record, world.fire)
         _finish(summary, options.out, options.as_json)
 

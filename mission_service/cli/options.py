@@ -116,7 +116,7 @@ def echo(result: dict[str, Any], as_json: bool) -> None:
         click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))
 
 
-def tell_address(out: Path, address: str) -> None:
+def report_address(out: Path, address: str) -> None:
     """Print the address of the map; its token is printed only on a terminal, never into a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)

@@ -140,7 +140,7 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
 
 
 def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:
-    from mission_service.replay.flights.batch import story_beside, story_of
+    from mission_service.replay.flights.batch import story_of, story_with_fire
     from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.report_page import write_report
     from mission_service.replay.flights.run_figures import figures_of, in_text
@@ -154,7 +154,7 @@ def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_jso
     else:
         what = replaying(flight, survey(flight), found[0], asked.at_s)
         made = out and folder(out)
-        story = story_beside(name, what, made, now_text())
+        story = story_with_fire(name, what, made, now_text())
     files = write_report(made, [story]) if made else []
     figures = figures_of(story)
     if as_json:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.options import folder, tell_address
+from mission_service.cli.options import folder, report_address
 
 if TYPE_CHECKING:
     from mission_service.cli.replay_commands import ReplayOptions
@@ -77,7 +77,7 @@ def play(flight: "Flight", asked: "Asked", speed: str, options: "ReplayOptions")
         kept = out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-")))
         made = folder(kept)
         show = Show(what, made, now_text(), settings, times, options.until_end, options.logs)
-        serving = serve_flight(show, options.progress(), partial(tell_address, made))
+        serving = serve_flight(show, options.progress(), partial(report_address, made))
         record, world = asyncio.run(serving)
         if out is not None:
             summary = write_outputs(made, what.scenario, record, world.fire)

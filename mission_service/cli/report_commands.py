@@ -30,7 +30,7 @@ def report(
     A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. Each RUN has
     a column in the table.
     """
-    from mission_service.replay.flights.batch import called, distinct, story_beside, story_of
+    from mission_service.replay.flights.batch import called, distinct, story_of, story_with_fire
     from mission_service.replay.flights.flight_logs import flight_of, path_of, survey
     from mission_service.replay.flights.journal_log import JournalLog
     from mission_service.replay.flights.report_page import write_report
@@ -50,7 +50,7 @@ def report(
         found = scenario_asked(flight, Asked(scenario, None, at_s, overrides))
         assert found is not None
         what = replaying(flight, survey(flight), found[0], at_s)
-        stories.append(story_beside(name, what, None, now_text()))
+        stories.append(story_with_fire(name, what, None, now_text()))
     files = write_report(made, stories)
     if as_json:
         click.echo(json.dumps([figures_of(story) for story in stories]))

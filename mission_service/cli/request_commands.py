@@ -89,7 +89,7 @@ def print_answer(answer: dict[str, Any], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(answer))
     else:
-        click.echo("\n".join(answer["said"]) or f"{answer['event']}: told")
+        click.echo("\n".join(answer["messages"]) or f"{answer['event']}: told")
 
 
 class Requests(click.Group):
@@ -126,7 +126,7 @@ def command_of(kind: Any, name: str) -> click.Command:
     """The command that sends requests of this kind."""
     from msgspec import inspect
 
-    from mission_service.requests import WHO, name_of
+    from mission_service.requests import OPERATOR_FIELDS, name_of
 
     do = name_of(kind)
 
@@ -141,7 +141,7 @@ def command_of(kind: Any, name: str) -> click.Command:
 
     made = click.command(name, help=kind.__doc__)(user_options(send))
     info: Any = inspect.type_info(kind)
-    fields = [each for each in info.fields if each.name not in WHO]
+    fields = [each for each in info.fields if each.name not in OPERATOR_FIELDS]
     made.params = [each for field in fields for each in _parameters(do, field)] + made.params
     if any(isinstance(each.type, Place) for each in made.params):
         made.context_settings = {"ignore_unknown_options": True}  # a latitude may begin with -

@@ -15,7 +15,7 @@ from mission_service.events import (
     VehicleEvent,
 )
 from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
-from mission_service.vehicles.vehicle_state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
@@ -47,7 +47,7 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
             words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
             return _alarm(vehicle, THRUST, failed, words, "severe")
         case LandedStateChanged(state="landing") if vehicle.availability.airborne:
-            return [say(vehicle, "landing", warning=True)]
+            return [announce(vehicle, "landing", warning=True)]
         case LandedStateChanged():
             mode = vehicle.availability.mode
             lands = mode in GOING_HOME  # it is disarmed next
@@ -64,7 +64,7 @@ def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
     doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
     until = "nothing is sent to it until it is back in its mission or an operator orders it"
     words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
-    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
+    return [announce(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
 
 
 def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
@@ -82,7 +82,7 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 
 def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
-    line = say(vehicle, words, warning=event.severity <= WARNING)
+    line = announce(vehicle, words, warning=event.severity <= WARNING)
     if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):
         return [line]
     vehicle.text_at_s = event.at_us / 1e6
@@ -96,4 +96,7 @@ def _alarm(
     """Raise an alarm and announce it, or clear it."""
     if not raised:
         return [ClearAlarm(vehicle.name, alarm)]
-    return [say(vehicle, words, warning=True), RaiseAlarm(vehicle.name, alarm, words, severity)]
+    return [
+        announce(vehicle, words, warning=True),
+        RaiseAlarm(vehicle.name, alarm, words, severity),
+    ]

@@ -62,7 +62,7 @@ from mission_service.vehicles.vehicle_state import (
     Pending,
     UnconfirmedState,
     Vehicle,
-    say,
+    announce,
 )
 
 RETRY_S = 5.0
@@ -203,7 +203,7 @@ class Core:
 
     def _connected(self, vehicle: Vehicle, event: VehicleConnected) -> list[AnyCommand]:
         vehicle.atomic_upload = event.atomic_upload
-        return [say(vehicle, f"connected ({event.stack})")]
+        return [announce(vehicle, f"connected ({event.stack})")]
 
     def _link_lost(self, vehicle: Vehicle, event: LinkLost) -> list[AnyCommand]:
         then = "the mission on board ends in a loiter"
@@ -211,11 +211,11 @@ class Core:
         if left or not self.guidance.in_mission(vehicle.name):
             then = "it keeps circling, or its autopilot carries out its failsafe"
         words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
-        return [say(vehicle, words, warning=True)]
+        return [announce(vehicle, words, warning=True)]
 
     def _link_restored(self, vehicle: Vehicle, event: LinkRestored) -> list[AnyCommand]:
         vehicle.flown_line = None  # a new mission is due: the front has moved on
-        return [say(vehicle, "link restored")]
+        return [announce(vehicle, "link restored")]
 
     def _airspeed_measured(self, vehicle: Vehicle, event: AirspeedMeasured) -> list[AnyCommand]:
         vehicle.airspeed_m_s = event.airspeed_m_s
@@ -227,8 +227,8 @@ class Core:
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         availability = vehicle.availability
-        here = availability.here
-        if here is None or not availability.online or at_s < self.scenario.deploy_at_s:
+        fix = availability.fix
+        if fix is None or not availability.online or at_s < self.scenario.deploy_at_s:
             return []
         if availability.taken_over and availability.airborne:
             return []
@@ -243,15 +243,15 @@ class Core:
             commands += self._approvals.lapsed(vehicle, at_s)
         commands += self.guidance.announcements(vehicle, at_s, decision)
         if not vehicle.deployed:
-            return [*commands, *self._deploy(vehicle, here)]
+            return [*commands, *self._deploy(vehicle, fix)]
         if not availability.airborne:
-            return [*commands, *self._on_the_ground(vehicle, here)]
+            return [*commands, *self._on_the_ground(vehicle, fix)]
         if self._start_is_due(vehicle, at_s):
             return [*commands, *self._start(vehicle, at_s)]
-        if vehicle.pending is None and self._must_return(vehicle, here):
-            led_home = self.guidance.way_home(vehicle, here)
-            return [*commands, *(self._send_home(vehicle, here) if led_home is None else led_home)]
-        return [*commands, *self.guidance.lead(vehicle, here)]
+        if vehicle.pending is None and self._must_return(vehicle, fix):
+            led_home = self.guidance.way_home(vehicle, fix)
+            return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
+        return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _is_left_alone(self, vehicle: Vehicle) -> bool:
         """Whether a vehicle that no order concerns flies what it has on board, undecided on."""
@@ -271,13 +271,13 @@ class Core:
 
     # To the fire and home ---------------------------------------------------------------------
 
-    def _on_the_ground(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _on_the_ground(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Repeat a start that was refused; upload a mission to a vehicle that has none."""
-        if self._start_is_due(vehicle, here.at_s):
-            return self._start(vehicle, here.at_s)
+        if self._start_is_due(vehicle, fix.at_s):
+            return self._start(vehicle, fix.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
-        if idle and here.at_s >= vehicle.not_before_s:
-            return self._deploy(vehicle, here)
+        if idle and fix.at_s >= vehicle.not_before_s:
+            return self._deploy(vehicle, fix)
         return []
 
     def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
@@ -291,7 +291,7 @@ class Core:
         if vehicle.availability.taken_over:
             return []
         if vehicle.waits_for_crew and not vehicle.availability.airborne:
-            return [say(vehicle, WAITS, warning=True)]
+            return [announce(vehicle, WAITS, warning=True)]
         measured = vehicle.availability.position_good or not vehicle.availability.airborne
         if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
             return [StartMission(vehicle.name)]
@@ -310,16 +310,16 @@ class Core:
                 return False
         return self.traffic.may_take_off(vehicle.name, at_s)
 
-    def _deploy(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _deploy(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Upload the mission to the fire, if the guidance has a path already."""
-        path = self.guidance.first_path(vehicle, here)
+        path = self.guidance.first_path(vehicle, fix)
         if path is None:
             return []
         vehicle.deployed = True
-        items = self.guidance.items(vehicle, path, here)
-        return [self._missions.upload(vehicle, path, items, here, "fly to the fire")]
+        items = self.guidance.items(vehicle, path, fix)
+        return [self._missions.upload(vehicle, path, items, fix, "fly to the fire")]
 
-    def _must_return(self, vehicle: Vehicle, here: PositionFix) -> bool:
+    def _must_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
@@ -329,17 +329,17 @@ class Core:
         against_m_s = max(
             section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
         )
-        home_s = math.dist((here.x_m, here.y_m), vehicle.home_m) / against_m_s
-        flown_s = here.at_s - vehicle.availability.took_off_at_s
+        home_s = math.dist((fix.x_m, fix.y_m), vehicle.home_m) / against_m_s
+        flown_s = fix.at_s - vehicle.availability.took_off_at_s
         return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
 
-    def _send_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
-        self.decision_engine.recall(vehicle.name, here.at_s)
+    def _send_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
+        self.decision_engine.recall(vehicle.name, fix.at_s)
         vehicle.end_intentions()
         vehicle.sent_home = vehicle.waits_for_crew = True
-        flown_min = (here.at_s - vehicle.availability.took_off_at_s) / 60.0
+        flown_min = (fix.at_s - vehicle.availability.took_off_at_s) / 60.0
         words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly used up"
-        return [say(vehicle, words), Return(vehicle.name)]
+        return [announce(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         again_at_s, airborne = vehicle.return_again_at_s, vehicle.availability.airborne
@@ -360,7 +360,7 @@ class Core:
             return [_on_its_way_home(vehicle, event.mode)]
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
-            return [*back_under_control(vehicle), say(vehicle, "back in its mission")]
+            return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
         return back_under_control(vehicle) if was.taken_over else []
 
     def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
@@ -386,11 +386,11 @@ class Core:
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
         ended += back_under_control(vehicle)
         if not has_landed:
-            return [*ended, say(vehicle, f"disarmed {WAITS}", warning=True)]
+            return [*ended, announce(vehicle, f"disarmed {WAITS}", warning=True)]
         # The mission on board begins in the air: a takeoff needs a new one.
         vehicle.flown_line = vehicle.refusal = None
         self.traffic.forget(vehicle.name)
-        return [*ended, say(vehicle, "landed")]
+        return [*ended, announce(vehicle, "landed")]
 
     def _read_back(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
         """Handle the mission read back after a restart of the service; a burn only announces it."""
@@ -398,7 +398,7 @@ class Core:
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
             return []
-        words = say(vehicle, in_words(event))
+        words = announce(vehicle, in_words(event))
         if self._way.prescribed:
             return [words]
         accepted: list[AnyCommand] = []
@@ -414,7 +414,7 @@ class Core:
             if vehicle.mode in ("mission", *GOING_HOME):
                 vehicle.hold_again_at_s = at_s
             held = "an earlier order to hold applies until it is resumed"
-            return [words, say(vehicle, held, warning=True)]
+            return [words, announce(vehicle, held, warning=True)]
         if not availability.airborne:
             return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
         starts = any(isinstance(command, StartMission) for command in accepted)
@@ -433,7 +433,7 @@ class Core:
             vehicle.holding, vehicle.start_again_at_s = True, None
         else:  # it landed or rebooted meanwhile
             waits = waits or (vehicle.started and not vehicle.start_again_at_s)
-        return [say(vehicle, WAITS, warning=True)] if waits else []
+        return [announce(vehicle, WAITS, warning=True)] if waits else []
 
     def _continued_in_air(
         self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
@@ -468,7 +468,7 @@ class Core:
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
         commands: list[AnyCommand] = [
-            say(
+            announce(
                 vehicle,
                 f"mission {event.mission_id} {event.outcome}: {event.reason}; "
                 f"trying again in {RETRY_S:.0f} s",
@@ -510,8 +510,8 @@ class Core:
             vehicle.return_again_at_s = None
         if event.accepted:
             untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
-            return [] if untold else [say(vehicle, f"{event.command}: accepted")]
-        vehicle.start_told = False
+            return [] if untold else [announce(vehicle, f"{event.command}: accepted")]
+        vehicle.start_confirmed = False
         refused = f"{event.command} refused: {event.reason}"
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
         if event.command == "return" and vehicle.availability.recalled:
@@ -519,8 +519,10 @@ class Core:
         elif event.command == "start mission" and self._may_start_again(vehicle):
             vehicle.start_again_at_s = again_at_s
         else:
-            return [say(vehicle, refused, warning=True)]
-        return [say(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)]
+            return [announce(vehicle, refused, warning=True)]
+        return [
+            announce(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)
+        ]
 
     def _may_start_again(self, vehicle: Vehicle) -> bool:
         """Whether a refused start is repeated.
@@ -535,9 +537,9 @@ class Core:
 
     def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
         """Whether a start in flight was announced before, with no refusal, hold or return since."""
-        known = vehicle.start_told and vehicle.availability.airborne
+        known = vehicle.start_confirmed and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
-            vehicle.start_told = event.command == "start mission"
+            vehicle.start_confirmed = event.command == "start mission"
         return known and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
@@ -557,7 +559,7 @@ class Core:
         self.traffic.forget(vehicle.name)
         waits = "it waits for an operator to start it"
         then = waits if vehicle.waits_for_crew else "a mission is sent"
-        words = say(vehicle, f"autopilot restarted: {then}", warning=True)
+        words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
     # What follows an event of a vehicle, whatever its state was before.
@@ -584,4 +586,4 @@ class _Was(NamedTuple):
 
 def _on_its_way_home(vehicle: Vehicle, mode: str) -> Announce:
     where = "on its way home" if mode != "land" else "landing where it is"
-    return say(vehicle, f"{where} ({mode})", warning=True)
+    return announce(vehicle, f"{where} ({mode})", warning=True)

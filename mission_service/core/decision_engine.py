@@ -202,7 +202,7 @@ class DecisionEngine:
         row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
         at_s = told.at_us / 1e6
         velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
-        availability.here = PositionFix(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
+        availability.fix = PositionFix(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
         # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
         if not availability.airborne and told.altitude_relative_m >= self._airborne_m:
             availability.airborne, availability.took_off_at_s = True, at_s

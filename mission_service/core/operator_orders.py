@@ -19,7 +19,7 @@ from mission_service.events import (
 )
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.vehicle_state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 HOLD_AGAIN_S = 3.0
 UNANSWERED_S = 30.0  # longer than the bridge repeats a hold
@@ -72,7 +72,7 @@ class OperatorOrders:
         """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
-            return [say(vehicle, obstacle, warning=True)]
+            return [announce(vehicle, obstacle, warning=True)]
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
@@ -80,7 +80,9 @@ class OperatorOrders:
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == SERVICE:
-            return [say(vehicle, f"no order is sent: it stays in mode {vehicle.availability.mode}")]
+            return [
+                announce(vehicle, f"no order is sent: it stays in mode {vehicle.availability.mode}")
+            ]
         availability = vehicle.availability
         why = (
             "which its autopilot or pilot selected"
@@ -90,7 +92,7 @@ class OperatorOrders:
         chosen = f"mode {availability.mode}, {why}"
         asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{asked}; order it again, confirmed, to carry it out"
-        return [say(vehicle, words, warning=True)]
+        return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
         """The reason why an order cannot be carried out, even if confirmed; empty if it can."""
@@ -111,7 +113,7 @@ class OperatorOrders:
         words = (
             f"aborted by {event.by}; stays in mode {mode}, which its autopilot or pilot selected"
         )
-        return [say(vehicle, words, warning=True)]
+        return [announce(vehicle, words, warning=True)]
 
     def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
         match order:
@@ -124,15 +126,15 @@ class OperatorOrders:
                 availability, words = vehicle.availability, f"return ordered by {by}"
                 vehicle.sent_home = True
                 if availability.airborne and availability.online:
-                    return [say(vehicle, words), Return(vehicle.name)]
+                    return [announce(vehicle, words), Return(vehicle.name)]
                 # On the ground too: a start that was ordered before may still take effect.
                 vehicle.return_again_at_s = at_s
                 if availability.airborne:
-                    return [say(vehicle, words)]
+                    return [announce(vehicle, words)]
                 if availability.armed:
-                    return [say(vehicle, f"{words}: as soon as it has taken off")]
+                    return [announce(vehicle, f"{words}: as soon as it has taken off")]
                 why = "it is on the ground: nothing is sent until an operator starts it"
-                return [say(vehicle, f"{words}, but {why}", warning=True)]
+                return [announce(vehicle, f"{words}, but {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
             case "start":
@@ -141,15 +143,17 @@ class OperatorOrders:
                 self._call_off_return(vehicle)
                 if vehicle.flown_line is None or not vehicle.availability.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
-                    return [say(vehicle, f"start ordered by {by}: as soon as it has a mission")]
-                return [say(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
+                    return [
+                        announce(vehicle, f"start ordered by {by}: as soon as it has a mission")
+                    ]
+                return [announce(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
         """Hold until another order; the command is repeated until the autopilot accepts it."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
         self._call_off_return(vehicle)
-        words = say(vehicle, f"{why} by {by}", warning=True)
+        words = announce(vehicle, f"{why} by {by}", warning=True)
         availability = vehicle.availability
         if not availability.online or not (availability.airborne or availability.armed):
             vehicle.hold_again_at_s = at_s
@@ -169,31 +173,33 @@ class OperatorOrders:
         on_board = self._resumes_mission and vehicle.availability.airborne
         if on_board and vehicle.unconfirmed is not None:
             vehicle.unconfirmed = replace(vehicle.unconfirmed, resumed=True)
-            return [say(vehicle, f"resumed by {by}: as soon as its mission is read back")]
+            return [announce(vehicle, f"resumed by {by}: as soon as its mission is read back")]
         if on_board:
             if vehicle.flown_line is None:  # its mission on board is unknown
                 vehicle.deployed, vehicle.holding = False, True
-                return [say(vehicle, f"resumed by {by}: as soon as it has a mission")]
+                return [announce(vehicle, f"resumed by {by}: as soon as it has a mission")]
             # Its mission ends at the fire's edge; the formation controls it from there.
-            return [say(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
+            return [announce(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
         if vehicle.availability.airborne:  # by a new mission: the front has moved on
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
             vehicle.started = False
-        return [say(vehicle, f"resumed by {by}")]
+        return [announce(vehicle, f"resumed by {by}")]
 
     def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"requested by {by}", None
         availability = vehicle.availability
         if not availability.position_good:
-            return [say(vehicle, "without a position fix: a mission is sent when it has one", True)]
+            return [
+                announce(vehicle, "without a position fix: a mission is sent when it has one", True)
+            ]
         led = not (availability.airborne and (availability.taken_over or vehicle.ordered))
         if availability.recalled or not led:
             words = (
                 f"mode {availability.mode}: a mission is sent once the planner controls it again"
             )
-            return [say(vehicle, words, warning=True)]
+            return [announce(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} requested another mission")
 
     def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
@@ -208,12 +214,12 @@ class OperatorOrders:
             mission = self._approvals.accepted(vehicle, event.mission_hash)
             if mission is not None:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
-                return [say(vehicle, words), mission]
+                return [announce(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
             words = "no similar one is proposed until the front or the reason changes"
-            return [say(vehicle, f"mission refused by {event.by}: {words}")]
+            return [announce(vehicle, f"mission refused by {event.by}: {words}")]
         return [
-            say(
+            announce(
                 vehicle,
                 "no such mission is proposed; load the proposal again",
                 warning=True,

@@ -45,23 +45,23 @@ class ObservedFire:
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
-    def camera_observation(self, here: Telemetry) -> Observed | None:
+    def camera_observation(self, fix: Telemetry) -> Observed | None:
         """The observation of a vehicle's camera at a position, if an image is due.
 
         None while the vehicle's position is not measured: the image would be placed wrongly.
         """
-        return self.seen_from(here) if self._is_due(here) else None
+        return self.seen_from(fix) if self._is_due(fix) else None
 
-    def _is_due(self, here: Telemetry) -> bool:
+    def _is_due(self, fix: Telemetry) -> bool:
         """True if an image is due; the next one is then due one period later."""
-        if self._lacking[here.vehicle] or here.at_us < self._due_us[here.vehicle]:
+        if self._lacking[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
-        self._due_us[here.vehicle] = here.at_us + self._every_us[here.vehicle]
+        self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
 
-    def seen_from(self, here: Telemetry, wider_cells: float = 0.0) -> Observed | None:
+    def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """The observation from this position, with the footprint widened by ``wider_cells``."""
-        return self.world.observe(here, self._cameras[here.vehicle], wider_cells)
+        return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's report; returns a window around the cells it changed, or None.

@@ -149,19 +149,19 @@ class Guidance(ABC):
         return []
 
     @abstractmethod
-    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Commands for a vehicle that flies and has flight time left."""
 
-    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Commands for a vehicle at the end of its flight time; None: its autopilot flies home."""
         return None
 
     @abstractmethod
-    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
+    def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
         """The path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     @abstractmethod
-    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """The mission that flies a path and loiters at its end."""
 
     def in_mission(self, name: str) -> bool:
@@ -180,11 +180,11 @@ class Guidance(ABC):
         """The state for interfaces; ``complete``: ending the run now loses nothing."""
         return {"complete": True}
 
-    def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
+    def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
         """The mission that a renewal would send now, without side effects; None: there is none."""
         return None
 
-    def compared(self, name: str, here: PositionFix) -> Compared | None:
+    def compared(self, name: str, fix: PositionFix) -> Compared | None:
         """The importances that its planner compares at a position; None if it compares none."""
         return None
 

@@ -28,7 +28,7 @@ from mission_service.runtime.published_states import (
 )
 
 AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
-TOLD = {"ok": True, "at_s": 4215.3, "event": "OrderGiven", "said": ["hawk: hold, by anna"]}
+ACCEPTED = {"ok": True, "at_s": 4215.3, "event": "OrderGiven", "messages": ["hawk: hold, by anna"]}
 PLANNER = {"rule": "islam_hu_damped", "alpha": 1.0}
 TELEMETRY = TelemetryState(
     AT_US, "hawk", 36.364232, -84.140907, 561.2, 250.1, 149.8, 41.5, 17.9, 43.2
@@ -42,7 +42,7 @@ VEHICLE = VehicleState(
     36.370784,
     -84.132309,
     link="online",
-    heard_stack="px4 plane",
+    detected_stack="px4 plane",
     mode="mission",
     armed=True,
     current_seq=3,
@@ -65,7 +65,7 @@ MISSION = MissionState(
     on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
 )
 ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
-NEWS = Announcement(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
+ANNOUNCEMENT = Announcement(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
 REPLAY = ReplayState(
     AT_US,
     ("flight.tlog",),
@@ -87,7 +87,7 @@ FIRE = {
     "area_ha": 41.3,
     "wind_speed_m_s": 4.0,
     "wind_from_deg": 225.0,
-    "wind_told_by": "anna",
+    "wind_set_by": "anna",
     "corrections": [],
 }
 LAND = LandscapeExtent(
@@ -108,7 +108,7 @@ STATE = FullState(
     FIRE,
     None,
     [ALARM],
-    [NEWS],
+    [ANNOUNCEMENT],
     LAND,
     "islam_hu_damped",
     PLANNER,
@@ -127,10 +127,10 @@ TRACK = {
 OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
-        *(TELEMETRY, VEHICLE, MISSION, ALARM, NEWS, REPLAY, STATE, PREVIEW, IMPORTANCE),
+        *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
-        Reply("7f3a", "hold", AT_US, True, event="OrderGiven", said=("hawk: holds",)),
+        Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),
     )
 }
 

@@ -65,13 +65,13 @@ class MetricsCollector(Collector):
     """Reads the figures from a run context at each scrape."""
 
     def __init__(self, context: RunContext) -> None:
-        self._hub = context
+        self._context = context
 
     def collect(self) -> Iterator[Metric]:
         """The figures that have values."""
-        found = dict(_of_run(self._hub))
-        found |= _of_vehicles(self._hub)
-        found |= {name: [((), float(value()))] for name, value in self._hub.gauges.items()}
+        found = dict(_of_run(self._context))
+        found |= _of_vehicles(self._context)
+        found |= {name: [((), float(value()))] for name, value in self._context.gauges.items()}
         for name, samples in found.items():
             help_text, labels = FIGURES[name]
             family = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
@@ -122,9 +122,9 @@ def _of_vehicles(context: RunContext) -> dict[str, Samples]:
         say("vehicle_online", (name,), state.link == "online")
         if state.battery_pct is not None:
             say("vehicle_battery_percent", (name,), state.battery_pct)
-        here = state_view.telemetry.get(name)
-        if here is not None:
-            say("telemetry_age_seconds", (name,), (context.clock.now_us - here.at_us) / 1e6)
+        fix = state_view.telemetry.get(name)
+        if fix is not None:
+            say("telemetry_age_seconds", (name,), (context.clock.now_us - fix.at_us) / 1e6)
         say("decisions_total", (name,), state.decisions)
         say("reversals_total", (name,), state.reversals)
         say("uploads_total", (name, "accepted"), state.uploads_accepted)

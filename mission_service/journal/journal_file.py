@@ -124,7 +124,7 @@ class Journal:
         self.rest = before
         if not self._waiting:
             self._torn = True
-            self._mend()
+            self._repair()
 
     def end(self) -> None:
         """Write the last line, the mark of a regular end; no line may follow."""
@@ -183,18 +183,18 @@ class Journal:
             self._torn = True
             self._waiting = bytearray()
             with contextlib.suppress(OSError):  # else before it is tried again
-                self._mend()
+                self._repair()
             raise
         self.rest = after
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         """Remove partially written lines."""
         if self._torn:
             os.ftruncate(self._file, self.rest.at_byte)
             self._torn = False
 
     def _flush(self) -> None:
-        self._mend()
+        self._repair()
         if self._waiting:
             _write(self._file, self._waiting)
             self._waiting = bytearray()

@@ -157,14 +157,14 @@ class Chain:
 
     def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
         """As ``after``, not decoded: number, body, and whether the checksum matches."""
-        for reader, here in self._places(place):
-            for line in reader.lines(here):
+        for reader, fix in self._places(place):
+            for line in reader.lines(fix):
                 yield reader, *line
 
     def trusted(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry | Unreadable]]:
         """As ``after``; altered and undecodable lines as ``Unreadable``."""
-        for reader, here in self._places(place):
-            for entry in reader.trusted(here):
+        for reader, fix in self._places(place):
+            for entry in reader.trusted(fix):
                 yield reader, entry
 
     def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:

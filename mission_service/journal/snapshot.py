@@ -102,10 +102,10 @@ def digest_of(scenario: Scenario) -> str:
 def code_digest() -> str:
     """The digest of the packages' source, the interpreter and the numerical libraries."""
     digest = hashlib.sha256()
-    here = Path(__file__).parents[2]
+    fix = Path(__file__).parents[2]
     for package in OURS:
-        for path in sorted((here / package).rglob("*.py")):
-            digest.update(f"{path.relative_to(here)}\0".encode())
+        for path in sorted((fix / package).rglob("*.py")):
+            digest.update(f"{path.relative_to(fix)}\0".encode())
             digest.update(path.read_bytes())
     versions = {name: version(name) for name in COMPUTES_WITH} | versions_of_others()
     digest.update(repr((versions, platform.python_version(), platform.machine())).encode())

@@ -26,7 +26,7 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, written_by_others
 from mission_service.journal.recovery import Unfinished, resumed, set_aside, unfinished
 from mission_service.journal.snapshot import Frozen, Known, thawed
-from mission_service.live.interfaces import Door, doors_of, request_handler_of
+from mission_service.live.interfaces import RunInterface, interfaces_of, request_handler_of
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, unheard, unshown
 from mission_service.runtime.freed_memory import give_back_freed
@@ -103,7 +103,9 @@ async def serve(
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: if one is in use, the journal of an earlier run is not touched.
         listening = stack.enter_context(claimed(run.out / NAME))
-        doors = doors_of(run.settings, run.out, scenario.name, stack, address, run.logs)
+        run_interfaces = interfaces_of(
+            run.settings, run.out, scenario.name, stack, address, run.logs
+        )
         links = await open_links(
             stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, announcements.add
         )
@@ -118,10 +120,10 @@ async def serve(
         check = _Check(context, watch, progress)
         stop = asyncio.Event()
         signals = stop_on_signals(stop)
-        beside: list[Door] = [
+        beside: list[RunInterface] = [
             *(partial(_fly, on_it) for on_it in connected(links)),
             lambda context: serve_control(listening, context.request_handler),
-            *doors,
+            *run_interfaces,
             lambda context: keeping.run(clock),
         ]
         is_over = await _run_tasks(context, beside, exchange, check, stop, latest_us)
@@ -137,7 +139,7 @@ async def serve(
 
 async def _run_tasks(
     context: RunContext,
-    beside: list[Door],
+    beside: list[RunInterface],
     exchange: PeerExchange | None,
     check: Callable[[], None],
     stop: asyncio.Event,
@@ -154,7 +156,7 @@ async def _run_tasks(
             listener = PeerListener(context.service, clock, clock_us)
             tasks.append(group.create_task(exchange.run(listener)))
             await exchange.join()
-        tasks += [group.create_task(door(context)) for door in beside]
+        tasks += [group.create_task(run_interface(context)) for run_interface in beside]
         group.create_task(asyncio.to_thread(_load_for_corrections))
         while not stop.is_set() and clock.now_us < latest_us:
             check()
@@ -163,7 +165,7 @@ async def _run_tasks(
         context.stopping = True
         is_over = clock.now_us >= latest_us
         if not is_over:
-            await _told_to_stop(context)
+            await _stop_ordered(context)
         for task in tasks:
             task.cancel()
     return is_over
@@ -263,14 +265,18 @@ class _Check:
 
 
 def _journal_of(
-    run: Run, known: Known, cut_off: Unfinished | None, tell: Callable[[str, str], None]
+    run: Run, known: Known, cut_off: Unfinished | None, report: Callable[[str, str], None]
 ) -> Journal:
     """The journal of the resumed run, or a new one; an earlier run's journal is renamed."""
     kept = None if cut_off else set_aside(run.journal_path)
     if kept is not None:
-        tell("service", f"the journal of an earlier run is kept as {kept.name}; this is a new one")
+        report(
+            "service", f"the journal of an earlier run is kept as {kept.name}; this is a new one"
+        )
     if written_by_others(run.out):
-        tell("service", f"other users of this machine can write in {run.out}; chmod 700 {run.out}")
+        report(
+            "service", f"other users of this machine can write in {run.out}; chmod 700 {run.out}"
+        )
     rest = None if cut_off is None else cut_off.rest()
     header = header_of(run.scenario, known.landscape, run.created)
     return Journal(run.journal_path, header, durable=True, rest=rest)
@@ -310,7 +316,7 @@ async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down
     clock.go_on(announcements.at_us, began_us)
     if service.state_view is not None:
         service.state_view.clear_all_but("abort")
-        service.state_view.told_before = service.state_view.announcement_id
+        service.state_view.last_id_before_restart = service.state_view.announcement_id
     service.resume(cut_off.missing, announcements, clock_us(), cut_off.skips(last_us))
 
 
@@ -371,7 +377,7 @@ def _look_around(context: RunContext, health_monitor: HealthMonitor, silence: Li
         del context.not_ready[name]
 
 
-async def _told_to_stop(context: RunContext) -> None:
+async def _stop_ordered(context: RunContext) -> None:
     """Send the order that ``on_shutdown`` sets to the vehicles and wait for their answers.
 
     A vehicle in a mode that its autopilot or pilot selected stays in it (see

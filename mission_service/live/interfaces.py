@@ -17,43 +17,43 @@ from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.vehicle_links import Link, connected
 
 # An interface: a coroutine that runs beside the vehicles until it is cancelled.
-Door = Callable[[RunContext], Coroutine[Any, Any, None]]
+RunInterface = Callable[[RunContext], Coroutine[Any, Any, None]]
 
 
-def doors_of(
+def interfaces_of(
     settings: ServiceSection,
     out: Path,
     site: str,
     stack: contextlib.AsyncExitStack,
     address: Callable[[str], None],
     logs: bool,
-) -> list[Door]:
+) -> list[RunInterface]:
     """The interfaces that the settings configure; other interfaces are not imported.
 
     ``site`` is the name of the run in MQTT topics and Cursor on Target events.
     """
     from mission_service.runtime.systemd_notify import pulse
 
-    doors: list[Door] = [pulse]
+    run_interfaces: list[RunInterface] = [pulse]
     if logs:
-        from mission_service.runtime.service_log import news_to_log
+        from mission_service.runtime.service_log import log_announcements
 
-        doors.append(news_to_log)
+        run_interfaces.append(log_announcements)
     if settings.http is not None:
-        from mission_service.interfaces.api.listener import http_door
+        from mission_service.interfaces.api.listener import http_interface
 
-        door = stack.enter_context(http_door(settings.http, out))
-        address(door.address)
-        doors.append(door)
+        run_interface = stack.enter_context(http_interface(settings.http, out))
+        address(run_interface.address)
+        run_interfaces.append(run_interface)
     if settings.mqtt is not None:
-        from mission_service.interfaces.mqtt.publisher import mqtt_door
+        from mission_service.interfaces.mqtt.publisher import mqtt_interface
 
-        doors.append(mqtt_door(settings.mqtt, site))
+        run_interfaces.append(mqtt_interface(settings.mqtt, site))
     if settings.cot is not None:
-        from mission_service.interfaces.cot.cot_sender import cot_door
+        from mission_service.interfaces.cot.cot_sender import cot_interface
 
-        doors.append(cot_door(settings.cot, site))
-    return doors
+        run_interfaces.append(cot_interface(settings.cot, site))
+    return run_interfaces
 
 
 def request_handler_of(

@@ -81,9 +81,9 @@ def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
-def places_of(heres: list[PositionFix]) -> Track:
+def places_of(fixes: list[PositionFix]) -> Track:
     """The positions of vehicles, at least one, as a track."""
-    places = np.array([(here.x_m, here.y_m, here.altitude_m) for here in heres])
+    places = np.array([(fix.x_m, fix.y_m, fix.altitude_m) for fix in fixes])
     return Track(places[:, :2], places[:, 2], places[:, 2])
 
 
@@ -173,11 +173,11 @@ def place_aside(
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed
     right = np.array([ahead[1], -ahead[0]])
-    here = np.array([own.x_m, own.y_m])
-    outwards = right if float(right @ (here - away_from_m)) >= 0.0 else -right
+    fix = np.array([own.x_m, own.y_m])
+    outwards = right if float(right @ (fix - away_from_m)) >= 0.0 else -right
     start = np.array([other.x_m, other.y_m])
     comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
-    places = [here + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
+    places = [fix + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
     clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
     chosen = places[0 if clear_m[0] >= min(aside_m / 2.0, clear_m[1]) else 1]
     return np.array([chosen])

@@ -104,19 +104,19 @@ def decisions_alone(
 
 
 @dataclass
-class _Silent:
+class _UnplayedPlanner:
     """Vehicles whose decisions are not announced: held by operators, or with an unclear state."""
 
     held: set[str]
     doubted: set[str]
 
 
-def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
+def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _UnplayedPlanner]:
     """The state with which a journal begins; another rule starts without a state there."""
     if journal.segment == 1:
-        return Core(scenario, journal.landscape), _Silent(set(), set())
+        return Core(scenario, journal.landscape), _UnplayedPlanner(set(), set())
     core = journal.core()
-    silent = _Silent(
+    silent = _UnplayedPlanner(
         {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
         {name for name, vehicle in core.vehicles.items() if vehicle.unconfirmed is not None},
     )
@@ -127,7 +127,7 @@ def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Silent]:
     return fresh, silent
 
 
-def _told(event: AnyOperatorEvent, core: Core, silent: _Silent) -> None:
+def _told(event: AnyOperatorEvent, core: Core, silent: _UnplayedPlanner) -> None:
     """Apply an operator's request: inputs of the planners, and whether a vehicle is led at all."""
     decision_engine = core.decision_engine
     match event:
@@ -149,7 +149,7 @@ def _told(event: AnyOperatorEvent, core: Core, silent: _Silent) -> None:
 
 
 def _ordered(
-    name: str, event: OrderGiven, decision_engine: DecisionEngine, silent: _Silent
+    name: str, event: OrderGiven, decision_engine: DecisionEngine, silent: _UnplayedPlanner
 ) -> None:
     if event.order == "start" and name in silent.held:
         return

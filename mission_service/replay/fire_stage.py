@@ -87,11 +87,11 @@ class _Comparison:
         note += [f"{without} observations without a position"] if without else []
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
-    def _compare(self, where: str, told: Observed, here: Telemetry) -> None:
-        again = self._fire.seen_from(here)
+    def _compare(self, where: str, told: Observed, fix: Telemetry) -> None:
+        again = self._fire.seen_from(fix)
         self._counts["observations"] += 1
         self._counts["cells"] += sum(map(len, told.cells)) - _unseen(told)
-        for cell in () if again == told else _cells(told, again, here, self._fire):
+        for cell in () if again == told else _cells(told, again, fix, self._fire):
             beyond = cell.pop("beyond")
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
@@ -111,7 +111,7 @@ def _unseen(told: Observed) -> int:
 
 
 def _cells(
-    told: Observed, again: Observed | None, here: Telemetry, fire: ObservedFire
+    told: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
 ) -> Iterator[dict[str, Any]]:
     """The cells in which two observations differ, and whether they differ too much."""
     was, now = _letters(told), _letters(again)
@@ -122,7 +122,7 @@ def _cells(
             continue
         arrival_s = _arrival_s(fire, cell)
         if UNSEEN in (ours, theirs):
-            edge = _edge(here, fire) if edge is None else edge
+            edge = _edge(fix, fire) if edge is None else edge
             near = cell in edge
         else:
             near = arrival_s is not None and abs(arrival_s - told.at_us / 1e6) <= ARRIVAL_WITHIN_S
@@ -148,10 +148,10 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
     }
 
 
-def _edge(here: Telemetry, fire: ObservedFire) -> set[Cell]:
+def _edge(fix: Telemetry, fire: ObservedFire) -> set[Cell]:
     """The cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
-        {cell for cell, letter in _letters(fire.seen_from(here, wider)).items() if letter != UNSEEN}
+        {cell for cell, letter in _letters(fire.seen_from(fix, wider)).items() if letter != UNSEEN}
         for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
     )
     return wide - narrow

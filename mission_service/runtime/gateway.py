@@ -333,10 +333,10 @@ class Gateway:
         if event.percent is None:
             return None
         self._battery_pct[event.battery_id] = float(event.percent)
-        return self._news(BatteryUpdated(now_us, self.name, min(self._battery_pct.values())))
+        return self._changed(BatteryUpdated(now_us, self.name, min(self._battery_pct.values())))
 
     def _gps_fix(self, event: bridge.GpsFix, now_us: int) -> VehicleEvent | None:
-        return self._news(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
+        return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
         """What was read back, and the mode, which is else told when it changes."""
@@ -376,7 +376,7 @@ class Gateway:
         self._status[type(status)] = status
         return status
 
-    def _news(self, told: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
+    def _changed(self, told: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
         """The event, unless the last one of its kind was the same."""
         before = self._last.get(type(told))
         self._last[type(told)] = told

@@ -10,8 +10,8 @@ from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
 COMMAND_LINK_ID = 255  # of CLI commands; differs from those of a service running at the same time
-TELL_FROM_FRAMES = 10  # fewer refused frames are not reported: errors, or another station nearby
-LEAD_TOLD_S = 60.0
+REPORT_FROM_FRAMES = 10  # fewer refused frames are not reported: errors, or another station nearby
+LEAD_REPORTED_S = 60.0
 WORDS = {
     "unsigned": (
         "without a signature",
@@ -90,9 +90,9 @@ class SigningRefusals:
         if self._signing is None:
             lines["unheeded"] = unheeded(self._link) if receives_signed else None
         else:
-            lines["refused"] = refusal(counts, self._link, TELL_FROM_FRAMES)
+            lines["refused"] = refusal(counts, self._link, REPORT_FROM_FRAMES)
             lead_s = self._signing.lead_s(self._system_id)
-            if lead_s > LEAD_TOLD_S:
+            if lead_s > LEAD_REPORTED_S:
                 lines["lead"] = (
                     f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
                     "clock; it may refuse what is sent: set the clock"

@@ -48,7 +48,7 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     home_lat_deg: float
     home_lon_deg: float
     link: Literal["never heard", "online", "lost"] = "never heard"
-    heard_stack: str = ""
+    detected_stack: str = ""
     mode: str = ""
     armed: bool = False
     current_seq: int | None = None  # index of the current item of the mission on board

@@ -22,7 +22,7 @@ class RequestHandler:
 
     def __init__(
         self,
-        tell: Callable[[AnyOperatorEvent], list[str]],
+        submit: Callable[[AnyOperatorEvent], list[str]],
         status: Callable[[], dict[str, Any]],
         now_us: Callable[[], int],
         scope: RequestScope = ANYWHERE,
@@ -33,7 +33,7 @@ class RequestHandler:
         ``scope``: the data that requests are checked against. ``burned_ha``: returns the area
         burned now, if corrections change it; their replies contain the old and the new area.
         """
-        self._tell = tell
+        self._submit = submit
         self._status = status
         self._now_us = now_us
         self.scope = scope
@@ -52,13 +52,13 @@ class RequestHandler:
             event = event_of(request, self._now_us(), self.scope, may_approve)
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
             before_ha = None if burned_ha is None else burned_ha()
-            said = self._tell(event)
+            said = self._submit(event)
         except KNOWN_ERRORS as error:
             return wrong(str(error))
         answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
         if burned_ha is not None:
             answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
-        answer["said"] = said
+        answer["messages"] = said
         if any(line.startswith(CONFIRM) for line in said):
             answer["confirm"] = True
         return answer

@@ -116,14 +116,14 @@ class RunContext:
         None before the vehicle is connected, and where its rule makes no missions.
         """
         known = self.core.vehicles[vehicle]
-        here = known.availability.here
-        return None if here is None else self.core.guidance.preview(known, here)
+        fix = known.availability.fix
+        return None if fix is None else self.core.guidance.preview(known, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
         """The figures of a mission, flown from the vehicle's present position."""
         known = self.core.vehicles[vehicle]
-        here = known.availability.here if known.availability.airborne else None
-        start_m = None if here is None else (here.x_m, here.y_m)
+        fix = known.availability.fix if known.availability.airborne else None
+        start_m = None if fix is None else (fix.x_m, fix.y_m)
         return figures_of(items, self.landscape, known.section, start_m)
 
     def burn(self) -> dict[str, Any] | None:

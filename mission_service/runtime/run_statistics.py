@@ -34,7 +34,7 @@ from mission_service.vehicles.availability import AIRBORNE_M
 MAX_REVERSALS = 5_000  # latest positions kept for each vehicle; the journal has all
 MAX_REASONS = 100  # distinct reasons of missions (they may name users); others count as OTHER
 OTHER = "other"
-HEARD_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
+RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
 
 
 @dataclass
@@ -51,7 +51,7 @@ class VehicleStatistics:
     uploads: Counter[str] = field(default_factory=Counter)
     upload_reasons: Counter[str] = field(default_factory=Counter)
     orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
-    here: tuple[int, float, float, float] | None = None
+    fix: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed plans by hash
     drops: list[DropState] = field(default_factory=list)
     sortie: Sortie = field(default_factory=Sortie)
@@ -98,10 +98,10 @@ class RunStatistics:
         match event:
             case Telemetry():
                 self.telemetry += 1
-                here = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
-                vehicle.here = here
+                fix = (event.at_us, event.lat_deg, event.lon_deg, event.altitude_amsl_m)
+                vehicle.fix = fix
                 self._compare(event)
-                vehicle.track.append_point(here)
+                vehicle.track.append_point(fix)
             case Observed():
                 self.observations += 1
             case UploadFinished():
@@ -114,20 +114,20 @@ class RunStatistics:
             case _:
                 pass
 
-    def _compare(self, here: Telemetry) -> None:
+    def _compare(self, fix: Telemetry) -> None:
         """Update the closest pair; the positions of others are extrapolated in a straight line."""
-        self._in_air.pop(here.vehicle, None)
-        if here.altitude_relative_m < AIRBORNE_M:
+        self._in_air.pop(fix.vehicle, None)
+        if fix.altitude_relative_m < AIRBORNE_M:
             return
         for other in self._in_air.values():
-            late_us = here.at_us - other.at_us
-            if late_us > HEARD_WITHIN_US:
+            late_us = fix.at_us - other.at_us
+            if late_us > RECEIVED_WITHIN_US:
                 continue
-            distance_m = _distance_m(here, other, late_us / 1e6)
+            distance_m = _distance_m(fix, other, late_us / 1e6)
             if self.closest is None or distance_m < self.closest.distance_m:
-                pair = (other.vehicle, here.vehicle)
-                self.closest = ClosestPair(distance_m, here.at_us, pair)
-        self._in_air[here.vehicle] = here
+                pair = (other.vehicle, fix.vehicle)
+                self.closest = ClosestPair(distance_m, fix.at_us, pair)
+        self._in_air[fix.vehicle] = fix
 
     def _commanded(self, vehicle: VehicleStatistics, command: AnyCommand) -> None:
         vehicle.sortie.on_commands(command)
@@ -135,8 +135,8 @@ class RunStatistics:
             case DirectionDecision():
                 vehicle.decisions += 1
                 vehicle.direction = command.direction
-                if command.reversed and vehicle.here is not None:
-                    vehicle.reversals.append(vehicle.here[:3])
+                if command.reversed and vehicle.fix is not None:
+                    vehicle.reversals.append(vehicle.fix[:3])
                     vehicle.reversal_count += 1
             case UploadMission():
                 reasons = vehicle.upload_reasons
@@ -156,10 +156,10 @@ class RunStatistics:
                 pass
 
 
-def _distance_m(here: Telemetry, other: Telemetry, later_s: float) -> float:
+def _distance_m(fix: Telemetry, other: Telemetry, later_s: float) -> float:
     """Distance of two vehicles, with the second one extrapolated by ``later_s``."""
-    places = (here.lat_deg, here.lon_deg), (other.lat_deg, other.lon_deg)
+    places = (fix.lat_deg, fix.lon_deg), (other.lat_deg, other.lon_deg)
     north_m, east_m = offset_m(*places)
     north_m += later_s * other.velocity_north_m_s
     east_m += later_s * other.velocity_east_m_s
-    return math.hypot(north_m, east_m, other.altitude_amsl_m - here.altitude_amsl_m)
+    return math.hypot(north_m, east_m, other.altitude_amsl_m - fix.altitude_amsl_m)

@@ -54,7 +54,7 @@ def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = Non
         logging.getLogger(noisy).setLevel(max(logging.WARNING, logging.getLogger().level))
 
 
-async def news_to_log(context: RunContext) -> None:
+async def log_announcements(context: RunContext) -> None:
     """Copies announcements and alarms to the log; a service task of the daemon."""
     told = LogFollower()
     try:

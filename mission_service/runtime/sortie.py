@@ -50,7 +50,7 @@ class Sortie:
     _mode: str = ""
     _in_air: bool = False
     _unflown: bool = False  # a mission was accepted and none of its items reached yet
-    _here: Telemetry | None = None
+    _fix: Telemetry | None = None
 
     def on_event(self, event: VehicleEvent) -> None:
         """Process an event."""
@@ -102,15 +102,15 @@ class Sortie:
             "announcements": dict(sorted(self.announcements.items())),
         }
 
-    def _moved(self, here: Telemetry) -> None:
-        before, self._here = self._here, here
-        if not self._in_air and here.altitude_relative_m >= AIRBORNE_M:
+    def _moved(self, fix: Telemetry) -> None:
+        before, self._fix = self._fix, fix
+        if not self._in_air and fix.altitude_relative_m >= AIRBORNE_M:
             self._in_air = True
             self.takeoffs += 1
-        elif self._in_air and before is not None and here.at_us - before.at_us <= GAP_US:
-            self.in_air_us += max(here.at_us - before.at_us, 0)
-            places = [(each.lat_deg, each.lon_deg) for each in (before, here)]
-            climbed_m = here.altitude_amsl_m - before.altitude_amsl_m
+        elif self._in_air and before is not None and fix.at_us - before.at_us <= GAP_US:
+            self.in_air_us += max(fix.at_us - before.at_us, 0)
+            places = [(each.lat_deg, each.lon_deg) for each in (before, fix)]
+            climbed_m = fix.altitude_amsl_m - before.altitude_amsl_m
             self.flown_m += math.hypot(distance_m(*places), climbed_m)
 
     def _mode_changed(self, event: ModeChanged) -> None:

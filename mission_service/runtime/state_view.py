@@ -116,11 +116,11 @@ class StateView:
         self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
         self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
         self.announcement_id = 0
-        self.told_before = 0  # the last announcement from before a restart
+        self.last_id_before_restart = 0  # the last announcement from before a restart
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.fire_version = 1  # grows when operators change the fire
-        self.wind_told: WindSet | None = None
+        self.wind_set: WindSet | None = None
         self.telemetry_count = 0
         self.observations = 0
         self.alarm_counts: Counter[str] = Counter()  # raised, by kind
@@ -187,14 +187,18 @@ class StateView:
 
     def announcements_after(self, line_id: int) -> list[Announcement]:
         """Announcements after ``line_id``, for forwarding; none from before a restart."""
-        return [line for line in self.announcements if line.id > max(line_id, self.told_before)]
+        return [
+            line
+            for line in self.announcements
+            if line.id > max(line_id, self.last_id_before_restart)
+        ]
 
     def fire_changed(self) -> None:
         """Note that an operator has changed the fire."""
         self.fire_version += 1
         self._touch("fire")
 
-    def tell_replay(self) -> None:
+    def replay_changed(self) -> None:
         """Note that the position or the speed of the replay has changed."""
         self._touch("replay")
 
@@ -210,7 +214,7 @@ class StateView:
         self.alarms |= of_service
         self._touch("replay")  # first: its readers then read all states again
         self._touch(*(self.changed.keys() - {"replay"}))
-        self.announcement_id = self.told_before = self.version
+        self.announcement_id = self.last_id_before_restart = self.version
 
     def _touch(self, *keys: str) -> None:
         self.version += 1
@@ -224,7 +228,7 @@ class StateView:
         self._touch("burn")
         match event:
             case WindSet():
-                self.wind_told = event
+                self.wind_set = event
                 self.fire_changed()
             case OrderGiven():
                 self._ordered(event, not_ordered)
@@ -292,7 +296,7 @@ class StateView:
         vehicle.link = "online"
         self.clear(f"link/{name}")
         if isinstance(event, VehicleConnected):
-            vehicle.heard_stack = event.stack
+            vehicle.detected_stack = event.stack
             self.clear(f"silent/{name}")
 
     def _rebooted(self, vehicle: VehicleState, event: VehicleRebooted) -> None:
@@ -319,27 +323,27 @@ class StateView:
     def _progressed(self, vehicle: VehicleState, event: MissionProgress) -> None:
         vehicle.current_seq = event.current_seq
 
-    def _moved(self, here: Telemetry) -> None:
+    def _moved(self, fix: Telemetry) -> None:
         self.telemetry_count += 1
         land = self._landscape
-        x_m, y_m = land.xy_of_lat_lon(here.lat_deg, here.lon_deg)
+        x_m, y_m = land.xy_of_lat_lon(fix.lat_deg, fix.lon_deg)
         height_m = None
         if math.isfinite(x_m + y_m):
-            height_m = round(here.altitude_amsl_m - float(land.elevation_at(x_m, y_m)), 1)
-        north, east = here.velocity_north_m_s, here.velocity_east_m_s
-        self.telemetry[here.vehicle] = TelemetryState(
-            here.at_us,
-            here.vehicle,
-            here.lat_deg,
-            here.lon_deg,
-            here.altitude_amsl_m,
-            here.altitude_relative_m,
+            height_m = round(fix.altitude_amsl_m - float(land.elevation_at(x_m, y_m)), 1)
+        north, east = fix.velocity_north_m_s, fix.velocity_east_m_s
+        self.telemetry[fix.vehicle] = TelemetryState(
+            fix.at_us,
+            fix.vehicle,
+            fix.lat_deg,
+            fix.lon_deg,
+            fix.altitude_amsl_m,
+            fix.altitude_relative_m,
             height_m,
-            here.heading_deg,
+            fix.heading_deg,
             round(math.hypot(north, east), 2),
             round(math.degrees(math.atan2(east, north)) % 360.0, 1),
         )
-        self._touch(f"telemetry/{here.vehicle}")
+        self._touch(f"telemetry/{fix.vehicle}")
 
     def _battery(self, vehicle: VehicleState, event: BatteryUpdated) -> None:
         name, vehicle.battery_pct = vehicle.vehicle, event.percent
@@ -473,7 +477,7 @@ class StateView:
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
         """The figures of the fire; its shape has a request of its own."""
-        told = self.wind_told
+        told = self.wind_set
         return {
             "schema": "fire/1",
             "at_us": self.at_us,
@@ -481,6 +485,6 @@ class StateView:
             "area_ha": round(area_ha, 2),
             "wind_speed_m_s": None if told is None else told.speed_m_s,
             "wind_from_deg": None if told is None else told.from_deg,
-            "wind_told_by": "" if told is None else told.by,
+            "wind_set_by": "" if told is None else told.by,
             "corrections": corrections,
         }

@@ -15,7 +15,7 @@ BEAT_S = 1.0
 LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
-def tell_systemd(state: str) -> bool:
+def notify_systemd(state: str) -> bool:
     """Send lines such as READY=1; returns whether that succeeded. Never raises."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
@@ -48,19 +48,19 @@ def status_of(context: RunContext) -> str:
     return f"{words}, {len(context.state_view.alarms)} alarms"
 
 
-async def pulse(context: RunContext, tell: Callable[[str], bool] = tell_systemd) -> None:
+async def pulse(context: RunContext, notify: Callable[[str], bool] = notify_systemd) -> None:
     """Notify systemd from the event loop until cancelled, so that it detects a blocked loop."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
     context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)
     within_s = watchdog_s()
     every_s = BEAT_S if within_s is None else min(BEAT_S, within_s / 3)
-    tell("READY=1")
+    notify("READY=1")
     try:
         while True:
-            tell(f"WATCHDOG=1\nSTATUS={status_of(context)}")
+            notify(f"WATCHDOG=1\nSTATUS={status_of(context)}")
             due_s = loop.time() + every_s
             await asyncio.sleep(every_s)
             lags_s.append(max(loop.time() - due_s, 0.0))
     finally:
-        tell("STOPPING=1")
+        notify("STOPPING=1")

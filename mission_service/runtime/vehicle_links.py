@@ -27,7 +27,7 @@ from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
 
-TELL_SILENCE_AFTER_US = 4_000_000
+REPORT_SILENCE_AFTER_US = 4_000_000
 # Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
 FASTER = 2.0
 STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have stronger wind
@@ -39,7 +39,7 @@ SEVERITIES: dict[str, Severity] = {
 }
 
 Clock = Callable[[], int]
-Tell = Callable[[str, str], None]  # a vehicle, or "service", and a warning
+Report = Callable[[str, str], None]  # a vehicle, or "service", and a warning
 
 
 @dataclass
@@ -74,7 +74,7 @@ async def open_links(
     clock_us: Clock,
     wall_us: Clock,
     tlog_path: Path | None,
-    tell: Tell,
+    report: Report,
 ) -> dict[str, Link]:
     """Open the links of all vehicles that are flown here; ``stack`` closes them.
 
@@ -89,9 +89,11 @@ async def open_links(
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
     if tlog is not None and not _all_differ(scenario):
         words = "vehicles with one system id cannot be told apart in it; give them different ones"
-        tell("service", f"{tlog_path}: {words}")
+        report("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
-    signing_of = stack.enter_context(signings(sources, wall_us, lambda text: tell("service", text)))
+    signing_of = stack.enter_context(
+        signings(sources, wall_us, lambda text: report("service", text))
+    )
     places = {section.name: place for place, section in enumerate(scenario.flown)}
     links: dict[str, Link] = {}
     for sections in together:
@@ -174,11 +176,11 @@ class LinkMonitor:
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
         self._unheard = dict(links)
-        self._tell_at_us = now_us + TELL_SILENCE_AFTER_US
+        self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
     def announcements(self, now_us: int) -> list[tuple[str, str]]:
         """The vehicles without a heartbeat and possible reasons; once, when it is due."""
-        if now_us < self._tell_at_us:
+        if now_us < self._report_at_us:
             return []
         found = []
         for name, link in self._unheard.items():

@@ -56,7 +56,7 @@ class VehicleAvailability:
     fence_breached: bool = False
     fix_good: bool = True
     estimator_healthy: bool = True
-    here: PositionFix | None = None
+    fix: PositionFix | None = None
     expected_until_s: dict[type[AnyCommand], float] = field(default_factory=dict)
 
     @property
@@ -101,7 +101,7 @@ class VehicleAvailability:
         vehicle is armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
-        fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, here=self.here)
+        fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, fix=self.fix)
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground

@@ -25,7 +25,7 @@ class MissionsSent:
         vehicle: Vehicle,
         path_m: Floats,
         items: tuple[MissionItem, ...],
-        here: PositionFix,
+        fix: PositionFix,
         why: str,
         keeps_apart: bool = False,
     ) -> UploadMission:
@@ -36,12 +36,12 @@ class MissionsSent:
         mission_id = self._next_id
         self._next_id += 1
         if len(path_m) == 1:  # the centre of a loiter
-            path_m = np.array([(here.x_m, here.y_m), path_m[0]])
+            path_m = np.array([(fix.x_m, fix.y_m), path_m[0]])
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
         line = shapely.LineString(shapely.get_coordinates(line))
         sent = Pending(mission_id, line, takes_off, vehicle.due)
         vehicle.enter(MissionPhase.UPLOADING, sent)
-        vehicle.uploaded_at_s = here.at_s
+        vehicle.uploaded_at_s = fix.at_s
         vehicle.due = ""
         return UploadMission(vehicle.name, mission_id, why, items, keeps_apart)

@@ -81,8 +81,8 @@ class TrafficManager:
     def on_mission(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a mission that is sent to the vehicle."""
         flown = self._all[name]
-        here = flown.availability.here
-        start_m = (here.x_m, here.y_m) if here and flown.availability.airborne else None
+        fix = flown.availability.fix
+        start_m = (fix.x_m, fix.y_m) if fix and flown.availability.airborne else None
         flown.track = track_of(items, self._landscape, flown.section.loiter_radius_m, start_m)
         flown.sent += 1
         flown.compared = self._missions_below(name)
@@ -100,19 +100,19 @@ class TrafficManager:
         """Whether a vehicle in a lower layer has a new mission close below this one's."""
         own = self._all[name]
         missions = self._missions_below(name)
-        if missions == own.compared or own.track is None or own.availability.here is None:
+        if missions == own.compared or own.track is None or own.availability.fix is None:
             return False
         own.compared = missions
-        left = ahead_on(own.track, own.availability.here.x_m, own.availability.here.y_m)
+        left = ahead_on(own.track, own.availability.fix.x_m, own.availability.fix.y_m)
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
         """Tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
-        places = [other.availability.here for other in below if other.availability.airborne]
-        heres = [here for here in places if here is not None]
-        return [*tracks, places_of(heres)] if heres else tracks
+        places = [other.availability.fix for other in below if other.availability.airborne]
+        fixes = [fix for fix in places if fix is not None]
+        return [*tracks, places_of(fixes)] if fixes else tracks
 
     def _missions_below(self, name: str) -> tuple[int, ...]:
         return tuple(other.sent for other in self._below[name])
@@ -126,8 +126,8 @@ class TrafficManager:
     def give_way_to(self, name: str) -> str | None:
         """Decide which vehicle this one gives way to now, if any."""
         own = self._all[name]
-        here = own.availability.here
-        assert here is not None
+        fix = own.availability.fix
+        assert fix is not None
         if own.gave_way_to is not None and self._is_passing(own, self._all[own.gave_way_to]):
             return own.gave_way_to
         own.gave_way_to = next(
@@ -137,25 +137,25 @@ class TrafficManager:
         if own.gave_way_to is not None:
             aside_m = self._separation_m
             aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            there = self._all[own.gave_way_to].availability.here
+            there = self._all[own.gave_way_to].availability.fix
             assert there is not None
-            own.waits_at = place_aside(here, there, self._fire_m, aside_m)
-            own.waits_since_s = here.at_s
+            own.waits_at = place_aside(fix, there, self._fire_m, aside_m)
+            own.waits_since_s = fix.at_s
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
-        here, there = own.availability.here, other.availability.here
-        if here is None or there is None or not _is_told_of(other.availability, here.at_s):
+        fix, there = own.availability.fix, other.availability.fix
+        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
             return False
-        if here.at_s - own.waits_since_s > WAITS_AT_MOST_S:
+        if fix.at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
-        return not has_passed(here, there, self._separation_m, turn_m)
+        return not has_passed(fix, there, self._separation_m, turn_m)
 
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
-        here, there = own.availability.here, other.availability.here
-        if here is None or there is None or not _is_told_of(other.availability, here.at_s):
+        fix, there = own.availability.fix, other.availability.fix
+        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
             return False
         if other.gave_way_to == name or self._are_in_layers(own, other):
             return False
@@ -164,31 +164,31 @@ class TrafficManager:
             x_m, y_m = other.waits_at[0]
             there = replace(there, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
             turn_m += other.section.loiter_radius_m / 2.0
-        if not is_near(here, there, self._separation_m, turn_m):
+        if not is_near(fix, there, self._separation_m, turn_m):
             return False
         cannot = not other.availability.flies or other.gave_way_to is not None
-        return cannot or gives_way(here, there, other_name in self._earlier[name])
+        return cannot or gives_way(fix, there, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
         """Whether the higher one's missions keep it above the other, and it is there."""
-        here, there = own.availability.here, other.availability.here
+        fix, there = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
-        if here is None or there is None or not both:
+        if fix is None or there is None or not both:
             return False
-        above_m = here.altitude_m - there.altitude_m
+        above_m = fix.altitude_m - there.altitude_m
         if own in self._below[other.section.name]:
             return -above_m >= self._separation_m / 2.0
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
         """Whether no other vehicle is flying out of this one's way just now."""
-        here = self._all[name].availability.here
+        fix = self._all[name].availability.fix
         for other in self._all.values():
-            there = other.availability.here
-            if other.gave_way_to != name or here is None or there is None:
+            there = other.availability.fix
+            if other.gave_way_to != name or fix is None or there is None:
                 continue
-            leaving = here.at_s - other.waits_since_s < LEAVES_WITHIN_S
-            if leaving and math.dist((here.x_m, here.y_m), (there.x_m, there.y_m)) < LEAVES_M:
+            leaving = fix.at_s - other.waits_since_s < LEAVES_WITHIN_S
+            if leaving and math.dist((fix.x_m, fix.y_m), (there.x_m, there.y_m)) < LEAVES_M:
                 return False
         return True
 
@@ -204,9 +204,9 @@ class TrafficManager:
         for other in self._all.values():
             if other is own:
                 continue
-            here = other.availability.here
-            if other.availability.airborne and here is not None and at_s - here.at_s < UNHEARD_S:
-                place = (here.x_m, here.y_m)
+            fix = other.availability.fix
+            if other.availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S:
+                place = (fix.x_m, fix.y_m)
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
                 place = other.home_m
             else:
@@ -217,7 +217,7 @@ class TrafficManager:
         return True
 
 
-def _is_told_of(availability: VehicleAvailability, at_s: float) -> bool:
+def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
     """Whether it is airborne by a recent position."""
-    here = availability.here
-    return availability.airborne and here is not None and at_s - here.at_s < UNHEARD_S
+    fix = availability.fix
+    return availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S

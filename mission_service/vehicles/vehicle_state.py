@@ -110,7 +110,7 @@ class Vehicle:
     mode: str = ""  # as reported last
     accepted: Pending | None = None  # the last mission that the autopilot accepted
     start_under_way: bool = False
-    start_told: bool = False  # that its mission was started, and nothing has ended that since
+    start_confirmed: bool = False  # that its mission was started, and nothing has ended that since
     unconfirmed: UnconfirmedState | None = (
         None  # since the service was down, until its mission was read back
     )
@@ -160,6 +160,6 @@ class Vehicle:
         self.holding = self.start_under_way = False
 
 
-def say(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
+def announce(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
     """A line for the operator."""
     return Announce(vehicle.name, text, "warning" if warning else "info")

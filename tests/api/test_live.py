@@ -141,7 +141,7 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
 def test_a_silent_stream_is_heard_and_ends_with_its_token(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 0.02)
+    monkeypatch.setattr(live_stream, "SENT_EVERY_S", 0.02)
 
     async def go() -> None:
         service = served(flying)
@@ -159,7 +159,7 @@ def test_a_silent_stream_is_heard_and_ends_with_its_token(
 def test_a_busy_stream_ends_with_its_token_too(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 0.05)
+    monkeypatch.setattr(live_stream, "SENT_EVERY_S", 0.05)
 
     async def go() -> None:
         service = served(flying)
@@ -237,7 +237,7 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
                 await asyncio.sleep(0.002)
             writer.close()
 
-    monkeypatch.setattr(live_stream, "TOLD_EVERY_S", 2 * PATIENCE_S)
+    monkeypatch.setattr(live_stream, "SENT_EVERY_S", 2 * PATIENCE_S)
     asyncio.run(go())
     assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
 

@@ -210,8 +210,8 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
             found["importance_back"]
         )
         # The first cell is where the vehicle is, or beside it.
-        here = world.context.state_view.telemetry["hawk"]
-        away = np.hypot(found["cells"][0][0] - here.lat_deg, found["cells"][0][1] - here.lon_deg)
+        fix = world.context.state_view.telemetry["hawk"]
+        away = np.hypot(found["cells"][0][0] - fix.lat_deg, found["cells"][0][1] - fix.lon_deg)
         assert away < 0.01
 
     asked(world, ask)
@@ -277,7 +277,7 @@ def test_what_people_say_becomes_events(tmp_path: Path) -> None:
         assert world.told[-1].vehicle == ""
         await told(http, "/wind", speed_m_s=3.0, from_deg=90.0)
         assert isinstance(world.told[-1], WindSet)
-        assert (await got(http, "/weather"))["wind_told"]["from_deg"] == 90.0
+        assert (await got(http, "/weather"))["wind_set"]["from_deg"] == 90.0
         corrected = await told(http, "/fire/corrections", **point)
         assert corrected["event"] == "Corrected"
         assert isinstance(world.told[-1], Corrected)
@@ -353,7 +353,7 @@ def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         answer = await http.post(f"{V1}/fire/perimeter", json=drawn)
         assert answer.status_code == 200, answer.text
-        assert len(answer.json()["told"]) == 1
+        assert len(answer.json()["accepted"]) == 1
         correction = world.told[-1]
         assert isinstance(correction, Corrected)
         assert (correction.state, correction.shape) == ("burning", "polygon")

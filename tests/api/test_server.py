@@ -16,7 +16,7 @@ from mission_service.config.service import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import server
 from mission_service.interfaces.api.access import client_connections, guard
-from mission_service.interfaces.api.listener import http_door
+from mission_service.interfaces.api.listener import http_interface
 from mission_service.interfaces.api.server import bound, tls_of, url_of
 from tests.api.worlds import ANY, World, listened_to, served, stream_of
 from tests.patience import PATIENCE_S, until
@@ -51,10 +51,10 @@ def test_a_port_in_use_is_told_in_one_line() -> None:
 
 def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
     async def go() -> None:
-        with http_door(ANY, standing.context.out) as door:
-            assert door.address.startswith("http://127.0.0.1:")
-            url, _, token = door.address.partition("#token=")
-            running = asyncio.create_task(door(standing.context))
+        with http_interface(ANY, standing.context.out) as run_interface:
+            assert run_interface.address.startswith("http://127.0.0.1:")
+            url, _, token = run_interface.address.partition("#token=")
+            running = asyncio.create_task(run_interface(standing.context))
             async with httpx.AsyncClient() as http:
                 headers = {"authorization": f"Bearer {token}"}
                 answer = await http.get(f"{url}api/v1/state", headers=headers)

@@ -172,11 +172,11 @@ def pieces_of_an_upload() -> list[Packet]:
     return [packet for packet in bench.sent if packet.opcode == ftp.WRITE]
 
 
-PIECES = pieces_of_an_upload()
+PARTS = pieces_of_an_upload()
 
 
 @settings(max_examples=60)
-@given(st.lists(st.sampled_from(PIECES), max_size=14))
+@given(st.lists(st.sampled_from(PARTS), max_size=14))
 def test_whichever_pieces_arrived_in_whatever_order_the_mission_is_old_or_new(
     arrived: list[Packet],
 ) -> None:
@@ -185,10 +185,10 @@ def test_whichever_pieces_arrived_in_whatever_order_the_mission_is_old_or_new(
     for packet in arrived:
         bench.ask(packet, station=STATION)
     bench.ask(Packet(9, 1, ftp.TERMINATE))
-    assert bench.held() == (NEW if len(set(arrived)) == len(PIECES) else OLD)
+    assert bench.held() == (NEW if len(set(arrived)) == len(PARTS) else OLD)
 
 
-@given(st.permutations(PIECES))
+@given(st.permutations(PARTS))
 @settings(max_examples=20)
 def test_pieces_may_arrive_in_any_order(arrived: list[Packet]) -> None:
     bench = holding()

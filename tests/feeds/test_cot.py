@@ -17,11 +17,11 @@ from pydantic import ValidationError
 from mission_service.config.service import CotSection, MqttSection
 from mission_service.interfaces.cot import cot_sender as cot_sender
 from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
-from mission_service.interfaces.cot.cot_sender import cot_door
+from mission_service.interfaces.cot.cot_sender import cot_interface
 from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.run_context import RunContext
 from tests.mqtt.certificates import make_certificates
-from tests.mqtt.stage import here, hub_of
+from tests.mqtt.stage import context_of, fix
 from tests.patience import PATIENCE_S, until
 
 UNIX_US = 1_795_304_000_250_000
@@ -81,9 +81,9 @@ def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_d
 
 @asynccontextmanager
 async def sending(url: str, **more: Any) -> AsyncIterator[RunContext]:
-    context = hub_of(MqttSection(), lambda request: {})
-    door = cot_door(CotSection(url=url, every_s=0.1, **more), "Fire & more")
-    task = asyncio.create_task(door(context))
+    context = context_of(MqttSection(), lambda request: {})
+    run_interface = cot_interface(CotSection(url=url, every_s=0.1, **more), "Fire & more")
+    task = asyncio.create_task(run_interface(context))
     try:
         yield context
         assert not task.done(), task
@@ -99,7 +99,7 @@ def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
             sock.bind(("127.0.0.1", 0))
             sock.setblocking(False)
             async with sending(f"udp://127.0.0.1:{sock.getsockname()[1]}") as context:
-                context.state_view.apply(here(1), [])
+                context.state_view.apply(fix(1), [])
                 async with asyncio.timeout(PATIENCE_S):
                     uids = []
                     while "Fire-more.hawk" not in uids or "Fire-more.fire.1" not in uids:
@@ -133,7 +133,7 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
             assert f"no CoT to tcp://127.0.0.1:{port}" in context.state_view.alarms["cot"].text
             async with await asyncio.start_server(take, "127.0.0.1", port):
                 for number in range(2):
-                    context.state_view.apply(here(number + 1), [])
+                    context.state_view.apply(fix(number + 1), [])
                     await until(lambda: bool(got))
                     assert ElementTree.fromstring(bytes(got)).tag == "event"
                     got.clear()

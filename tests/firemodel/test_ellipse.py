@@ -51,8 +51,8 @@ def by_directions(spreads: tuple[Spread, ...], way: Floats, at_s: float, count: 
         if end <= at_s or spread.head_m_s == 0.0:
             continue
         speed = support(spread, normals)
-        here = np.isinf(found) & (left <= speed * (end - begin))
-        found[here] = begin + left[here] / speed[here]
+        fix = np.isinf(found) & (left <= speed * (end - begin))
+        found[fix] = begin + left[fix] / speed[fix]
         left = left - speed * min(end - begin, 1e9)
     return float(found.max())
 

@@ -254,10 +254,10 @@ def test_noise_has_no_time_and_numbers_are_of_their_columns_kind() -> None:
 
 def test_places_of_items_are_only_those_in_degrees() -> None:
     jump = MissionItem(177, 2, 0, 0, 0.0, 1.0, 2.0)
-    here = MissionItem(22, 3, 0, 0, 50.0)
+    fix = MissionItem(22, 3, 0, 0, 50.0)
     local = MissionItem(16, 1, 100_000, 200_000, -5.0)
     roi = MissionItem(201, 0, 363000000, -842000000, 300.0)
-    items = (jump, here, local, roi, MissionItem(16, 3, 363100000, -842000000, 40.0))
+    items = (jump, fix, local, roi, MissionItem(16, 3, 363100000, -842000000, 40.0))
     rows = [row for _, row in Rows("a.tlog", 0).of(1, MissionLoaded(5, items))]
     own = [dict(zip(OWN["missions"], row[4:], strict=True)) for row in rows]
     places = [(each["lat_deg"], each["lon_deg"], each["altitude_m"]) for each in own]

@@ -23,7 +23,7 @@ from mission_service.events import (
     UploadFinished,
     WindMeasured,
 )
-from mission_service.replay.flights.batch import story_beside, story_of
+from mission_service.replay.flights.batch import story_of, story_with_fire
 from mission_service.replay.flights.flight_logs import Flight, flight_of, survey
 from mission_service.replay.flights.journal_log import JournalLog, open_flight
 from mission_service.replay.flights.run_analysis import RunAnalysis
@@ -82,7 +82,7 @@ def log(tmp_path: Path) -> Path:
 
 def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunAnalysis, JournalLog]:
     what = beside_level(flight_of([str(log)]), **changes)
-    return story_beside("round", what, out, "today"), JournalLog(out / "journal.jsonl")
+    return story_with_fire("round", what, out, "today"), JournalLog(out / "journal.jsonl")
 
 
 def beside_level(flight: Flight, **changes: Any) -> Replaying:
@@ -100,13 +100,13 @@ def telemetry(journal: JournalLog) -> list[Telemetry]:
 
 def same_track(flown: list[Position], told: list[Telemetry], first_us: int) -> None:
     """Each position at its very time; of those that come more than 20 times a second, some."""
-    at = {here.at_us - flown[0].at_us + first_us: here for here in flown}
+    at = {fix.at_us - flown[0].at_us + first_us: fix for fix in flown}
     assert told[0].at_us == first_us
     assert 0.99 * len(flown) <= len(told) <= len(flown)
     for there in told:
-        here = at[there.at_us]
-        assert (here.lat_deg, here.lon_deg) == (there.lat_deg, there.lon_deg)
-        assert here.altitude_amsl_m == there.altitude_amsl_m
+        fix = at[there.at_us]
+        assert (fix.lat_deg, fix.lon_deg) == (there.lat_deg, there.lon_deg)
+        assert fix.altitude_amsl_m == there.altitude_amsl_m
 
 
 def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
@@ -130,7 +130,7 @@ def test_what_else_a_log_tells_reaches_the_core(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
     path.write_bytes(bin_flight())
     what = beside_level(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
-    story_beside("hawk", what, tmp_path, "today")
+    story_with_fire("hawk", what, tmp_path, "today")
     things = list(JournalLog(tmp_path / "journal.jsonl").things())
     winds = [thing for thing in things if isinstance(thing, WindMeasured)]
     assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(5.0, 126.9)}
@@ -188,7 +188,7 @@ def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
 
 def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Path) -> None:
     flight = flight_of([str(log)])._replace(from_s=60.0, to_s=90.0)
-    story = story_beside("part", beside_level(flight), tmp_path, "today")
+    story = story_with_fire("part", beside_level(flight), tmp_path, "today")
     told = telemetry(JournalLog(tmp_path / "journal.jsonl"))
     assert len(told) == 4 * 30 + 1
     (hawk,) = story.vehicles.values()
@@ -258,7 +258,7 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     flight = flight_of([str(run)])
     own = flight.logs[0]
     assert isinstance(own, JournalLog)
-    story_beside("again", replaying(flight, survey(flight), own.scenario), out, "today")
+    story_with_fire("again", replaying(flight, survey(flight), own.scenario), out, "today")
     recorded, again = (decided(JournalLog(each / "journal.jsonl")) for each in (run, out))
     assert len(recorded) > 50
     assert again == recorded
@@ -355,7 +355,7 @@ def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None
     ground = {"source": "flat", "rows": 150, "cols": 150, "elevation_m": 300.0}
     place = {"lat_deg": 36.303, "lon_deg": -84.197}
     what = beside_level(flight_of([str(path)]), **place, landscape={**ground, **place})
-    story = story_beside(path.stem, what, tmp_path, "today")
+    story = story_with_fire(path.stem, what, tmp_path, "today")
     flown = positions(path)
     first_us = 3_600_000_000 + flown[0].at_us - story.zero_us
     same_track(flown, telemetry(JournalLog(tmp_path / "journal.jsonl")), first_us)

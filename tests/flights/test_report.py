@@ -11,7 +11,7 @@ import pytest
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import DirectionDecision
 from mission_service.events import Telemetry
-from mission_service.replay.flights.batch import story_beside, story_of
+from mission_service.replay.flights.batch import story_of, story_with_fire
 from mission_service.replay.flights.direction_of_travel import Span, differing, turns
 from mission_service.replay.flights.drop_comparison import Done, Planned, compared, planned_in
 from mission_service.replay.flights.fire_analysis import fire_analysis
@@ -70,7 +70,7 @@ def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None
 def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
-    flown = story_beside("round", beside_level(flight_of([str(log)])), None, "today")
+    flown = story_with_fire("round", beside_level(flight_of([str(log)])), None, "today")
     files = write_report(tmp_path, [flown])
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)

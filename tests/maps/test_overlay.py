@@ -31,20 +31,20 @@ def test_cells_are_where_they_lie_on_the_map(size: tuple[int, int]) -> None:
     """To within a pixel, in the corners too; the second has fewer pixels than 2 a cell."""
     rows, cols = size
     codes = np.ones(size, dtype=np.int16)
-    here = Landscape(CRS, WEST_M + 150_000.0, NORTH_M, CELL_M, codes, codes.astype(np.float32))
+    fix = Landscape(CRS, WEST_M + 150_000.0, NORTH_M, CELL_M, codes, codes.astype(np.float32))
     for row, col in ((0, 0), (0, cols - 1), (rows - 1, 0), (rows - 1, cols - 1), (rows // 3, 7)):
         arrival_s = np.full(size, np.inf)
         arrival_s[row, col] = 0.0
-        drawn = np.argwhere(pixels_of(arrival_png(arrival_s, here, 0.0, 10.0))[..., 3])
+        drawn = np.argwhere(pixels_of(arrival_png(arrival_s, fix, 0.0, 10.0))[..., 3])
         assert 1 <= len(drawn) <= 9
-        assert drawn.mean(axis=0) == pytest.approx(pixel_of(here, row, col), abs=1.0)
-    everything = pixels_of(arrival_png(np.zeros(size), here, 0.0, 10.0))[..., 3]
-    frame = overlay_frame(here)
+        assert drawn.mean(axis=0) == pytest.approx(pixel_of(fix, row, col), abs=1.0)
+    everything = pixels_of(arrival_png(np.zeros(size), fix, 0.0, 10.0))[..., 3]
+    frame = overlay_frame(fix)
     assert everything.shape == (frame["height_px"], frame["width_px"])
     assert max(everything.shape) <= 2048
     west, south, east, north = frame["bounds"]
     assert frame["corners"] == [[west, north], [east, north], [east, south], [west, south]]
-    edges = [pixel_of(here, *place) for place in ((-0.5, -0.5), (rows - 0.5, cols - 0.5))]
+    edges = [pixel_of(fix, *place) for place in ((-0.5, -0.5), (rows - 0.5, cols - 0.5))]
     assert np.array(edges).min() > -1.0
     assert np.array(edges).max() < max(everything.shape)
 

@@ -143,8 +143,8 @@ def test_a_plane_stays_where_it_is_at_every_zoom() -> None:
     """A mean of cells belongs between them, not in the middle of the first."""
     rows, cols = land().shape
     heights = np.add.outer(10.0 * np.arange(rows), 3.0 * np.arange(cols)).astype(np.float32)
-    here = land()
-    plane = Landscape(here.crs, here.west_m, here.north_m, 30.0, here.fuel_model, heights)
+    fix = land()
+    plane = Landscape(fix.crs, fix.west_m, fix.north_m, 30.0, fix.fuel_model, heights)
     tiles = TerrainTiles(plane)
     described = tiles.describe()
     for z in range(described["minzoom"], described["maxzoom"] + 1):

@@ -35,7 +35,9 @@ def scene() -> tuple[Scenario, Landscape]:
     return scenario, landscape_of(scenario)
 
 
-def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]) -> RunContext:
+def context_of(
+    settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]
+) -> RunContext:
     """A hub as the interfaces know it, with a round fire that burns at 1 m/s."""
     scenario, landscape = scene()
     state_view = StateView(scenario, landscape, 0)
@@ -63,7 +65,7 @@ def hub_of(settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]
     )
 
 
-def here(at_us: int, name: str = "hawk", lat_deg: float = 36.36) -> Telemetry:
+def fix(at_us: int, name: str = "hawk", lat_deg: float = 36.36) -> Telemetry:
     """A position within the landscape."""
     return Telemetry(at_us, name, lat_deg, -84.14, 900.0, 150.0, 18.0, 0.0, 45.0)
 
@@ -82,7 +84,7 @@ class Stage:
         return next(iter(self.context.state_view.vehicles))
 
     def moves(self, at_us: int, lat_deg: float = 36.36) -> None:
-        self.context.state_view.apply(here(at_us, self.name, lat_deg), [])
+        self.context.state_view.apply(fix(at_us, self.name, lat_deg), [])
         self.context.ring()
 
     def tells(self, text: str) -> None:
@@ -100,10 +102,10 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
         asked.append(request)
         if request.get("vehicle") == "nobody":
             return {"ok": False, "error": "no vehicle 'nobody'"}
-        return {"ok": True, "at_s": 300.0, "event": "OrderGiven", "said": ["done"]}
+        return {"ok": True, "at_s": 300.0, "event": "OrderGiven", "messages": ["done"]}
 
     section = MqttSection(broker=broker, prefix="test", **settings)
-    context = hub_of(section, ask)
+    context = context_of(section, ask)
     context.replay = None if replay is None else lambda: replay
     publisher = Publisher(context, section, site_in(section, context.scenario.name))
     stage = Stage(context, publisher, asyncio.create_task(publisher.run()), asked)

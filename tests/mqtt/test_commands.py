@@ -32,10 +32,10 @@ class Desk:
 
     def ask(self, request: dict[str, Any]) -> dict[str, Any]:
         self.asked.append(request)
-        return {"ok": True, "at_s": 1.0, "event": "Done", "said": [str(len(self.asked))]}
+        return {"ok": True, "at_s": 1.0, "event": "Done", "messages": [str(len(self.asked))]}
 
 
-class Door:
+class RunInterface:
     """A doorkeeper with a clock."""
 
     def __init__(self) -> None:
@@ -67,17 +67,17 @@ class Door:
 
 
 def test_a_command_comes_to_the_desk_and_its_answer_bears_its_id() -> None:
-    door = Door()
-    reply = door.takes("hold", vehicle="hawk", station="west", schema="command/1")
-    assert door.request_handler.asked == [
+    run_interface = RunInterface()
+    reply = run_interface.takes("hold", vehicle="hawk", station="west", schema="command/1")
+    assert run_interface.request_handler.asked == [
         {"do": "hold", "by": "mqtt:anna", "station": "mqtt:west", "vehicle": "hawk"}
     ]
-    assert reply == Reply("1", "hold", 7, True, event="Done", said=("1",))
+    assert reply == Reply("1", "hold", 7, True, event="Done", messages=("1",))
 
 
 @pytest.mark.parametrize("name", ["approve", "go", "present"])
 def test_fire_is_never_let_fall_over_mqtt(name: str) -> None:
-    reply = Door().refuses(name, "never accepted over MQTT", hash="0" * 64, item="x")
+    reply = RunInterface().refuses(name, "never accepted over MQTT", hash="0" * 64, item="x")
     assert reply.id == "1"
 
 
@@ -87,10 +87,10 @@ def test_all_requests_there_are_were_thought_of() -> None:
 
 def test_nobody_is_present_by_a_message() -> None:
     """An approval ends when nothing is heard of its station; a broker is nobody's station."""
-    door = Door()
+    run_interface = RunInterface()
     for station in ("firing-boss", ""):
-        door.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
-    for request in door.request_handler.asked:
+        run_interface.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
+    for request in run_interface.request_handler.asked:
         event = event_of(request, 0, RequestScope(["firing-boss"]))
         assert event.station in ("mqtt:firing-boss", "mqtt")
 
@@ -115,129 +115,138 @@ def test_nobody_is_present_by_a_message() -> None:
     ],
 )
 def test_what_cannot_be_read_is_answered_with_what_is_wrong(payload: bytes, words: str) -> None:
-    Door().refuses("hold", words, payload)
+    RunInterface().refuses("hold", words, payload)
 
 
 def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
-    reply = Door().refuses("hold", "sent_at_unix_us", sent_at_unix_us=...)
+    reply = RunInterface().refuses("hold", "sent_at_unix_us", sent_at_unix_us=...)
     assert reply.id == "1"
 
 
 def test_unknown_commands_are_told_which_there_are() -> None:
-    Door().refuses("fly", "there are abort, correct")
-    assert len(Door().refuses("f" * 60_000, "no such command").error) < 400
+    RunInterface().refuses("fly", "there are abort, correct")
+    assert len(RunInterface().refuses("f" * 60_000, "no such command").error) < 400
 
 
 def test_what_is_to_be_done_is_said_by_the_topic_alone() -> None:
-    Door().refuses("hold", "unknown key do", do="abort")
-    Door().refuses("hold", "unknown key do", do="approve")
-    door = Door()
-    reply = door.takes("abort", do="hold")
+    RunInterface().refuses("hold", "unknown key do", do="abort")
+    RunInterface().refuses("hold", "unknown key do", do="approve")
+    run_interface = RunInterface()
+    reply = run_interface.takes("abort", do="hold")
     assert reply is not None
     assert reply.ok
-    assert door.request_handler.asked[0]["do"] == "abort"
+    assert run_interface.request_handler.asked[0]["do"] == "abort"
 
 
 def test_what_the_broker_keeps_is_refused() -> None:
-    Door().refuses("hold", "retained", retained=True)
+    RunInterface().refuses("hold", "retained", retained=True)
 
 
 @pytest.mark.parametrize("age_us", [OLD_US + 1, -OLD_US - 1])
 def test_old_commands_and_those_of_the_future_are_refused(age_us: int) -> None:
-    door = Door()
-    door.refuses("hold", "is a clock wrong?", sent_at_unix_us=door.unix_us - age_us)
+    run_interface = RunInterface()
+    run_interface.refuses(
+        "hold", "is a clock wrong?", sent_at_unix_us=run_interface.unix_us - age_us
+    )
     at_edge = OLD_US if age_us > 0 else -OLD_US
-    reply = door.takes("hold", sent_at_unix_us=door.unix_us - at_edge)
+    reply = run_interface.takes("hold", sent_at_unix_us=run_interface.unix_us - at_edge)
     assert reply is not None
     assert reply.ok
 
 
 def test_nothing_is_done_twice() -> None:
-    door = Door()
-    first_us = door.unix_us
-    first = door.takes("hold")
-    door.now_s += 20.0
-    again = door.takes("hold", sent_at_unix_us=first_us)
-    assert len(door.request_handler.asked) == 1
+    run_interface = RunInterface()
+    first_us = run_interface.unix_us
+    first = run_interface.takes("hold")
+    run_interface.now_s += 20.0
+    again = run_interface.takes("hold", sent_at_unix_us=first_us)
+    assert len(run_interface.request_handler.asked) == 1
     assert first is not None
     assert again == msgspec.structs.replace(first, again=True)
-    other = door.takes("hold", sent_at_unix_us=first_us, vehicle="kite")
+    other = run_interface.takes("hold", sent_at_unix_us=first_us, vehicle="kite")
     assert other is not None
     assert "another command" in other.error
-    assert len(door.request_handler.asked) == 1
-    door.takes("hold", by="ben")  # whose ids are his own
-    door.takes("return")
-    assert len(door.request_handler.asked) == 3
+    assert len(run_interface.request_handler.asked) == 1
+    run_interface.takes("hold", by="ben")  # whose ids are his own
+    run_interface.takes("return")
+    assert len(run_interface.request_handler.asked) == 3
 
 
 def test_answers_are_kept_for_ten_minutes_and_no_longer() -> None:
-    door = Door()
-    door.takes("hold")
+    run_interface = RunInterface()
+    run_interface.takes("hold")
     for seconds, asked in ((REMEMBERED_S - 1.0, 1), (2.0, 2)):
-        door.now_s += seconds
-        door.keeper.accept(
-            "hold", _bytes(door, 1000.0), False, 7, door.now_s, NOW_US + 1_000_000_000
+        run_interface.now_s += seconds
+        run_interface.keeper.accept(
+            "hold",
+            _bytes(run_interface, 1000.0),
+            False,
+            7,
+            run_interface.now_s,
+            NOW_US + 1_000_000_000,
         )
-        assert len(door.request_handler.asked) == asked
+        assert len(run_interface.request_handler.asked) == asked
 
 
-def _bytes(door: Door, sent_s: float) -> bytes:
+def _bytes(run_interface: RunInterface, sent_s: float) -> bytes:
     sent_at_us = NOW_US + round(sent_s * 1e6)
     return json.dumps({"id": "1", "by": "anna", "sent_at_unix_us": sent_at_us}).encode()
 
 
 def test_too_many_commands_are_not_even_answered_and_memory_is_bounded() -> None:
-    door = Door()
+    run_interface = RunInterface()
     answered = 0
     for number in range(20_000):
-        door.now_s += 0.04  # 25 a second
-        answered += door.takes("hold", id=str(number)) is not None
+        run_interface.now_s += 0.04  # 25 a second
+        answered += run_interface.takes("hold", id=str(number)) is not None
     assert answered == pytest.approx(800 * A_SECOND + AT_ONCE, abs=2)
-    assert door.keeper.unanswered == 20_000 - answered
-    assert len(door.keeper._answered) <= MAX_REMEMBERED
-    assert len(door.request_handler.asked) == answered
+    assert run_interface.keeper.unanswered == 20_000 - answered
+    assert len(run_interface.keeper._answered) <= MAX_REMEMBERED
+    assert len(run_interface.request_handler.asked) == answered
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xff", b"{}", b"x" * (MAX_BYTES + 1), b'{"id": "7"}'])
 def test_an_abort_is_taken_whatever_it_says(payload: bytes) -> None:
-    door = Door()
+    run_interface = RunInterface()
     for _ in range(200):
-        door.takes("hold")  # and however much else came
-    door.request_handler.asked.clear()
-    reply = door.takes("abort", payload)
+        run_interface.takes("hold")  # and however much else came
+    run_interface.request_handler.asked.clear()
+    reply = run_interface.takes("abort", payload)
     assert reply is not None
     assert reply.ok
     assert reply.id == ("7" if b"7" in payload else None)
-    assert door.request_handler.asked == [{"do": "abort", "by": "mqtt:unknown", "station": "mqtt"}]
+    assert run_interface.request_handler.asked == [
+        {"do": "abort", "by": "mqtt:unknown", "station": "mqtt"}
+    ]
 
 
 def test_an_abort_is_taken_again_and_however_old() -> None:
-    door = Door()
+    run_interface = RunInterface()
     for asked in (1, 2):
-        door.takes("abort", sent_at_unix_us=5)
-        assert len(door.request_handler.asked) == asked
-        door.now_s += 0.5
-    assert door.request_handler.asked[0]["by"] == "mqtt:anna"
+        run_interface.takes("abort", sent_at_unix_us=5)
+        assert len(run_interface.request_handler.asked) == asked
+        run_interface.now_s += 0.5
+    assert run_interface.request_handler.asked[0]["by"] == "mqtt:anna"
     for _ in range(100):  # a flood is one
-        reply = door.takes("abort")
+        reply = run_interface.takes("abort")
         assert reply is not None
         assert reply.ok
-    assert len(door.request_handler.asked) == 3
+    assert len(run_interface.request_handler.asked) == 3
 
 
 def test_an_abort_that_the_broker_keeps_does_not_stop_every_start() -> None:
-    Door().refuses("abort", "retained", b"", retained=True)
-    Door().refuses("abort", "retained", retained=True, sent_at_unix_us=5)
-    door = Door()
-    door.takes("abort", retained=True)
-    assert len(door.request_handler.asked) == 1
+    RunInterface().refuses("abort", "retained", b"", retained=True)
+    RunInterface().refuses("abort", "retained", retained=True, sent_at_unix_us=5)
+    run_interface = RunInterface()
+    run_interface.takes("abort", retained=True)
+    assert len(run_interface.request_handler.asked) == 1
 
 
 def test_a_defect_of_a_client_does_not_reach_the_desk_as_another_person() -> None:
-    door = Door()
-    door.takes("hold", by="x" * 70)
-    assert door.request_handler.asked[0]["by"].startswith("mqtt:")
-    event_of(door.request_handler.asked[0], 0, RequestScope(["firing-boss"]))
+    run_interface = RunInterface()
+    run_interface.takes("hold", by="x" * 70)
+    assert run_interface.request_handler.asked[0]["by"].startswith("mqtt:")
+    event_of(run_interface.request_handler.asked[0], 0, RequestScope(["firing-boss"]))
 
 
 JSON = st.recursive(
@@ -254,10 +263,10 @@ JSON = st.recursive(
     st.booleans(),
 )
 def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None:
-    door = Door()
-    reply = door.takes(name, payload, retained)
+    run_interface = RunInterface()
+    reply = run_interface.takes(name, payload, retained)
     msgspec.json.encode(reply)
-    assert name == "abort" or not door.request_handler.asked
+    assert name == "abort" or not run_interface.request_handler.asked
 
 
 @settings(max_examples=100)
@@ -269,10 +278,10 @@ def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -
     """Never more than an error of its own kind comes of it."""
     from mission_service.errors import RequestError
 
-    door = Door()
-    reply = door.takes(name, **more)
+    run_interface = RunInterface()
+    reply = run_interface.takes(name, **more)
     msgspec.json.encode(reply)
-    for request in door.request_handler.asked:
+    for request in run_interface.request_handler.asked:
         try:
             event = event_of(request, 0, RequestScope(["firing-boss"], vehicles=["hawk"]))
         except RequestError as error:

@@ -322,7 +322,7 @@ def test_commands_are_done_once_and_answered_with_their_id(broker: Mosquitto) ->
                 hold = command(id="h1", vehicle="hawk")
                 reply = await ask(ear, "hold", hold)
                 assert (reply["schema"], reply["id"], reply["ok"]) == ("reply/1", "h1", True)
-                assert reply["said"] == ["done"]
+                assert reply["messages"] == ["done"]
                 assert (await ask(ear, "hold", hold))["again"] is True
                 assert [each["do"] for each in stage.asked] == ["hold"]
                 reply = await ask(ear, "start", command(id="s1", vehicle="nobody"))

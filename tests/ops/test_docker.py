@@ -45,9 +45,11 @@ def test_ports_are_published_on_loopback(name: str) -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_a_door_leads_to_each_service_and_prometheus_knows_it(name: str) -> None:
     service = SERVICES[name]
-    door = next(each for each in SERVICES.values() if each.get("network_mode") == f"service:{name}")
-    assert door["entrypoint"][0] == "socat"
-    assert door["profiles"] == service["profiles"]
+    run_interface = next(
+        each for each in SERVICES.values() if each.get("network_mode") == f"service:{name}"
+    )
+    assert run_interface["entrypoint"][0] == "socat"
+    assert run_interface["profiles"] == service["profiles"]
     assert f'--set=service.http.hosts=["{name}"]' in service["command"]
     out = next(word for word in service["command"] if word.startswith("--out="))[6:]
     jobs = yaml.safe_load((DOCKER / "prometheus" / "prometheus.yml").read_text("utf-8"))

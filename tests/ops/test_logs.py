@@ -13,7 +13,7 @@ import pytest
 from mission_service.runtime import redaction as hidden
 from mission_service.runtime import service_log
 from mission_service.runtime.run_context import RunContext
-from tests.ops.hubs import hub_after_a_flight
+from tests.ops.contexts import context_after_a_flight
 from tests.patience import until
 
 KEY = bytes(range(32))
@@ -94,7 +94,7 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     stream = set_up("json")
 
     async def follow(context: RunContext) -> None:
-        task = asyncio.create_task(service_log.news_to_log(context))
+        task = asyncio.create_task(service_log.log_announcements(context))
         await asyncio.sleep(0)
         context.state_view.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
         context.ring()
@@ -105,7 +105,7 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    with hub_after_a_flight(tmp_path) as context:
+    with context_after_a_flight(tmp_path) as context:
         asyncio.run(follow(context))
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     texts = [line["message"] for line in lines]
@@ -117,8 +117,8 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
 
 def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
     stream = set_up("json")
-    with hub_after_a_flight(tmp_path) as context:
-        context.state_view.told_before = context.state_view.announcement_id
+    with context_after_a_flight(tmp_path) as context:
+        context.state_view.last_id_before_restart = context.state_view.announcement_id
         context.state_view.announce("hawk", "read back")
         service_log.LogFollower().catch_up(context)
     lines = [json.loads(line)["message"] for line in stream.getvalue().splitlines()]

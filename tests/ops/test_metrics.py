@@ -14,7 +14,7 @@ from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
 from mission_service.runtime.journal_retention import Keeping
 from mission_service.runtime.run_context import RunContext
-from tests.ops.hubs import hub_after_a_flight, upload_failed
+from tests.ops.contexts import context_after_a_flight, upload_failed
 
 ROOT = Path(__file__).parents[2]
 DASHBOARD = ROOT / "docker" / "grafana" / "dashboard.json"
@@ -24,7 +24,7 @@ OPERATIONS = ROOT / "docs" / "operations.md"
 
 @pytest.fixture(scope="module")
 def context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunContext]:
-    with hub_after_a_flight(tmp_path_factory.mktemp("run")) as flown:
+    with context_after_a_flight(tmp_path_factory.mktemp("run")) as flown:
         yield flown
 
 

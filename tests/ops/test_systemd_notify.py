@@ -12,8 +12,8 @@ import pytest
 
 from mission_service.runtime import systemd_notify
 from mission_service.runtime.run_context import RunContext
-from mission_service.runtime.systemd_notify import pulse, tell_systemd, watchdog_s
-from tests.ops.hubs import hub_after_a_flight
+from mission_service.runtime.systemd_notify import notify_systemd, pulse, watchdog_s
+from tests.ops.contexts import context_after_a_flight
 from tests.patience import PATIENCE_S, until
 
 
@@ -57,7 +57,7 @@ def test_systemd_hears_ready_the_watchdog_and_the_end(
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    with hub_after_a_flight(tmp_path) as context:
+    with context_after_a_flight(tmp_path) as context:
         asyncio.run(run(context))
     said += heard(systemd)
     assert said[0] == "READY=1"
@@ -71,7 +71,7 @@ def test_an_abstract_socket_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
         sock.bind(f"\0{name}")
         monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
-        assert tell_systemd("READY=1")
+        assert notify_systemd("READY=1")
         assert sock.recv(100) == b"READY=1"
 
 
@@ -79,9 +79,9 @@ def test_without_systemd_nothing_is_said_and_nothing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-    assert not tell_systemd("READY=1")
+    assert not notify_systemd("READY=1")
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
-    assert not tell_systemd("READY=1")
+    assert not notify_systemd("READY=1")
 
 
 def test_the_watchdog_is_for_the_process_it_names(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -77,7 +77,7 @@ def drop(number: int, vehicle: str = NAME, plan_hash: str = HASH, off_m: float =
 DROP = drop(0)
 
 
-def here(at_us: int, east_m: float = -5.0, height_m: float = HEIGHT_M) -> Telemetry:
+def fix(at_us: int, east_m: float = -5.0, height_m: float = HEIGHT_M) -> Telemetry:
     """The vehicle over the line."""
     lon_deg = LON + east_m * DEG_PER_M
     return Telemetry(at_us, NAME, LAT, lon_deg, GROUND_M + height_m, height_m, 0.0, 5.0, 90.0)
@@ -102,5 +102,5 @@ GOOD: tuple[Happening, ...] = (
     Sent((ProposePlan(NAME, PLAN, HASH),)),
     Approved(90_000_000, "ann", "alpha", HASH),
     ModeChanged(91_000_000, NAME, 3, True, "mission"),
-    here(99_900_000),
+    fix(99_900_000),
 )

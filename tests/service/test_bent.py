@@ -44,10 +44,10 @@ def ring_of(rate: list[float], age_s: list[float]) -> FrontRing:
 
 
 def region_of(
-    rate: list[float], age_s: list[float], here: int, begin: int = 0, end: int | None = None
+    rate: list[float], age_s: list[float], fix: int, begin: int = 0, end: int | None = None
 ) -> Region:
     stop = begin + len(rate) if end is None else end
-    return Region(ring_of(rate, age_s), begin, stop, here, NOW_S, SPEED_M_S, False)
+    return Region(ring_of(rate, age_s), begin, stop, fix, NOW_S, SPEED_M_S, False)
 
 
 def random_ring(seed: int, cells: int = 40) -> FrontRing:
@@ -63,8 +63,8 @@ def importance(ring: FrontRing, place: int, at_s: float, exponential: bool) -> f
 
 def test_back_and_forth_turns_at_the_ends() -> None:
     flown = [
-        back_and_forth(region_of([1.0] * 6, [0.0] * 6, here, 2, 5), Course(clockwise)).clockwise
-        for here, clockwise in ((2, False), (3, True), (3, False), (4, True))
+        back_and_forth(region_of([1.0] * 6, [0.0] * 6, fix, 2, 5), Course(clockwise)).clockwise
+        for fix, clockwise in ((2, False), (3, True), (3, False), (4, True))
     ]
     assert flown == [True, True, False, False]
 

@@ -95,6 +95,6 @@ def test_processes_fly_what_this_one_flies() -> None:
     cases = [Case("predictive", "centre", "linear", 3), Case("bumper", None, "linear", 2)]
     history = still(80, 20, rate=0.1)
     apart = bent.fly_cases(cases, history, 10.0)
-    here = [bent.fly_case(case, history, 10.0) for case in cases]
+    fix = [bent.fly_case(case, history, 10.0) for case in cases]
     assert [run.case for run in apart] == cases
-    assert [run.cost.tolist() for run in apart] == [run.cost.tolist() for run in here]
+    assert [run.cost.tolist() for run in apart] == [run.cost.tolist() for run in fix]

@@ -39,7 +39,7 @@ from tests.service.burn_history import GOOD, HASH, Sent, burn
 AT_US = 100_000_000
 SECTION = burn()
 STATIONS = ("alpha", "bravo")
-WHO = ("--by", "ann", "--station", "alpha")
+OPERATOR_FIELDS = ("--by", "ann", "--station", "alpha")
 EVENT = (AT_US, "ann", "alpha")
 
 
@@ -136,25 +136,25 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
 def test_a_command_becomes_an_event(
     run: Run, arguments: tuple[str, ...], event: AnyOperatorEvent
 ) -> None:
-    result = run.call(*arguments, *WHO)
+    result = run.call(*arguments, *OPERATOR_FIELDS)
     assert result.exit_code == 0, result.output
     name = {"light": "lit"}.get(arguments[0], arguments[0])
     may_approve = REQUESTS[name].role == "approve"  # the socket checks no names
     assert run.told == [msgspec.structs.replace(event, may_approve=may_approve)]
     assert f"{type(event).__name__} heard" in result.output
-    as_json = run.call(*arguments, *WHO, "--json")
+    as_json = run.call(*arguments, *OPERATOR_FIELDS, "--json")
     assert json.loads(as_json.stdout)["event"] == type(event).__name__
 
 
 def test_go_all_answers_item_by_item(run: Run) -> None:
-    assert run.call("go", "all", *WHO).exit_code == 0
+    assert run.call("go", "all", *OPERATOR_FIELDS).exit_code == 0
     assert run.told == [
         ChecklistAnswered(*EVENT, item, True, may_approve=True) for item in SECTION.go_items
     ]
 
 
 def test_approving_shows_the_plan_and_asks(run: Run) -> None:
-    no = run.call("approve", HASH[:8], *WHO, text="n\n")
+    no = run.call("approve", HASH[:8], *OPERATOR_FIELDS, text="n\n")
     assert (no.exit_code, run.told) == (1, [])
     for words in (
         f"plan      {HASH}",
@@ -167,13 +167,13 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
         "Approve it as ann at alpha?",
     ):
         assert words in no.output
-    yes = run.call("approve", HASH[:8], *WHO, text="y\n")
+    yes = run.call("approve", HASH[:8], *OPERATOR_FIELDS, text="y\n")
     assert (yes.exit_code, run.told) == (0, [Approved(*EVENT, HASH, may_approve=True)])
 
 
 def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
-    result = run.call("approve", HASH[:8], *WHO, "--yes")
+    result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
     assert (result.exit_code, run.told) == (1, [])
     assert "the GO list must be complete first; open: weather" in result.stderr
 
@@ -192,7 +192,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
 def test_what_is_wrong_gets_one_line_and_exit_code_1(
     run: Run, arguments: tuple[str, ...], words: str
 ) -> None:
-    result = run.call(*arguments, *WHO)
+    result = run.call(*arguments, *OPERATOR_FIELDS)
     assert result.exit_code == 1
     assert words in result.stderr
     assert result.stderr.count("\n") == 1
@@ -203,7 +203,7 @@ def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch
     honest = run.status()
     honest["plans"][0]["plan"]["valid_until_us"] += 1
     monkeypatch.setattr(run, "status", lambda: honest)
-    result = run.call("approve", HASH[:8], *WHO, "--yes")
+    result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
     assert (result.exit_code, run.told) == (1, [])
     assert "is not the one of this hash" in result.stderr
 
@@ -244,7 +244,7 @@ def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.Monk
             raise KeyboardInterrupt
 
     monkeypatch.setattr("mission_service.cli.burn_commands.time.sleep", soon)
-    result = run.call("watch", *WHO)
+    result = run.call("watch", *OPERATOR_FIELDS)
     assert result.exit_code == 0
     assert run.told == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3
     assert "ann at alpha is present" in result.output

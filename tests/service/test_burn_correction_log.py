@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mission_service.events import Corrected, Erased, OperatorHeartbeat, Redone, Undone
 from mission_service.fire.correction_log import CorrectionLog, Held
 
-WHO = (1, "ann", "alpha")
+OPERATOR_FIELDS = (1, "ann", "alpha")
 DEG_PER_M = 1.0 / 111_195.0
 
 
@@ -34,7 +34,7 @@ def log_of(*events: Corrected | Erased | Undone | Redone | OperatorHeartbeat) ->
 def test_drawing_erasing_undo_and_redo() -> None:
     drawn = (point(0), point(10), point(20))
     wiped = erased(10, 9.9)
-    undone, redone = Undone(*WHO), Redone(*WHO)
+    undone, redone = Undone(*OPERATOR_FIELDS), Redone(*OPERATOR_FIELDS)
     assert places(log_of(*drawn, wiped)) == [0, 20]
     assert places(log_of(*drawn, wiped, undone)) == [0, 10, 20]
     assert places(log_of(*drawn, wiped, undone, undone)) == [0, 10]
@@ -56,12 +56,12 @@ def test_a_line_that_is_erased_in_part_says_by_what() -> None:
 
 def test_it_says_what_changed() -> None:
     log = CorrectionLog()
-    assert not log.apply(Undone(*WHO))
-    assert not log.apply(Redone(*WHO))
-    assert not log.apply(OperatorHeartbeat(*WHO))
+    assert not log.apply(Undone(*OPERATOR_FIELDS))
+    assert not log.apply(Redone(*OPERATOR_FIELDS))
+    assert not log.apply(OperatorHeartbeat(*OPERATOR_FIELDS))
     assert log.apply(point(0))
-    assert log.apply(Undone(*WHO))
-    assert log.apply(Redone(*WHO))
+    assert log.apply(Undone(*OPERATOR_FIELDS))
+    assert log.apply(Redone(*OPERATOR_FIELDS))
 
 
 def model(events: list[Corrected | Erased | Undone | Redone]) -> list[tuple[Corrected, ...]]:
@@ -102,7 +102,7 @@ def test_any_order_of_them_is_as_a_naive_model_has_it(seed: int) -> None:
         elif kind == 3:
             events.append(erased(east_m, chance.choice([5.0, 15.0, 100.0])))
         else:
-            events.append(Undone(*WHO) if kind < 7 else Redone(*WHO))
+            events.append(Undone(*OPERATOR_FIELDS) if kind < 7 else Redone(*OPERATOR_FIELDS))
     log = CorrectionLog()
     for event, held in zip(events, model(events)[1:], strict=True):
         log.apply(event)

@@ -21,7 +21,7 @@ from mission_service.runtime.run_statistics import RunStatistics
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port
 
-WHO = {"by": "ann", "station": "firing-boss"}
+OPERATOR_FIELDS = {"by": "ann", "station": "firing-boss"}
 Talk = Callable[[ControlClient], None]
 
 
@@ -100,14 +100,14 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
 
     def first(there: ControlClient) -> None:
         item = there.ask(do="status")["status"]["items"][0]
-        assert there.ask(do="go", item=item, **WHO)["said"] == [
+        assert there.ask(do="go", item=item, **OPERATOR_FIELDS)["messages"] == [
             'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
             "7 of 8 open"
         ]
         with pytest.raises(RequestError, match="unknown station"):
             there.ask(do="present", by="ann", station="moon")
         with pytest.raises(RequestError, match="0, 0 is outside the landscape"):
-            there.ask(do="lit", points=[[0, 0]], **WHO)
+            there.ask(do="lit", points=[[0, 0]], **OPERATOR_FIELDS)
         status = there.ask(do="status")["status"]
         assert len(status["open_items"]) == 7
         assert status["stations"] == ["firing-boss"]
@@ -123,7 +123,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
         status = there.ask(do="status")["status"]
         assert 100.0 < status["at_s"] < 100.0 + PATIENCE_S
         assert len(status["open_items"]) == 8
-        there.ask(do="present", **WHO)
+        there.ask(do="present", **OPERATOR_FIELDS)
         there.ask(do="abort")
 
     announcements = run(burned, tmp_path, second, killed=True)
@@ -164,7 +164,7 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
 
     def first(there: ControlClient) -> None:
-        there.ask(do="present", **WHO)
+        there.ask(do="present", **OPERATOR_FIELDS)
         with pytest.raises(ControlError, match="another run answers there"):
             run(scenario(3600.0), tmp_path, None, killed=False)
 

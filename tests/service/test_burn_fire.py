@@ -9,7 +9,7 @@ from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.setup import weather_of
 from tests.service.test_burn_flight import scenario
 
-WHO = ("ada", "boss")
+OPERATOR_FIELDS = ("ada", "boss")
 
 
 def believed() -> EstimatedFire:
@@ -26,26 +26,26 @@ def times_s(fire: EstimatedFire, *places: Place) -> list[float]:
 
 def burning(x_m: float, y_m: float, at_s: float) -> Corrected:
     at_us = round(at_s * 1e6)
-    return Corrected(at_us, *WHO, "burning", "point", (place(x_m, y_m),), at_us)
+    return Corrected(at_us, *OPERATOR_FIELDS, "burning", "point", (place(x_m, y_m),), at_us)
 
 
 def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
-    fire, here = believed(), place(60.0, 30.0)
-    (before_s,) = times_s(fire, here)
+    fire, fix = believed(), place(60.0, 30.0)
+    (before_s,) = times_s(fire, fix)
     assert fire.apply(burning(60.0, 30.0, 300.0))
-    (after_s,) = times_s(fire, here)
+    (after_s,) = times_s(fire, fix)
     assert before_s > 900.0
     assert abs(after_s - 300.0) < 0.2 * (before_s - 300.0)
-    assert fire.apply(Undone(400_000_000, *WHO))
-    assert times_s(fire, here) == [before_s]
+    assert fire.apply(Undone(400_000_000, *OPERATOR_FIELDS))
+    assert times_s(fire, fix) == [before_s]
 
 
 def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
     fire = believed()
     line = (place(10.0, 30.0), place(110.0, 30.0))
-    fire.apply(Corrected(300_000_000, *WHO, "burning", "line", line, 300_000_000))
+    fire.apply(Corrected(300_000_000, *OPERATOR_FIELDS, "burning", "line", line, 300_000_000))
     observations = len(fire._observations)
-    fire.apply(Erased(310_000_000, *WHO, *place(20.0, 30.0), 25.0))
+    fire.apply(Erased(310_000_000, *OPERATOR_FIELDS, *place(20.0, 30.0), 25.0))
     assert 0 < len(fire._observations) < observations
 
 
@@ -57,8 +57,8 @@ def test_it_does_not_depend_on_who_asks_in_between() -> None:
         for number, x in enumerate(rng.uniform(0.0, SIDE_M, 12))
     ]
     lit = ((place(10.0, 90.0), place(30.0, 90.0)), 206_000_000)
-    events[6:6] = [IgnitionReported(206_000_000, *WHO, *lit)]  # type: ignore[list-item]
-    for event in [*events, WindSet(300_000_000, *WHO, 3.0, 20.0), *events[:3]]:
+    events[6:6] = [IgnitionReported(206_000_000, *OPERATOR_FIELDS, *lit)]  # type: ignore[list-item]
+    for event in [*events, WindSet(300_000_000, *OPERATOR_FIELDS, 3.0, 20.0), *events[:3]]:
         asked.apply(event)
         quiet.apply(event)
         times_s(asked, place(40.0, 40.0))

@@ -69,9 +69,9 @@ class Burn:
 
     @property
     def height_m(self) -> float:
-        here = self.simulation.core.vehicles["kestrel"].availability.here
-        assert here is not None
-        return self.guidance.state.height_m(here)
+        fix = self.simulation.core.vehicles["kestrel"].availability.fix
+        assert fix is not None
+        return self.guidance.state.height_m(fix)
 
     def run(self, for_s: float) -> None:
         self.simulation.run(self.at_s + for_s)

@@ -46,8 +46,8 @@ def brute(fire: Formula | EllipseFire, margins: Margins, x: float, y: float, at_
 
 def in_danger(hazard: Hazard, x_m: float, y_m: float, at_s: float) -> bool:
     """Whether a vehicle that stands there then is in danger."""
-    here = (x_m, y_m, at_s)
-    return hazard.leg_margin_s(*here, *here) < hazard.margins.time_s
+    fix = (x_m, y_m, at_s)
+    return hazard.leg_margin_s(*fix, *fix) < hazard.margins.time_s
 
 
 @pytest.mark.parametrize("speed_m_s", [0.01, 0.5])

@@ -48,7 +48,7 @@ from tests.service.burn_history import (
     Happening,
     Sent,
     burn,
-    here,
+    fix,
     plan,
 )
 from tests.service.burn_history import drop as drop_of
@@ -127,10 +127,10 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % wanted"),
         ((BatteryUpdated(AT_US, NAME, float("nan")),), "battery nan %"),
         ((ModeChanged(AT_US, NAME, 4, True, "guided"),), "in mode guided"),
-        ((here(AT_US, east_m=-40.0),), "off drop 0"),
-        ((here(AT_US, height_m=24.0),), "24 m over the drop's place, not 15 ± 8 m"),
-        ((here(AT_US, height_m=6.0),), "6 m over the drop's place"),
-        ((here(AT_US, height_m=float("nan")),), "nan m over"),
+        ((fix(AT_US, east_m=-40.0),), "off drop 0"),
+        ((fix(AT_US, height_m=24.0),), "24 m over the drop's place, not 15 ± 8 m"),
+        ((fix(AT_US, height_m=6.0),), "6 m over the drop's place"),
+        ((fix(AT_US, height_m=float("nan")),), "nan m over"),
         ((BurnUnitSet(AT_US, "ann", "alpha", CORNERS),), "the burn unit was changed since"),
         (
             (
@@ -169,7 +169,7 @@ def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: st
 def test_an_approval_runs_out_while_the_crew_is_there() -> None:
     later = (
         OperatorHeartbeat(189 * S, "ann", "alpha"),
-        here(190 * S),
+        fix(190 * S),
     )
     long, short = burn(approval_s=100.0), burn(approval_s=99.9)
     assert after((*GOOD, *later), long).refuses(DROP, 190 * S) is None
@@ -177,7 +177,7 @@ def test_an_approval_runs_out_while_the_crew_is_there() -> None:
 
 
 def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
-    later = here(120 * S)
+    later = fix(120 * S)
     for event, is_there in (
         (OperatorHeartbeat(119 * S, "ann", "alpha"), True),
         (OperatorHeartbeat(119 * S, "ann", "bravo"), False),
@@ -249,7 +249,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         GpsFixChanged(AT_US, NAME, True, "3D"),
         BatteryUpdated(AT_US, NAME, 90.0),
         ModeChanged(AT_US, NAME, 3, True, "mission"),
-        here(AT_US),
+        fix(AT_US),
         Sent((ProposePlan(NAME, PLAN, HASH),)),
     )
     for stop in stops:
@@ -270,7 +270,7 @@ def test_spheres_and_their_rate() -> None:
     assert after((*GOOD, Sent((one,)), refused), few).refuses(two, AT_US) is None
     unknown = DropFinished(AT_US, NAME, HASH, 0, False, False, "no answer")
     assert after((*GOOD, Sent((one,)), unknown), few).refuses(two, AT_US) is not None
-    later = (Sent((one,)), here(159 * S + 950_000), OperatorHeartbeat(159 * S, "ann", "alpha"))
+    later = (Sent((one,)), fix(159 * S + 950_000), OperatorHeartbeat(159 * S, "ann", "alpha"))
     assert after((*GOOD, *later), slow).refuses(two, 159 * S + 800_000) is not None
     assert after((*GOOD, *later), slow).refuses(two, 159 * S + 900_000) is None
 
@@ -559,7 +559,7 @@ def any_thing(chance: random.Random) -> Happening:
         GpsFixChanged(0, NAME, yes, ""),
         BatteryUpdated(0, NAME, any_of([10.0, 80.0])),
         ModeChanged(0, NAME, 0, yes, mode),
-        here(0, any_of([-5.0, 5.0, -60.0, 60.0]), any_of([15.0, 15.0, 1.0, 60.0])),
+        fix(0, any_of([-5.0, 5.0, -60.0, 60.0]), any_of([15.0, 15.0, 1.0, 60.0])),
         DropFinished(0, NAME, HASH, chance.randrange(4), False, yes, ""),
     ]
     sent: list[Happening] = [

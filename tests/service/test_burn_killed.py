@@ -39,7 +39,7 @@ from mission_service.simulation import sim
 from mission_service.simulation.crew import SimulatedCrew
 
 NAME, STATION = "kestrel", "firing-boss"
-WHO = ("ann", STATION)
+OPERATOR_FIELDS = ("ann", STATION)
 PLACE = (36.3495, -84.16)
 
 
@@ -62,8 +62,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
     scenario = load_scenario("burn", changes)
     path = tmp_path_factory.mktemp("flown") / "journal.jsonl"
     script: list[AnyOperatorEvent] = [
-        Corrected(60_000_000, *WHO, "unburned", "point", (PLACE,), 60_000_000),
-        IgnitionReported(70_000_000, *WHO, ((36.3496, -84.1585),), 70_000_000),
+        Corrected(60_000_000, *OPERATOR_FIELDS, "unburned", "point", (PLACE,), 60_000_000),
+        IgnitionReported(70_000_000, *OPERATOR_FIELDS, ((36.3496, -84.1585),), 70_000_000),
     ]
     assert scenario.burn is not None
     crew = SimulatedCrew(scenario.burn, script=script)
@@ -219,12 +219,12 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     path.write_bytes(flown.journal[: cuts(flown.journal)["after an order to drop"]])
     again = gone_on(flown, path)
     service, guidance = again.service, again.guidance
-    here = service.record.vehicles[NAME].here
-    assert here is not None
-    at_us = here[0] + 5_000_000
+    fix = service.record.vehicles[NAME].fix
+    assert fix is not None
+    at_us = fix[0] + 5_000_000
     assert guidance.phase != "flying"
-    moved = partial(Telemetry, vehicle=NAME, lat_deg=here[1], lon_deg=here[2],
-                    altitude_amsl_m=here[3] + 60.0, altitude_relative_m=75.0,
+    moved = partial(Telemetry, vehicle=NAME, lat_deg=fix[1], lon_deg=fix[2],
+                    altitude_amsl_m=fix[3] + 60.0, altitude_relative_m=75.0,
                     velocity_north_m_s=0.0, velocity_east_m_s=0.0, heading_deg=0.0)  # fmt: skip
     service.handle_events([VehicleConnected(at_us, NAME, "ardupilot copter", False)], 0)
     service.handle_events([GpsFixChanged(at_us, NAME, True, "3d")], 0)
@@ -234,11 +234,11 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     assert proposed
     before = cuts_hash(flown.journal)
     assert proposed != before
-    service.submit(Approved(at_us + 6_000_000, *WHO, before), 0)
+    service.submit(Approved(at_us + 6_000_000, *OPERATOR_FIELDS, before), 0)
     assert guidance.approvals.approval is None
     assert flown.scenario.burn is not None
     for item in flown.scenario.burn.go_items:
-        service.submit(ChecklistAnswered(at_us + 6_000_000, *WHO, item, True), 0)
+        service.submit(ChecklistAnswered(at_us + 6_000_000, *OPERATOR_FIELDS, item, True), 0)
     for step in range(60, 70):
         service.handle_events([moved(at_us=at_us + step * 100_000)], 0)
     again.journal.close()

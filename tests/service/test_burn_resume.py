@@ -34,7 +34,7 @@ from tests.service.burn_history import (
     Sent,
     burn,
     drop,
-    here,
+    fix,
 )
 
 DIGEST = "0" * 64
@@ -96,10 +96,10 @@ def a_core() -> Handle:
 
 EVENTS: tuple[AnyEvent, ...] = (
     *(thing for thing in GOOD if not isinstance(thing, Sent)),
-    here(AT_US),
+    fix(AT_US),
     OperatorHeartbeat(AT_US, "ann", "alpha"),
-    here(AT_US + 500_000, 5.0),
-    here(AT_US + 600_000, 6.0),
+    fix(AT_US + 500_000, 5.0),
+    fix(AT_US + 600_000, 6.0),
 )
 
 

@@ -14,7 +14,7 @@ from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service import __version__
 from mission_service.cli.main import main
-from mission_service.cli.options import tell_address
+from mission_service.cli.options import report_address
 from mission_service.config.scenario import SHIPPED
 from tests.patience import PATIENCE_S
 from tests.service.test_live import CLI, free_port
@@ -190,6 +190,6 @@ def test_start_up_is_quick() -> None:
 def test_where_the_token_is_is_told_as_it_is(
     capsys: pytest.CaptureFixture[str], address: str, words: str
 ) -> None:
-    tell_address(Path("out"), address)
+    report_address(Path("out"), address)
     told = capsys.readouterr().err
     assert told == f"map: http://127.0.0.1:1/ {words}\n"

@@ -49,7 +49,7 @@ from tests.patience import PATIENCE_S, until
 
 STATIONS, ITEMS = ("alpha", "bravo"), ("weather", "payload")
 SCOPE = RequestScope(STATIONS, ITEMS)
-WHO = {"by": "ann", "station": "alpha"}
+OPERATOR_FIELDS = {"by": "ann", "station": "alpha"}
 AT_US = 100_000_000
 EVENT = (AT_US, "ann", "alpha")
 HASH = "0123456789abcdef" * 4
@@ -104,7 +104,7 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
 @pytest.mark.parametrize(("request_", "event"), GOOD)
 def test_a_request_becomes_its_event(request_: dict[str, Any], event: AnyOperatorEvent) -> None:
     for may_approve in (None, False, True):
-        made = event_of({**request_, **WHO}, AT_US, SCOPE, may_approve)
+        made = event_of({**request_, **OPERATOR_FIELDS}, AT_US, SCOPE, may_approve)
         needs_approver = REQUESTS[request_["do"]].role == "approve"
         approver = needs_approver if may_approve is None else may_approve
         if request_["do"] != "abort":  # which is taken from any user
@@ -183,7 +183,7 @@ NAN = float("nan")
 )
 def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], words: str) -> None:
     with pytest.raises(RequestError) as caught:
-        event_of({**WHO, **request_}, AT_US, SCOPE)
+        event_of({**OPERATOR_FIELDS, **request_}, AT_US, SCOPE)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -197,15 +197,15 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
         {"do": "correct", "state": "burned", "shape": "point", "points": [[60, -84]]},
     ):
         with pytest.raises(RequestError, match="60, -84 is outside the landscape"):
-            event_of({**request, **WHO}, AT_US, RequestScope(STATIONS, ITEMS, on_map))
-        event_of({**request, **WHO}, AT_US, SCOPE)
+            event_of({**request, **OPERATOR_FIELDS}, AT_US, RequestScope(STATIONS, ITEMS, on_map))
+        event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
     for request in (
         {"do": "lit", "points": far},
         {"do": "unit", "points": [*far, [60, -83]]},
         {"do": "correct", "state": "burned", "shape": "line", "points": far},
     ):
         with pytest.raises(RequestError, match="km are too long to be meant"):
-            event_of({**request, **WHO}, AT_US, SCOPE)
+            event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_an_abort_of_somebody_who_claims_to_be_the_service_is_of_an_unknown() ->
 
 def scrambled(chance: random.Random) -> Any:
     """A good request with something exchanged, added or taken away."""
-    request = {**chance.choice(GOOD)[0], **WHO}
+    request = {**chance.choice(GOOD)[0], **OPERATOR_FIELDS}
     odd: list[Any] = [
         None,
         True,
@@ -331,13 +331,13 @@ async def lines(out: Path, sent: bytes) -> list[dict[str, Any]]:
 
 def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
-        request = json.dumps({"do": "present", **WHO}).encode() + b"\n"
+        request = json.dumps({"do": "present", **OPERATOR_FIELDS}).encode() + b"\n"
         answers = await lines(tmp_path, request + b'{"do":"status"}\n' + request)
         assert answers[0] == {
             "ok": True,
             "at_s": 100.0,
             "event": "OperatorHeartbeat",
-            "said": ["OperatorHeartbeat by ann"],
+            "messages": ["OperatorHeartbeat by ann"],
         }
         assert answers[1] == {"ok": True, "status": {"phase": "planning"}}
         assert len(answers) == 3
@@ -346,7 +346,7 @@ def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
 
 
 def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
-    unit = json.dumps({"do": "unit", "points": CORNERS, **WHO}).encode()
+    unit = json.dumps({"do": "unit", "points": CORNERS, **OPERATOR_FIELDS}).encode()
     wrong = [
         (b"\n", "not a line of JSON"),
         (b"hello\n", "not a line of JSON"),
@@ -490,7 +490,7 @@ def test_who_says_nothing_is_sent_away(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
-        await lines(tmp_path, json.dumps({"do": "redo", **WHO}).encode())
+        await lines(tmp_path, json.dumps({"do": "redo", **OPERATOR_FIELDS}).encode())
         await asyncio.sleep(PATIENCE_S)
 
     with pytest.raises(AssertionError, match="a defect"):
@@ -501,7 +501,7 @@ def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
         def talk() -> None:
             with ControlClient(tmp_path) as there:
-                assert there.ask(do="undo", **WHO)["said"] == ["Undone by ann"]
+                assert there.ask(do="undo", **OPERATOR_FIELDS)["messages"] == ["Undone by ann"]
                 with pytest.raises(RequestError, match="unknown station"):
                     there.ask(do="undo", by="ann", station="x")
                 assert there.ask(do="status")["status"] == {"phase": "planning"}

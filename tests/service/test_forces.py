@@ -97,9 +97,9 @@ def test_out_of_a_local_minimum_it_goes_anticlockwise_around_the_fire() -> None:
 
 
 def test_two_at_one_place_and_one_at_the_centre_get_away() -> None:
-    here = (300.0, 300.0)
-    first = velocity(*here, [here], tie=tie_rad(0))
-    second = velocity(*here, [here], tie=tie_rad(1))
+    fix = (300.0, 300.0)
+    first = velocity(*fix, [fix], tie=tie_rad(0))
+    second = velocity(*fix, [fix], tie=tie_rad(1))
     assert np.isfinite([*first, *second]).all()
     assert math.dist(first, second) > 10.0
     out = velocity(0.0, 0.0, tie=math.pi / 2.0)

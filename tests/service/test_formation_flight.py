@@ -306,7 +306,7 @@ def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) ->
         flight.for_s(5.0)
         other = flight.core.guidance.formation.members["stork"]  # type: ignore[attr-defined]
         x_m, y_m = flight.home_m[0] - 800.0, flight.home_m[1] + away_m
-        other.here, other.flies = (
+        other.fix, other.flies = (
             PositionFix(flight.at_s, 0.0, 0.0, x_m, y_m, 700.0, 0.0, 15.0),
             True,
         )
@@ -427,8 +427,8 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     assert {(state.sender, state.agent_x_m, state.goal_x_m) for state in states} == {
         (flight.name, None, None)
     }
-    here = (states[-1].x_m, states[-1].y_m)
-    assert here == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
+    fix = (states[-1].x_m, states[-1].y_m)
+    assert fix == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
     heard.clear()
     flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert heard == [states[-1]]  # from here on they reckon

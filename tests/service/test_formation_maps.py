@@ -133,13 +133,13 @@ def test_efficiency_is_the_union_of_what_is_seen_over_the_sum() -> None:
     area = MonitoringArea(GRID, 50.0, 120.0)
     assert area.efficiency([]) == 1.0
     area.burn(growing(4), 40.0)
-    here = (*GRID.xy_of(12.0, 30.0), 0.3, 50.0, 80.0)
+    fix = (*GRID.xy_of(12.0, 30.0), 0.3, 50.0, 80.0)
     far = (*GRID.xy_of(-100.0, 30.0), 0.3, 50.0, 80.0)
     aside = (*GRID.xy_of(28.0, 30.0), 0.3, 50.0, 80.0)
     assert area.efficiency([far]) == 1.0
-    assert area.efficiency([here, far]) == 1.0
-    assert area.efficiency([here, here, here, here]) == pytest.approx(0.25)
-    assert area.efficiency([here, aside]) == 1.0
+    assert area.efficiency([fix, far]) == 1.0
+    assert area.efficiency([fix, fix, fix, fix]) == pytest.approx(0.25)
+    assert area.efficiency([fix, aside]) == 1.0
     one = (*GRID.xy_of(12.0, 26.0), 0.0, 50.0, 50.0)  # rows 7-17, columns 21-31
     other = (*GRID.xy_of(14.0, 30.0), 0.0, 50.0, 50.0)  # rows 9-19, columns 25-35
     total = area.priority[7:18, 21:32].sum() + area.priority[9:20, 25:36].sum()

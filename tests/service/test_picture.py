@@ -36,8 +36,8 @@ def state_view() -> StateView:
 
 def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView) -> None:
     before, then = state_view.version, dict(state_view.changed)
-    here = Telemetry(1, "hawk", 36.3708, -84.1323, 500.0, 150.0, 3.0, 4.0, 10.0)
-    state_view.apply(here, [])
+    fix = Telemetry(1, "hawk", 36.3708, -84.1323, 500.0, 150.0, 3.0, 4.0, 10.0)
+    state_view.apply(fix, [])
     changed = {key for key, version in state_view.changed.items() if version > before}
     assert changed == {"telemetry/hawk"}
     assert then.keys() <= state_view.changed.keys()

@@ -63,7 +63,7 @@ def folds(service: Engine) -> dict[str, Any]:
     return copied(service.snapshot_fields(), service.shared_references)
 
 
-def here(simulation: Simulation, **changes: Any) -> Telemetry:
+def fix(simulation: Simulation, **changes: Any) -> Telemetry:
     """The next position of the vehicle, changed."""
     last = simulation.service.state_view.telemetry["hawk"]  # type: ignore[union-attr]
     told = Telemetry(
@@ -124,7 +124,7 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     before, written = folds(service), path.read_bytes()
     state_view = service.state_view
     assert state_view is not None
-    absurd = here(simulation, **changes)
+    absurd = fix(simulation, **changes)
     service.state_view = None  # its alarm is all that may change
     service.handle_events([absurd], simulation.link_us)
     assert len(service.record.announcements) == 1
@@ -220,7 +220,7 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
         assert path.read_bytes() == written
         # Nothing else is folded into a state that is not the journal's.
         with pytest.raises(RefusedEventError, match="this is a defect"):
-            service.handle_events([here(simulation)], simulation.link_us)
+            service.handle_events([fix(simulation)], simulation.link_us)
         assert path.read_bytes() == written
     service.recording.journal.close()
     assert len(gone_on(path)[0]) == 0

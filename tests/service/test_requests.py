@@ -21,7 +21,7 @@ from mission_service.interfaces.mqtt.command_gate import CommandGate
 from tests.api.worlds import World, scenario_of, served, world_in
 
 API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
-WHO = {"by": "anna", "station": "desk"}
+OPERATOR_FIELDS = {"by": "anna", "station": "desk"}
 SENT = {"id": "1", "by": "anna", "sent_at_unix_us": 0}
 
 
@@ -38,7 +38,7 @@ def described(flight: World) -> Iterator[dict[str, Any]]:
 
 
 def own_keys(name: str) -> set[str]:
-    return set(ALL_REQUESTS[name].__struct_fields__) - set(WHO)
+    return set(ALL_REQUESTS[name].__struct_fields__) - set(OPERATOR_FIELDS)
 
 
 @pytest.mark.parametrize("name", ALL_REQUESTS)
@@ -47,7 +47,7 @@ def test_each_is_complete(name: str) -> None:
     assert kind.role in ROLES
     assert kind.__doc__
     assert "\n" not in kind.__doc__.strip()
-    asked = msgspec.convert({"do": name, **WHO, **kind.example}, kind)
+    asked = msgspec.convert({"do": name, **OPERATOR_FIELDS, **kind.example}, kind)
     if name != REPLAY:
         event = asked.event(7)
         assert (event.at_us, event.by, event.station) == (7, "anna", "desk")
@@ -64,7 +64,7 @@ def test_each_has_a_route_with_its_role_and_keys(name: str, described: dict[str,
     if name != ABORT:  # whose body is not read
         body = operation["requestBody"]["content"]["application/json"]["schema"]
         in_path = {"vehicle"} if "{name}" in kind.path else set()
-        assert set(body["properties"]) | in_path == own_keys(name) | in_path | set(WHO)
+        assert set(body["properties"]) | in_path == own_keys(name) | in_path | set(OPERATOR_FIELDS)
 
 
 @pytest.mark.parametrize("name", ALL_REQUESTS)
@@ -93,7 +93,7 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
 ) -> None:
     world = world_in(tmp_path, scenario_of(scenario, ()))
     place = {} if scenario == "demo" else {"station": world.context.scenario.burn.stations[0].name}  # type: ignore[union-attr]
-    line = {"do": name, **WHO, **place, **REQUESTS[name].example}
+    line = {"do": name, **OPERATOR_FIELDS, **place, **REQUESTS[name].example}
     answer = world.context.request_handler.answer(json.dumps(line).encode())
     accepted = name in accepted_in(world.context.scenario)
     of_run = "only in a burn" if scenario == "demo" else "not in a burn"
@@ -121,7 +121,9 @@ def test_settings_are_the_keys_of_their_event_with_its_bounds() -> None:
     for name in TUNED:
         for value in (-1, 1e9):
             with pytest.raises(msgspec.ValidationError):
-                msgspec.convert({"do": "settings", **WHO, name: value}, REQUESTS["settings"])
-            event = {"type": "SettingsChanged", "at_us": 0, **WHO, name: value}
+                msgspec.convert(
+                    {"do": "settings", **OPERATOR_FIELDS, name: value}, REQUESTS["settings"]
+                )
+            event = {"type": "SettingsChanged", "at_us": 0, **OPERATOR_FIELDS, name: value}
             with pytest.raises(msgspec.ValidationError):
                 msgspec.convert(event, SettingsChanged)

@@ -37,7 +37,7 @@ def land() -> Landscape:
     return landscape_of(load_scenario("team"))
 
 
-def here(
+def fix(
     x_m: float, y_m: float, east_m_s: float, north_m_s: float, altitude_m: float = 500.0
 ) -> PositionFix:
     return PositionFix(0.0, 0.0, 0.0, x_m, y_m, altitude_m, east_m_s, north_m_s)
@@ -48,18 +48,18 @@ def near(own: PositionFix, other: PositionFix) -> bool:
 
 
 def test_two_that_fly_at_each_other_are_near_in_time_and_one_of_them_gives_way() -> None:
-    own, other = here(0, 0, 15, 0), here(700, 20, -15, 0)
+    own, other = fix(0, 0, 15, 0), fix(700, 20, -15, 0)
     assert near(own, other)
     assert near(other, own)
-    assert not near(own, here(900, 20, -15, 0))
-    assert not near(own, here(700, 400, -15, 0))
-    assert not near(own, here(700, 20, -15, 0, altitude_m=531.0))
+    assert not near(own, fix(900, 20, -15, 0))
+    assert not near(own, fix(700, 400, -15, 0))
+    assert not near(own, fix(700, 20, -15, 0, altitude_m=531.0))
     assert gives_way(own, other, own_comes_later=True)
     assert not gives_way(other, own, own_comes_later=False)
 
 
 def test_the_one_behind_gives_way_whoever_comes_first() -> None:
-    slow, fast = here(180, 0, 10, 0), here(0, 0, 18, 0)
+    slow, fast = fix(180, 0, 10, 0), fix(0, 0, 18, 0)
     assert near(fast, slow)
     for later in (True, False):
         assert gives_way(fast, slow, own_comes_later=later)
@@ -69,21 +69,21 @@ def test_the_one_behind_gives_way_whoever_comes_first() -> None:
 def test_of_any_two_exactly_one_gives_way() -> None:
     rng = np.random.default_rng(5)
     for _ in range(500):
-        a, b = (here(*rng.uniform(-400, 400, 2), *rng.uniform(-20, 20, 2)) for _ in range(2))
+        a, b = (fix(*rng.uniform(-400, 400, 2), *rng.uniform(-20, 20, 2)) for _ in range(2))
         assert near(a, b) == near(b, a)
         assert gives_way(a, b, own_comes_later=True) != gives_way(b, a, own_comes_later=False)
 
 
 def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() -> None:
-    own = here(0, 0, 0, 15)
-    (place,) = place_aside(own, here(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
+    own = fix(0, 0, 0, 15)
+    (place,) = place_aside(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
     assert place[0] == pytest.approx(400.0)
     assert place[1] > 0.0
-    (inwards,) = place_aside(own, here(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
+    (inwards,) = place_aside(own, fix(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
     assert inwards[0] == pytest.approx(-400.0)
-    assert not has_passed(own, here(0, 600, 0, -15), SEPARATION_M, TURN_M)
-    assert not has_passed(own, here(0, -200, 0, -15), SEPARATION_M, TURN_M)
-    assert has_passed(own, here(0, -310, 0, -15), SEPARATION_M, TURN_M)
+    assert not has_passed(own, fix(0, 600, 0, -15), SEPARATION_M, TURN_M)
+    assert not has_passed(own, fix(0, -200, 0, -15), SEPARATION_M, TURN_M)
+    assert has_passed(own, fix(0, -310, 0, -15), SEPARATION_M, TURN_M)
 
 
 def test_a_scenario_gives_each_vehicle_a_layer_unless_it_says_its_altitude() -> None:

@@ -183,7 +183,7 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
 
     wait_for(drawn, 30, "a wind is drawn")
     button.click()
-    told = wait_for(lambda: fire.get("weather")["wind_told"], 30, "the wind is known")
+    told = wait_for(lambda: fire.get("weather")["wind_set"], 30, "the wind is known")
     assert (told["from_deg"], told["speed_m_s"], told["by"]) == (270, 10, "boss")
 
 

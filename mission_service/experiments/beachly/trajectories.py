@@ -143,10 +143,10 @@ class RecordingCrew:
         if guidance.approvals.plan is not None:
             flown.plans.setdefault(guidance.approvals.plan_hash, guidance.approvals.plan)
         (vehicle,) = core.vehicles.values()
-        here = vehicle.availability.here
-        if here is not None and vehicle.availability.airborne:
-            height_m = here.altitude_m - float(core.landscape.elevation_at(here.x_m, here.y_m))
-            place = (here.at_s, here.x_m, here.y_m, height_m)
+        fix = vehicle.availability.fix
+        if fix is not None and vehicle.availability.airborne:
+            height_m = fix.altitude_m - float(core.landscape.elevation_at(fix.x_m, fix.y_m))
+            place = (fix.at_s, fix.x_m, fix.y_m, height_m)
             flown.samples.append(Sample(*place, guidance.state.fire.simulation))
 
 

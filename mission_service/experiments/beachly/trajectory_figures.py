@@ -41,7 +41,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
         )
     outline = np.array(flown.area.exterior.coords) - origin
     axes.plot(*outline.T, color="black", linewidth=1.5)
-    _draw_way(axes, flown, origin)
+    _draw_path(axes, flown, origin)
     _draw_drops(axes, flown, origin)
     axes.set_aspect("equal")
     axes.set_xlabel("m east")
@@ -53,7 +53,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     figure.savefig(path)
 
 
-def _draw_way(axes: Any, flown: Flown, origin: Floats) -> None:
+def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
     """Solid where it flew low, dashed at the safe height and on its way there."""
     way = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0

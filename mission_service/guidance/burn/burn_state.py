@@ -58,7 +58,7 @@ class BurnState:
 
     # Inputs -----------------------------------------------------------------------------------
 
-    def unit_told(self, event: PersonReported | BurnUnitSet) -> None:
+    def unit_reported(self, event: PersonReported | BurnUnitSet) -> None:
         """Change the unit, or the people in it. Raises MissionServiceError for an invalid unit."""
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
@@ -84,9 +84,9 @@ class BurnState:
         self.burn = self.burn.model_copy(update=changed)
         return None
 
-    def stands(self, here: PositionFix) -> None:
+    def stands(self, fix: PositionFix) -> None:
         """Set the autopilot's altitude minus the landscape's; called on the ground."""
-        self._above_map_m = round(here.altitude_m - self._ground_m(here), 1)
+        self._above_map_m = round(fix.altitude_m - self._ground_m(fix), 1)
 
     # Outputs ----------------------------------------------------------------------------------
 
@@ -99,16 +99,16 @@ class BurnState:
         """The estimated wind as a velocity on the grid: x, y in m/s."""
         return toward(self.landscape, *self.wind_from(at_s))
 
-    def height_m(self, here: PositionFix) -> float:
+    def height_m(self, fix: PositionFix) -> float:
         """The vehicle's height above the ground."""
-        return here.altitude_m - self._ground_m(here) - self._above_map_m
+        return fix.altitude_m - self._ground_m(fix) - self._above_map_m
 
-    def altitude_m(self, here: PositionFix, height_m: float) -> float:
+    def altitude_m(self, fix: PositionFix, height_m: float) -> float:
         """The autopilot's altitude of a height above the ground at the vehicle's place."""
-        return self._ground_m(here) + self._above_map_m + height_m
+        return self._ground_m(fix) + self._above_map_m + height_m
 
-    def _ground_m(self, here: PositionFix) -> float:
-        return float(self.landscape.elevation_at(here.x_m, here.y_m))
+    def _ground_m(self, fix: PositionFix) -> float:
+        return float(self.landscape.elevation_at(fix.x_m, fix.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
@@ -132,13 +132,13 @@ class BurnState:
         rings = shapely.get_rings(shapely.get_parts(shape))
         return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
 
-    def situation(self, vehicle: Vehicle, here: PositionFix, at_s: float) -> Situation:
+    def situation(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> Situation:
         """The situation for a plan that begins at a time."""
-        place_m = (here.x_m, here.y_m)
+        place_m = (fix.x_m, fix.y_m)
         if not vehicle.availability.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
-        flown_s = here.at_s - vehicle.availability.took_off_at_s
-        return self.situation_from(place_m, self.height_m(here), flown_s, vehicle.home_m, at_s)
+        flown_s = fix.at_s - vehicle.availability.took_off_at_s
+        return self.situation_from(place_m, self.height_m(fix), flown_s, vehicle.home_m, at_s)
 
     def situation_from(
         self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
@@ -162,31 +162,31 @@ class BurnState:
             home_m=home_m,
         )
 
-    def air(self, vehicle: Vehicle, here: PositionFix, at_s: float) -> FlightConstraints:
+    def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
         """The constraints of a flight, with the fire as estimated now."""
         if self._air is None or self._air[0] != self.fire.version:
-            air = constraints_of(self.situation(vehicle, here, at_s), self.burn)
+            air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
             # Plans cover the unit only; flights are monitored from home on.
-            places = shapely.MultiPoint([vehicle.home_m, (here.x_m, here.y_m)])
+            places = shapely.MultiPoint([vehicle.home_m, (fix.x_m, fix.y_m)])
             box = shapely.union(self.unit.area, places.buffer(AROUND_M)).bounds
             hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
             self._air = (self.fire.version, replace(air, hazard=hazard))
         return self._air[1]
 
     def next_plan(
-        self, vehicle: Vehicle, here: PositionFix, begin_s: float
+        self, vehicle: Vehicle, fix: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
         """The plan of the next line, and the same as data to be approved."""
         wider = {
             "time_margin_s": self.burn.time_margin_s + SLACK_S,
             "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
         }
-        situation = self.situation(vehicle, here, begin_s)
+        situation = self.situation(vehicle, fix, begin_s)
         found = next_line(situation, self.burn.model_copy(update=wider))
         if isinstance(found, NoPlan):
             return found
         found = drift_compensated(found, situation, self.burn)
-        return found, self._as_data(found, vehicle.name, here.at_s, begin_s)
+        return found, self._as_data(found, vehicle.name, fix.at_s, begin_s)
 
     def _as_data(self, found: LinePlan, name: str, at_s: float, begin_s: float) -> IgnitionPlan:
         wind_speed_m_s, wind_from_deg = self.wind_from(begin_s)

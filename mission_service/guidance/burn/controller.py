@@ -72,7 +72,7 @@ from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
-from mission_service.vehicles.vehicle_state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
@@ -134,10 +134,10 @@ class BurnFlight(Guidance):
         try:
             changed = self.state.fire.apply(event)
         except FireModelError as error:
-            return self._say(f"not taken: {error}", warning=True)
+            return self._announce(f"not taken: {error}", warning=True)
         match event:
             case PersonReported() | BurnUnitSet():
-                return self._unit_told(event)
+                return self._unit_reported(event)
             case ChecklistAnswered():
                 return self._answered(event)
             case PlanRequested():
@@ -175,7 +175,7 @@ class BurnFlight(Guidance):
                 self._fix_good = event.good
                 return [] if event.good else self._stop(f"its position is lost ({event.fix})")
             case BatteryUpdated():
-                return self._battery_told(vehicle, event)
+                return self._battery_reported(vehicle, event)
             case DropFinished():
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.availability.airborne:
@@ -187,11 +187,11 @@ class BurnFlight(Guidance):
 
     # The fire, the unit and the wind ----------------------------------------------------------
 
-    def _unit_told(self, event: PersonReported | BurnUnitSet) -> list[AnyCommand]:
+    def _unit_reported(self, event: PersonReported | BurnUnitSet) -> list[AnyCommand]:
         try:
-            self.state.unit_told(event)
+            self.state.unit_reported(event)
         except MissionServiceError as error:
-            return self._say(f"not taken: {error}", warning=True)
+            return self._announce(f"not taken: {error}", warning=True)
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
@@ -225,15 +225,15 @@ class BurnFlight(Guidance):
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
         """Why the proposed or remaining path would come too near to fire; None if it does not."""
         flown, vehicle = self._flown, self._vehicle
-        if vehicle is None or vehicle.availability.here is None or self._found is None:
+        if vehicle is None or vehicle.availability.fix is None or self._found is None:
             return None
-        here = vehicle.availability.here
+        fix = vehicle.availability.fix
         if flown is None or self.phase != "flying":
-            begins = self.state.situation(vehicle, here, max(at_s, plan.begin_us / 1e6))
+            begins = self.state.situation(vehicle, fix, max(at_s, plan.begin_us / 1e6))
             return plan_problem(self._found, begins, self.state.burn) or None
         path = flown.progress.ahead(at_s)
-        path[0, :3] = here.x_m, here.y_m, self.state.height_m(here)
-        air = self.state.air(vehicle, here, at_s)
+        path[0, :3] = fix.x_m, fix.y_m, self.state.height_m(fix)
+        air = self.state.air(vehicle, fix, at_s)
         found_s = first_danger_s(path, air, self.state.fire.held)
         if found_s is None:
             return None
@@ -245,11 +245,11 @@ class BurnFlight(Guidance):
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
         """Check for an expired approval and a due plan; called with each position."""
-        here = vehicle.availability.here
-        if here is None:
+        fix = vehicle.availability.fix
+        if fix is None:
             return []
         if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
-            self.state.stands(here)
+            self.state.stands(fix)
         why = self._why_over(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
             why = self._look(at_s)
@@ -258,9 +258,11 @@ class BurnFlight(Guidance):
         flown = self._flown
         if self.phase == "approved" and flown is not None and self._flies(vehicle, flown):
             self.phase = "flying"
-            return [say(vehicle, f"flies line {flown.plan.line}: {len(flown.plan.drops)} drops")]
-        if self.phase == "planning" and self._may_plan(vehicle, here):
-            return self._plan(vehicle, here)
+            return [
+                announce(vehicle, f"flies line {flown.plan.line}: {len(flown.plan.drops)} drops")
+            ]
+        if self.phase == "planning" and self._may_plan(vehicle, fix):
+            return self._plan(vehicle, fix)
         return []
 
     def _why_over(self, at_us: int) -> str | None:
@@ -281,17 +283,17 @@ class BurnFlight(Guidance):
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
-    def _may_plan(self, vehicle: Vehicle, here: PositionFix) -> bool:
+    def _may_plan(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
             return False
-        return not vehicle.availability.airborne or self._is_high(here)
+        return not vehicle.availability.airborne or self._is_high(fix)
 
     def _plan_wanted(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
-            return self._say("a line is being flown: the next plan comes after it")
+            return self._announce("a line is being flown: the next plan comes after it")
         refused = self.state.spaced(event)
         if refused is not None:
-            return self._say(refused, warning=True)
+            return self._announce(refused, warning=True)
         commands = self._void("a new plan was requested")
         self.phase, self.complete, self._by_hand = "planning", False, False
         return commands
@@ -301,7 +303,9 @@ class BurnFlight(Guidance):
         refused = self.approvals.approve(event) if not still else f"{len(still)} items are open"
         plan = self.approvals.plan
         if refused is not None or plan is None:
-            words = self._say(f"approval by {event.by} does not count: {refused}", warning=True)
+            words = self._announce(
+                f"approval by {event.by} does not count: {refused}", warning=True
+            )
             ours = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
             return [*words, *self._stop("its approval is uncertain")] if ours else words
         why = self._why_void(event.at_us / 1e6)
@@ -309,10 +313,10 @@ class BurnFlight(Guidance):
             return self._stop(why)
         self._flown = approved_plan_of(plan, self.state.landscape)
         self.phase, self._by_hand = "approved", False
-        return self._say(f"line {plan.line} approved by {event.by} at {event.station}")
+        return self._announce(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: ChecklistAnswered) -> list[AnyCommand]:
-        commands = self._say(self.checklist.apply(event) or "")
+        commands = self._announce(self.checklist.apply(event) or "")
         if not event.go and self.phase in ("approved", "flying"):
             return [*commands, *self._stop(f"NO-GO by {event.by}: {event.item}")]
         if self.checklist.complete and self._reloads:
@@ -320,23 +324,23 @@ class BurnFlight(Guidance):
             self.state.account.load(self.state.burn.spheres)
         return commands
 
-    def _plan(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _plan(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Propose the next line; without one the vehicle returns home."""
         airborne = vehicle.availability.airborne
-        begin_s = here.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
-        found = self.state.next_plan(vehicle, here, begin_s)
+        begin_s = fix.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
+        found = self.state.next_plan(vehicle, fix, begin_s)
         if isinstance(found, NoPlan):
             self.phase, self.complete = "waiting", found.why == "complete"
             vehicle.going_home = airborne
-            return self._say(f"no further line: {found.words}")
+            return self._announce(f"no further line: {found.words}")
         line, plan = found
         name = self.approvals.propose(plan)
-        self._found, self.phase, self._looked_at_s = line, "proposed", here.at_s
+        self._found, self.phase, self._looked_at_s = line, "proposed", fix.at_s
         words = (
             f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
             f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
         )
-        return [ProposePlan(self._name, plan, name), *self._say(words)]
+        return [ProposePlan(self._name, plan, name), *self._announce(words)]
 
     def status(self) -> dict[str, Any]:
         """The state of the burn, for interfaces."""
@@ -370,14 +374,14 @@ class BurnFlight(Guidance):
 
     # In the air -------------------------------------------------------------------------------
 
-    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats | None:
+    def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
         """The path of the approved plan: (n, 2) x, y in metres."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.progress.points_m[:, :2]
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """The mission of the plan: its path, without drops."""
         assert self._flown is not None
         self._flown.sent = True
@@ -389,48 +393,46 @@ class BurnFlight(Guidance):
         """Whether the vehicle's mode is that of flying the mission on board."""
         return self._mode == "mission"
 
-    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Send the approved mission, fly the plan with its drops, or climb to the safe height."""
         if not self._fix_good:
             return []
         if self.phase == "flying" and self._flown is not None:
-            return self._fly(vehicle, self._flown, here)
+            return self._fly(vehicle, self._flown, fix)
         if self.phase == "approved":
-            path = self.first_path(vehicle, here)
-            if path is None or vehicle.pending is not None or here.at_s < vehicle.not_before_s:
+            path = self.first_path(vehicle, fix)
+            if path is None or vehicle.pending is not None or fix.at_s < vehicle.not_before_s:
                 return []
-            items = self.items(vehicle, path, here)
-            return [self._missions.upload(vehicle, path, items, here, "fly the line approved")]
-        return self._climb(vehicle, here)
+            items = self.items(vehicle, path, fix)
+            return [self._missions.upload(vehicle, path, items, fix, "fly the line approved")]
+        return self._climb(vehicle, fix)
 
-    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Climb to the safe height before the return home; None at that height."""
-        return None if self._is_high(here) else self._climb(vehicle, here)
+        return None if self._is_high(fix) else self._climb(vehicle, fix)
 
-    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix) -> list[AnyCommand]:
-        off_m = flown.progress.update(np.array([here.x_m, here.y_m, self.state.height_m(here)]))
-        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(here.at_s)
+    def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
+        off_m = flown.progress.update(np.array([fix.x_m, fix.y_m, self.state.height_m(fix)]))
+        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(fix.at_s)
         if why is not None:
             return self._stop(why)
-        commands = self._release(vehicle, flown, here)
+        commands = self._release(vehicle, flown, fix)
         if flown.progress.left_m <= AT_END_M:
             commands += self._line_done(vehicle, flown)
         return commands
 
-    def _release(
-        self, vehicle: Vehicle, flown: ApprovedPlan, here: PositionFix
-    ) -> list[AnyCommand]:
+    def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
         """Order the next drop if its sphere would hit its target now."""
         commands: list[AnyCommand] = []
-        for due in due_drops(self.state, flown, here):
+        for due in due_drops(self.state, flown, fix):
             why_not = due.why_not or self._why_none()
             if why_not is None:
                 name = self.approvals.plan_hash
-                self.state.account.order(due.sphere(name, round(here.at_s * 1e6)))
+                self.state.account.order(due.sphere(name, round(fix.at_s * 1e6)))
                 place = self.state.lat_lon(*due.falls_m)
                 return [*commands, Drop(self._name, name, due.number, *place)]
             words = f"drop {due.number + 1} of line {flown.plan.line} left out: {why_not}"
-            commands.append(say(vehicle, words, warning=True))
+            commands.append(announce(vehicle, words, warning=True))
         return commands
 
     def _why_none(self) -> str | None:
@@ -446,10 +448,12 @@ class BurnFlight(Guidance):
         if sphere is None:
             return []
         if not sphere.counts:
-            return self._say(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
+            return self._announce(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
         ignites_s = sphere.at_us / 1e6 + self.state.burn.ignition_delay_s
         self.state.fire.hold((*sphere.falls_m, ignites_s))
-        return [] if event.done else self._say(f"drop {sphere.number + 1}: {event.reason}", True)
+        return (
+            [] if event.done else self._announce(f"drop {sphere.number + 1}: {event.reason}", True)
+        )
 
     def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
         spheres = self.state.account.of_plan(self.approvals.plan_hash)
@@ -459,7 +463,7 @@ class BurnFlight(Guidance):
         self.state.line += 1
         self._end_plan()
         self.phase = "planning"
-        return self._say(
+        return self._announce(
             f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, the "
             f"farthest {farthest_m:.1f} m off its place; {self.state.account.left} spheres left"
         )
@@ -472,7 +476,7 @@ class BurnFlight(Guidance):
         self._end_plan()
         if not name:
             return []
-        words = self._say(f"plan withdrawn: {why}", warning=True)
+        words = self._announce(f"plan withdrawn: {why}", warning=True)
         return [WithdrawPlan(self._name, name, why), *words]
 
     def _end_plan(self) -> None:
@@ -501,27 +505,27 @@ class BurnFlight(Guidance):
         vehicle.drop_upload()
         vehicle.flown_line = None
         self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
-        here = vehicle.availability.here
-        if vehicle.availability.flies and here is not None and self._fix_good:
-            commands += self._climb(vehicle, here)
+        fix = vehicle.availability.fix
+        if vehicle.availability.flies and fix is not None and self._fix_good:
+            commands += self._climb(vehicle, fix)
         return commands
 
-    def _climb(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Climb straight up to the safe height, unless under manual control."""
         ordered = self._climbed_at_s > -math.inf
-        if self._is_high(here) and (ordered or self.phase != "climbing"):
+        if self._is_high(fix) and (ordered or self.phase != "climbing"):
             if self.phase == "climbing":
                 vehicle.holding, self.phase = True, self._after_climb
             return []
-        if self._by_hand or here.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
+        if self._by_hand or fix.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
             return []
-        self._climbed_at_s = here.at_s
-        safe_m = self.state.altitude_m(here, CLIMBS_SHARE * self.state.burn.safe_height_m)
-        altitude_m = round(max(safe_m, here.altitude_m), 1)
-        return [ClimbAndHold(self._name, *self.state.lat_lon(here.x_m, here.y_m), altitude_m)]
+        self._climbed_at_s = fix.at_s
+        safe_m = self.state.altitude_m(fix, CLIMBS_SHARE * self.state.burn.safe_height_m)
+        altitude_m = round(max(safe_m, fix.altitude_m), 1)
+        return [ClimbAndHold(self._name, *self.state.lat_lon(fix.x_m, fix.y_m), altitude_m)]
 
-    def _is_high(self, here: PositionFix) -> bool:
-        return self.state.height_m(here) >= HIGH_SHARE * self.state.burn.safe_height_m
+    def _is_high(self, fix: PositionFix) -> bool:
+        return self.state.height_m(fix) >= HIGH_SHARE * self.state.burn.safe_height_m
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
@@ -540,7 +544,7 @@ class BurnFlight(Guidance):
             return self._void(f"mode {event.mode} was not ordered here")
         return []
 
-    def _battery_told(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
+    def _battery_reported(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
         self._battery_pct = event.percent
         if not self._battery_low:
             return []
@@ -552,7 +556,7 @@ class BurnFlight(Guidance):
         told = self._battery_pct
         return told is not None and told < self.state.burn.min_battery_pct
 
-    def _say(self, text: str, warning: bool = False) -> list[AnyCommand]:
+    def _announce(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
 
 

@@ -35,14 +35,14 @@ class DueDrop(NamedTuple):
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
-def due_drops(state: BurnState, flown: ApprovedPlan, here: PositionFix) -> Iterator[DueDrop]:
+def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
     """Drops of a plan that have become due, in order; each is yielded once."""
     drops, comes_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
         return
-    height_m, dropper = state.height_m(here), state.burn.dropper
-    moving = VehicleMotion(here.x_m, here.y_m, height_m, here.east_m_s, here.north_m_s)
-    wind_m_s = state.wind_m_s(here.at_s)
+    height_m, dropper = state.height_m(fix), state.burn.dropper
+    moving = VehicleMotion(fix.x_m, fix.y_m, height_m, fix.east_m_s, fix.north_m_s)
+    wind_m_s = state.wind_m_s(fix.at_s)
     falls = impact_point(moving, wind_m_s, dropper.terminal_speed_m_s, dropper.delay_s)
     too_high = height_m > HIGH_SHARE * flown.plan.drop_height_m
     while flown.next_drop < len(drops) and comes_s >= drops[flown.next_drop].after_s:
@@ -52,7 +52,7 @@ def due_drops(state: BurnState, flown: ApprovedPlan, here: PositionFix) -> Itera
         if due == "wait" or comes_down:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1
-        why_not = "it is behind" if due == "missed" else _why_not(state, flown, moving, falls, here)
+        why_not = "it is behind" if due == "missed" else _why_not(state, flown, moving, falls, fix)
         yield DueDrop(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
 
 
@@ -61,13 +61,13 @@ def _why_not(
     flown: ApprovedPlan,
     moving: VehicleMotion,
     falls: ImpactPoint,
-    here: PositionFix,
+    fix: PositionFix,
 ) -> str | None:
-    plan, burn, at_us = flown.plan, state.burn, round(here.at_s * 1e6)
+    plan, burn, at_us = flown.plan, state.burn, round(fix.at_s * 1e6)
     min_height_m, max_height_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m
     if not min_height_m <= moving.height_m <= max_height_m:
         return f"it is {moving.height_m:.0f} m above the ground"
-    if math.hypot(here.east_m_s, here.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
+    if math.hypot(fix.east_m_s, fix.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
         return "it is too fast"
     last_us, apart_us = state.account.last_at_us, 60e6 / burn.max_drops_per_min
     if last_us is not None and at_us - last_us < apart_us - TELEMETRY_S * 1e6:
@@ -76,6 +76,6 @@ def _why_not(
         return "no spheres are left"
     if not state.unit.may_drop(np.array([(falls.x_m, falls.y_m)]))[0]:
         return "it would fall outside the unit, or near people"
-    if state.fire.burns_s(falls.x_m, falls.y_m) <= here.at_s + burn.ignition_delay_s:
+    if state.fire.burns_s(falls.x_m, falls.y_m) <= fix.at_s + burn.ignition_delay_s:
         return "it would fall where it burns"
     return None

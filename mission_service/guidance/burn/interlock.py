@@ -74,7 +74,7 @@ class _Vehicle:
     linked: bool = False
     armed: bool = False
     mode: str = ""
-    here: Telemetry | None = None
+    fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
     used: int = 0  # spheres of this load
@@ -146,7 +146,7 @@ class Interlock:
                 case WithdrawPlan():
                     self._end(command.plan_hash, f"withdrawn: {command.why}")
                 case Return():
-                    self._begin_anew("sent home since")
+                    self._restart("sent home since")
                 case ClimbAndHold():
                     self._void("stopped in flight since")
                 case Drop():
@@ -164,9 +164,9 @@ class Interlock:
             case Rejected():
                 self._end(event.plan_hash, f"rejected by {event.by}")
             case Aborted():
-                self._begin_anew(f"aborted by {event.by} since")
+                self._restart(f"aborted by {event.by} since")
             case Resumed():
-                self._begin_anew("the service was restarted since")
+                self._restart("the service was restarted since")
                 self._host_us = None  # the monotonic clock may have restarted
                 for known in self._plans.values():
                     known.proposed_host_us = None
@@ -192,9 +192,9 @@ class Interlock:
                 vehicle.linked = False
             case VehicleRebooted():
                 self._forget(event.vehicle, linked=True)
-                self._begin_anew("the autopilot was restarted since")
+                self._restart("the autopilot was restarted since")
             case Telemetry():
-                vehicle.here = event
+                vehicle.fix = event
             case ModeChanged():
                 self._mode_changed(vehicle, event)
             case BatteryUpdated():
@@ -215,12 +215,12 @@ class Interlock:
     def _mode_changed(self, vehicle: _Vehicle, event: ModeChanged) -> None:
         landed = vehicle.armed and not event.armed
         vehicle.armed, vehicle.mode = event.armed, event.mode
-        airborne = vehicle.here is not None and vehicle.here.altitude_relative_m > AIRBORNE_M
+        airborne = vehicle.fix is not None and vehicle.fix.altitude_relative_m > AIRBORNE_M
         if landed:
             vehicle.used = 0  # it is loaded before it flies again: an item of the list
-            self._begin_anew("landed since")
+            self._restart("landed since")
         elif event.armed and airborne and event.mode in GOING_HOME:
-            self._begin_anew(f"recalled since (mode {event.mode})")
+            self._restart(f"recalled since (mode {event.mode})")
 
     def _answered(self, event: ChecklistAnswered) -> None:
         if not event.go:
@@ -258,7 +258,7 @@ class Interlock:
             if known.approved is not None:
                 known.approved, known.why_not = None, why
 
-    def _begin_anew(self, why: str) -> None:
+    def _restart(self, why: str) -> None:
         self._go.clear()
         self._void(f"{why}; it takes a new GO list and a new approval")
 
@@ -300,7 +300,7 @@ class Interlock:
                     "fix_good": vehicle.fix_good,
                     "battery_pct": vehicle.battery_pct,
                     "spheres_left": max(0, self._burn.spheres - vehicle.used),
-                    "position": msgspec.to_builtins(vehicle.here),
+                    "position": msgspec.to_builtins(vehicle.fix),
                 }
                 for name, vehicle in self._vehicles.items()
             },
@@ -364,7 +364,7 @@ class Interlock:
         battery_pct = vehicle.battery_pct
         if not vehicle.linked:
             return f"{name}: link lost"
-        if vehicle.here is None or abs(at_us - vehicle.here.at_us) > POSITION_GOOD_US:
+        if vehicle.fix is None or abs(at_us - vehicle.fix.at_us) > POSITION_GOOD_US:
             return f"{name}: no position of the last {POSITION_GOOD_US / 1e6:g} s"
         if not vehicle.fix_good:
             return f"{name}: no good position fix"
@@ -378,19 +378,19 @@ class Interlock:
         return None
 
     def _place_refuses(self, plan: IgnitionPlan, drop: Drop) -> str | None:
-        here = self._vehicles[drop.vehicle].here
-        assert here is not None
+        fix = self._vehicles[drop.vehicle].fix
+        assert fix is not None
         planned = next(planned for planned in plan.drops if planned.number == drop.number)
         place = (planned.lat_deg, planned.lon_deg)
         ground_m = ground_amsl_m(plan, planned.after_s)
-        off_m = distance_m(place, (here.lat_deg, here.lon_deg))
+        off_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
         reach_m = self._reach_m(plan)
         if not off_m <= reach_m:
             return f"{drop.vehicle} is {off_m:.0f} m off drop {drop.number} (at most {reach_m:.0f})"
         beside_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
         if not beside_m <= self._burn.max_miss_m:
             return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
-        height_m = math.nan if ground_m is None else here.altitude_amsl_m - ground_m
+        height_m = math.nan if ground_m is None else fix.altitude_amsl_m - ground_m
         band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:
             wanted = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"

@@ -55,7 +55,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TAKEOFF_CLEAR_M, TrafficManager
-from mission_service.vehicles.vehicle_state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 Floats = NDArray[np.float64]
 
@@ -167,8 +167,8 @@ class FormationFlight(Guidance):
             case MissionReadBack() if vehicle.read_back == "unknown":
                 led.loiter = None
             case Telemetry() if self._is_manual(vehicle, led):
-                assert vehicle.availability.here is not None
-                self.formation.track_manual(vehicle.name, vehicle.availability.here)
+                assert vehicle.availability.fix is not None
+                self.formation.track_manual(vehicle.name, vehicle.availability.fix)
             case LinkLost() if (
                 led.taken_over or self.formation.members[vehicle.name].manual_control
             ):
@@ -191,7 +191,7 @@ class FormationFlight(Guidance):
     def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
         """Whether it is in the air and under control of neither its agent nor its mission."""
         availability = vehicle.availability
-        if not availability.airborne or availability.here is None:
+        if not availability.airborne or availability.fix is None:
             return False
         return bool(vehicle.ordered) or availability.recalled or not led.leads
 
@@ -202,7 +202,7 @@ class FormationFlight(Guidance):
         except MissionServiceError as error:
             if message.sender not in self._not_understood:
                 self._not_understood.add(message.sender)
-                return [say(vehicle, f"message dropped: {error}", warning=True)]
+                return [announce(vehicle, f"message dropped: {error}", warning=True)]
         return []
 
     def _finished(self, led: Led, event: CommandFinished, at_s: float) -> None:
@@ -247,72 +247,70 @@ class FormationFlight(Guidance):
 
     # Missions ---------------------------------------------------------------------------------
 
-    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
+    def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
         """The path to the edge of the fire; in the air to the nearest place clear of it."""
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
             reach_m = clear_of_fire_m(self.formation, section)
-            place_m = pushed_out((here.x_m, here.y_m), centre_m, reach_m)
+            place_m = pushed_out((fix.x_m, fix.y_m), centre_m, reach_m)
         else:
             place_m = waits_at(self.scenario, self.formation, section, vehicle.home_m)
-        return np.array([(here.x_m, here.y_m), place_m])
+        return np.array([(fix.x_m, fix.y_m), place_m])
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """The mission to a waiting place."""
         section, led = vehicle.section, self._led[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         led.sending = circle
         if not vehicle.availability.airborne:
-            return first_mission(self.landscape, circle, section, vehicle.landing.at(here.at_s))
-        altitude_m = self._altitude(vehicle, circle, here)
-        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(here.at_s))
+            return first_mission(self.landscape, circle, section, vehicle.landing.at(fix.at_s))
+        altitude_m = self._altitude(vehicle, circle, fix)
+        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(fix.at_s))
 
-    def _begin_again(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _begin_again(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Send the first mission again to a vehicle that refused it in the air at the start."""
-        if here.at_s < vehicle.not_before_s:
+        if fix.at_s < vehicle.not_before_s:
             return []
-        path_m = self.first_path(vehicle, here)
-        items = self.items(vehicle, path_m, here)
-        return [self._missions.upload(vehicle, path_m, items, here, "fly to the fire")]
+        path_m = self.first_path(vehicle, fix)
+        items = self.items(vehicle, path_m, fix)
+        return [self._missions.upload(vehicle, path_m, items, fix, "fly to the fire")]
 
-    def _renew(self, vehicle: Vehicle, led: Led, here: PositionFix) -> list[AnyCommand]:
+    def _renew(self, vehicle: Vehicle, led: Led, fix: PositionFix) -> list[AnyCommand]:
         """Renew the mission so that it ends in the circle being flown, if that is due."""
         circle = led.circle
         if circle is None or vehicle.awaits_mission or led.mode == "mission":
             return []
-        if led.order == "orbit" or here.at_s < vehicle.not_before_s:
+        if led.order == "orbit" or fix.at_s < vehicle.not_before_s:
             return []
-        settled = self._has_settled(led, here)
+        settled = self._has_settled(led, fix)
         if led.loiter is not None and not settled:
             near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
-            if near or here.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
+            if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
         if circle == led.loiter:
             return []
         led.sending = circle
-        items = loiter_mission(
-            self.landscape, circle, led.altitude_m, vehicle.landing.at(here.at_s)
-        )
+        items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing.at(fix.at_s))
         why = "settled: loiter here" if settled else "loiter not far from here"
         path_m = np.array([circle.centre_m])
-        return [self._missions.upload(vehicle, path_m, items, here, why)]
+        return [self._missions.upload(vehicle, path_m, items, fix, why)]
 
-    def _altitude(self, vehicle: Vehicle, circle: Circle, here: PositionFix) -> float:
-        place_m = (here.x_m, here.y_m)
+    def _altitude(self, vehicle: Vehicle, circle: Circle, fix: PositionFix) -> float:
+        place_m = (fix.x_m, fix.y_m)
         return altitude_amsl_m(self.landscape, circle, vehicle.section.altitude_agl_m, place_m)
 
     # Orders -----------------------------------------------------------------------------------
 
-    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Commands to follow the agent; none before the vehicle has climbed out by its mission."""
         led = self._led[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
-            return self._begin_again(vehicle, here)
-        if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, here)):
+            return self._begin_again(vehicle, fix)
+        if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, fix)):
             return []
         if not self._in_contact:
             return []
-        intention = self.formation.step(vehicle.name, here)
+        intention = self.formation.step(vehicle.name, fix)
         wanted = Circle(
             intention.orbit_x_m,
             intention.orbit_y_m,
@@ -320,99 +318,99 @@ class FormationFlight(Guidance):
             intention.climb_m,
         )
         near = not intention.settled and self.formation.is_near_others(vehicle.name)
-        orbit_due = self._orbit_due(vehicle, led, wanted, here, near)
+        orbit_due = self._orbit_due(vehicle, led, wanted, fix, near)
         if orbit_due or not intention.settled:
             led.settled_since_s = None
         elif led.settled_since_s is None:
-            led.settled_since_s = here.at_s
+            led.settled_since_s = fix.at_s
         commands: list[AnyCommand] = []
-        if led.order and here.at_s - led.ordered_at_s < UNANSWERED_S:
+        if led.order and fix.at_s - led.ordered_at_s < UNANSWERED_S:
             pass
         elif orbit_due:
-            commands.append(self._orbit(vehicle, led, wanted, here))
-        elif self._start_due(led, here):
-            led.order, led.ordered_at_s = "start mission", here.at_s
-            led.start_not_before_s = here.at_s + AGAIN_AFTER_S
+            commands.append(self._orbit(vehicle, led, wanted, fix))
+        elif self._start_due(led, fix):
+            led.order, led.ordered_at_s = "start mission", fix.at_s
+            led.start_not_before_s = fix.at_s + AGAIN_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, led, intention, here, near)
-        return [*commands, *self._renew(vehicle, led, here)]
+            commands += self._speed(vehicle, led, intention, fix, near)
+        return [*commands, *self._renew(vehicle, led, fix)]
 
-    def way_home(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
+    def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Commands home by the agent, which avoids the others; None near home."""
         led = self._led[vehicle.name]
-        away_m = math.dist((here.x_m, here.y_m), vehicle.home_m)
+        away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not led.taken_over:
             return None
         if not vehicle.going_home:
             vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
-            led.goes_home_until_s = here.at_s + away_m / slow_m_s
+            led.goes_home_until_s = fix.at_s + away_m / slow_m_s
             self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
             words = "its time is nearly over: led home"
-            return [say(vehicle, words), *self.lead(vehicle, here)]
-        return self.lead(vehicle, here) if here.at_s < led.goes_home_until_s else None
+            return [announce(vehicle, words), *self.lead(vehicle, fix)]
+        return self.lead(vehicle, fix) if fix.at_s < led.goes_home_until_s else None
 
-    def _takes_over(self, vehicle: Vehicle, led: Led, here: PositionFix) -> bool:
+    def _takes_over(self, vehicle: Vehicle, led: Led, fix: PositionFix) -> bool:
         """Whether it is clear of its home and of the terrain."""
-        place_m: Place = (here.x_m, here.y_m)
+        place_m: Place = (fix.x_m, fix.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
             return False
         reach_m = 2.0 * vehicle.section.loiter_radius_m
         ground_m = highest_ground_m(self.landscape, place_m, place_m, reach_m)
         clear_m = min(CLIMBS_FIRST_M, vehicle.section.altitude_agl_m) / 2.0
-        led.taken_over = here.altitude_m >= ground_m + clear_m
+        led.taken_over = fix.altitude_m >= ground_m + clear_m
         return led.taken_over
 
     def _orbit_due(
-        self, vehicle: Vehicle, led: Led, wanted: Circle, here: PositionFix, near: bool
+        self, vehicle: Vehicle, led: Led, wanted: Circle, fix: PositionFix, near: bool
     ) -> bool:
         flown = led.circle
         if flown is None:
-            return here.at_s - led.orbit_at_s >= ORBIT_EVERY_S
+            return fix.at_s - led.orbit_at_s >= ORBIT_EVERY_S
         wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
-        if here.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
+        if fix.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
             return False
         moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
         if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
             return True
         if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
             return True
-        if here.at_s < led.look_down_at_s:
+        if fix.at_s < led.look_down_at_s:
             return False
-        led.look_down_at_s = here.at_s + LOOK_DOWN_EVERY_S
-        return abs(self._altitude(vehicle, flown, here) - led.altitude_m) >= ALTITUDE_CHANGES_M
+        led.look_down_at_s = fix.at_s + LOOK_DOWN_EVERY_S
+        return abs(self._altitude(vehicle, flown, fix) - led.altitude_m) >= ALTITUDE_CHANGES_M
 
-    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, here: PositionFix) -> Orbit:
-        led.circle, led.altitude_m = wanted, self._altitude(vehicle, wanted, here)
-        led.order, led.ordered_at_s = "orbit", here.at_s
-        led.orbit_at_s, led.look_down_at_s = here.at_s, here.at_s + LOOK_DOWN_EVERY_S
+    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, fix: PositionFix) -> Orbit:
+        led.circle, led.altitude_m = wanted, self._altitude(vehicle, wanted, fix)
+        led.order, led.ordered_at_s = "orbit", fix.at_s
+        led.orbit_at_s, led.look_down_at_s = fix.at_s, fix.at_s + LOOK_DOWN_EVERY_S
         return orbit_of(vehicle.name, self.landscape, wanted, led.altitude_m)
 
-    def _has_settled(self, led: Led, here: PositionFix) -> bool:
+    def _has_settled(self, led: Led, fix: PositionFix) -> bool:
         since_s = led.settled_since_s
-        return since_s is not None and here.at_s - since_s >= SETTLED_FOR_S
+        return since_s is not None and fix.at_s - since_s >= SETTLED_FOR_S
 
-    def _start_due(self, led: Led, here: PositionFix) -> bool:
+    def _start_due(self, led: Led, fix: PositionFix) -> bool:
         """Whether to start the mission on board, which ends in the commanded circle being flown."""
         ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
-        return ready and self._has_settled(led, here) and here.at_s >= led.start_not_before_s
+        return ready and self._has_settled(led, fix) and fix.at_s >= led.start_not_before_s
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, here: PositionFix, near: bool
+        self, vehicle: Vehicle, led: Led, intention: Intention, fix: PositionFix, near: bool
     ) -> list[AnyCommand]:
         section = vehicle.section
         least, most = section.min_airspeed_m_s, section.max_airspeed_m_s
-        if here.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
+        if fix.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
             least = max(least, min(section.airspeed_m_s, most))
         wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
         told = led.airspeed_m_s
         # At once after a mode change, which resets the airspeed.
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
-        if here.at_s - led.speed_at_s < (0.0 if told is None else every_s):
+        if fix.at_s - led.speed_at_s < (0.0 if told is None else every_s):
             return []
         if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
             return []
-        led.airspeed_m_s, led.speed_at_s = wanted, here.at_s
-        led.order, led.ordered_at_s = "change speed", here.at_s
+        led.airspeed_m_s, led.speed_at_s = wanted, fix.at_s
+        led.order, led.ordered_at_s = "change speed", fix.at_s
         return [ChangeSpeed(vehicle.name, wanted)]

@@ -78,7 +78,7 @@ class FormationMember:
         self.agent = agent
         self.wind_m_s = (0.0, 0.0)  # towards (x, y)
         self.hot_until_s = -math.inf
-        self.here: PositionFix | None = None
+        self.fix: PositionFix | None = None
         self.flies = False
         self.state: State | None = None  # the last one sent
         self.manual_control = False  # in the air, and not led by its agent
@@ -174,56 +174,56 @@ class Formation:
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
-    def step(self, name: str, here: PositionFix) -> Intention:
+    def step(self, name: str, fix: PositionFix) -> Intention:
         """Advance a vehicle's agent to its position, send its messages; returns its intention."""
         member = self.members[name]
-        member.here, member.flies, member.manual_control = here, True, False
-        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        member.fix, member.flies, member.manual_control = fix, True, False
+        velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         own = OwnState(
-            round(here.at_s * 1e6),
-            here.x_m,
-            here.y_m,
-            here.altitude_m,
+            round(fix.at_s * 1e6),
+            fix.x_m,
+            fix.y_m,
+            fix.altitude_m,
             *velocity_m_s,
             math.dist(velocity_m_s, member.wind_m_s),
             *member.wind_m_s,
-            here.at_s < member.hot_until_s,
+            fix.at_s < member.hot_until_s,
         )
         self._lost.discard(name)
         intention = member.agent.step(own)
         self._publish(member, own.at_us)
         return intention
 
-    def track_manual(self, name: str, here: PositionFix) -> None:
+    def track_manual(self, name: str, fix: PositionFix) -> None:
         """Send the state of a vehicle under manual control to the others, twice a second."""
         member = self.members[name]
-        velocity_m_s = self.on_grid(here.east_m_s, here.north_m_s)
+        velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         if not member.manual_control:
-            member.left(here.at_s)
+            member.left(fix.at_s)
             member.manual_control, member.state = True, None
             member.recent.clear()
-        member.here = here
-        member.recent.append((here.at_s, here.x_m, here.y_m, *velocity_m_s))
-        while len(member.recent) > 2 and member.recent[1][0] <= here.at_s - MEASURED_OVER_S:
+        member.fix = fix
+        member.recent.append((fix.at_s, fix.x_m, fix.y_m, *velocity_m_s))
+        while len(member.recent) > 2 and member.recent[1][0] <= fix.at_s - MEASURED_OVER_S:
             member.recent.popleft()
-        at_us = round(here.at_s * 1e6)
+        at_us = round(fix.at_s * 1e6)
         if member.state is not None and at_us - member.state.at_us < STATE_EVERY_US:
             return
         radius_m = member.agent.settings.loiter_radius_m
         orbit = expected_orbit(member.recent[0], member.recent[-1], radius_m)
         speed_m_s = math.dist(velocity_m_s, member.wind_m_s)
-        place = (here.x_m, here.y_m, here.altitude_m, *velocity_m_s)
+        place = (fix.x_m, fix.y_m, fix.altitude_m, *velocity_m_s)
         member.state = State(at_us, name, *place, None, None, *orbit, speed_m_s, settled=False)
         self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
         """Whether another vehicle of the formation is in its neighbourhood."""
-        here = self.members[name].here
-        return here is not None and any(
+        fix = self.members[name].fix
+        return fix is not None and any(
             (other.flies or other.manual_control)
-            and other.here is not None
+            and other.fix is not None
             and name != other_name
-            and math.dist((here.x_m, here.y_m), (other.here.x_m, other.here.y_m)) < self._near_m
+            and math.dist((fix.x_m, fix.y_m), (other.fix.x_m, other.fix.y_m)) < self._near_m
             for other_name, other in self.members.items()
         )
 
@@ -254,8 +254,8 @@ class Formation:
         Raises MissionServiceError for cells that are not on the map: then nothing has changed.
         """
         member = self.members[name]
-        if isinstance(message, State) and member.here is not None:
-            here_m = (member.here.x_m, member.here.y_m)
+        if isinstance(message, State) and member.fix is not None:
+            here_m = (member.fix.x_m, member.fix.y_m)
             if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
                 return
         member.agent.on_message(message)

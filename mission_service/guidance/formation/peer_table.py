@@ -30,16 +30,16 @@ class PeerTable:
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
         self._rows = np.zeros((8, COLUMNS))
-        self._heard_at_us = np.zeros(8, dtype=np.int64)
+        self._received_at_us = np.zeros(8, dtype=np.int64)
 
     def apply_state(self, state: State) -> None:
         """Store a state, unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:
             row = self._new_row(state.sender)
-        if state.at_us <= self._heard_at_us[row]:
+        if state.at_us <= self._received_at_us[row]:
             return
-        self._heard_at_us[row] = state.at_us
+        self._received_at_us[row] = state.at_us
         goal_x_m = state.agent_x_m if state.goal_x_m is None else state.goal_x_m
         goal_y_m = state.agent_y_m if state.goal_y_m is None else state.goal_y_m
         self._rows[row, :AGE_S] = (
@@ -61,12 +61,12 @@ class PeerTable:
         row = self._row_of.get(name)
         if row is not None:
             self._rows[row, AGE_S] = np.inf
-            self._heard_at_us[row] = np.iinfo(np.int64).min
+            self._received_at_us[row] = np.iinfo(np.int64).min
 
     def rows(self, at_us: int) -> Floats:
         """Rows (n, COLUMNS) of the UAVs with a recent state; column ``AGE_S`` is its age."""
         count = len(self._row_of)
-        age_s = (at_us - self._heard_at_us[:count].astype(np.float64)) / 1e6
+        age_s = (at_us - self._received_at_us[:count].astype(np.float64)) / 1e6
         self._rows[:count, AGE_S] = age_s
         return self._rows[:count][age_s < LOST_AFTER_S]
 
@@ -74,9 +74,9 @@ class PeerTable:
         row = self._row_of[name] = len(self._row_of)
         if row == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-            self._heard_at_us = np.concatenate(
-                [self._heard_at_us, np.zeros_like(self._heard_at_us)]
+            self._received_at_us = np.concatenate(
+                [self._received_at_us, np.zeros_like(self._received_at_us)]
             )
-        self._heard_at_us[row] = np.iinfo(np.int64).min
+        self._received_at_us[row] = np.iinfo(np.int64).min
         self._rows[row, KEY] = priority_key(name)
         return row

@@ -31,7 +31,7 @@ from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
-from mission_service.vehicles.vehicle_state import Vehicle, say
+from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 Floats = NDArray[np.float64]
 
@@ -85,9 +85,9 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words, "warning"))
         return commands
 
-    def first_path(self, vehicle: Vehicle, here: PositionFix) -> Floats:
+    def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
         """The path to the reported fire; the camera finds the front on the way."""
-        return approach_path(self.scenario, self.landscape, (here.x_m, here.y_m))
+        return approach_path(self.scenario, self.landscape, (fix.x_m, fix.y_m))
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
@@ -97,7 +97,7 @@ class FrontFlight(Guidance):
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
             self._phase[vehicle.name] = planner.phase
-            commands.append(say(vehicle, f"phase: {planner.phase}"))
+            commands.append(announce(vehicle, f"phase: {planner.phase}"))
         if decision is not None:
             commands.append(decided(vehicle.name, planner, decision))
             if decision.reversed:
@@ -117,7 +117,7 @@ class FrontFlight(Guidance):
         return (
             []
             if announcements is None
-            else [say(vehicle, f"team: {announcements[1]}", warning=announcements[0])]
+            else [announce(vehicle, f"team: {announcements[1]}", warning=announcements[0])]
         )
 
     def after(
@@ -135,16 +135,16 @@ class FrontFlight(Guidance):
             commands += self._watch.on_availability(name, watches, availability)
         return commands
 
-    def lead(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
-        aside = self._out_of_the_way(vehicle, here)
+        aside = self._out_of_the_way(vehicle, fix)
         if aside is not None:
             return aside
-        return self._follow(vehicle, here) if self._renewal.to_be_checked(vehicle, here) else []
+        return self._follow(vehicle, fix) if self._renewal.to_be_checked(vehicle, fix) else []
 
-    def _out_of_the_way(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand] | None:
+    def _out_of_the_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Commands to move aside and hold there; None when the way is free."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
@@ -155,38 +155,38 @@ class FrontFlight(Guidance):
         if other == waiting and not self.traffic.comes_too_low(vehicle.name):
             return []
         place = self.traffic.waits_at(vehicle.name)
-        return [self._upload(vehicle, place, here, f"give way to {other}", keeps_apart=True)]
+        return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
 
-    def _follow(self, vehicle: Vehicle, here: PositionFix) -> list[AnyCommand]:
+    def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Renew the rolling mission when its path is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
-            path, why = self.first_path(vehicle, here), self._renewal.why_on_approach(vehicle)
-            return [] if why is None else [self._upload(vehicle, path, here, why)]
-        ahead = self._path(planner, here) if self._renewal.is_open(vehicle, here) else None
-        why = None if ahead is None else self._renewal.why(vehicle, ahead, here)
-        return [] if ahead is None or why is None else [self._upload(vehicle, ahead, here, why)]
+            path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)
+            return [] if why is None else [self._upload(vehicle, path, fix, why)]
+        ahead = self._path(planner, fix) if self._renewal.is_open(vehicle, fix) else None
+        why = None if ahead is None else self._renewal.why(vehicle, ahead, fix)
+        return [] if ahead is None or why is None else [self._upload(vehicle, ahead, fix, why)]
 
-    def _path(self, planner: Planner, here: PositionFix) -> Floats | None:
-        cells = planner.path(here.row, here.col)
+    def _path(self, planner: Planner, fix: PositionFix) -> Floats | None:
+        cells = planner.path(fix.row, fix.col)
         if len(cells) < 2:
             return None
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
-    def preview(self, vehicle: Vehicle, here: PositionFix) -> tuple[MissionItem, ...] | None:
+    def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
         """The mission that a renewal would send now, without side effects."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
-            return self.items(vehicle, self.first_path(vehicle, here), here)
-        path = self._path(planner, here)
-        return None if path is None else self.items(vehicle, path, here)
+            return self.items(vehicle, self.first_path(vehicle, fix), fix)
+        path = self._path(planner, fix)
+        return None if path is None else self.items(vehicle, path, fix)
 
-    def compared(self, name: str, here: PositionFix) -> Compared | None:
+    def compared(self, name: str, fix: PositionFix) -> Compared | None:
         """The importances of the front's cells; None before the first lap or for other planners."""
         planner = self.planners[name]
         if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
             return None
-        return planner.compared(here.row, here.col, here.at_s)
+        return planner.compared(fix.row, fix.col, fix.at_s)
 
     def settings(self) -> dict[str, float]:
         """The present settings of the perimeter planners."""
@@ -196,13 +196,13 @@ class FrontFlight(Guidance):
         return {}
 
     def _upload(
-        self, vehicle: Vehicle, path: Floats, here: PositionFix, why: str, keeps_apart: bool = False
+        self, vehicle: Vehicle, path: Floats, fix: PositionFix, why: str, keeps_apart: bool = False
     ) -> UploadMission:
-        items = self.items(vehicle, path, here)
+        items = self.items(vehicle, path, fix)
         keeps_apart = keeps_apart or why == CLOSE_BELOW
-        return self._missions.upload(vehicle, path, items, here, why, keeps_apart)
+        return self._missions.upload(vehicle, path, items, fix, why, keeps_apart)
 
-    def items(self, vehicle: Vehicle, path_m: Floats, here: PositionFix) -> tuple[MissionItem, ...]:
+    def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
         """The mission along a path, above those of vehicles in lower layers."""
         return mission_along(
             path_m,
@@ -210,9 +210,9 @@ class FrontFlight(Guidance):
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.availability.airborne,
-            landing=vehicle.landing.at(here.at_s),
+            landing=vehicle.landing.at(fix.at_s),
             min_at=self.traffic.min_altitudes(vehicle.name),
-            start_m=(here.x_m, here.y_m) if vehicle.availability.airborne else None,
+            start_m=(fix.x_m, fix.y_m) if vehicle.availability.airborne else None,
         )
 
 

@@ -35,7 +35,7 @@ class Renewal:
         self._corrected.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
-    def to_be_checked(self, vehicle: Vehicle, here: PositionFix) -> bool:
+    def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Whether the mission is to be checked now; no upload is under way, and no takeoff."""
         if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
@@ -43,9 +43,9 @@ class Renewal:
             return False  # until it is accepted, refused or withdrawn
         if vehicle.due == TURN_BACK and not self._spacing.may_turn_back(vehicle.name):
             return False
-        if not vehicle.due and here.at_s < vehicle.not_before_s:
+        if not vehicle.due and fix.at_s < vehicle.not_before_s:
             return False
-        vehicle.not_before_s = here.at_s + CHECK_EVERY_S
+        vehicle.not_before_s = fix.at_s + CHECK_EVERY_S
         return True
 
     def why_on_approach(self, vehicle: Vehicle) -> str | None:
@@ -54,12 +54,12 @@ class Renewal:
             return None
         return vehicle.due or "fly to the fire"
 
-    def is_open(self, vehicle: Vehicle, here: PositionFix) -> bool:
+    def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Whether the mission may be renewed so soon after the one before."""
-        since_s = here.at_s - vehicle.uploaded_at_s
+        since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
-    def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], here: PositionFix) -> str | None:
+    def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
         """The reason to renew the mission by one along a path; None: no renewal.
 
         ``path_m`` is (n, 2) x, y in metres, the path of a mission made now.
@@ -76,7 +76,7 @@ class Renewal:
         off_m = float(shapely.distance(shapely.points(near), line).max())
         if off_m > self._settings.path_tolerance_m:
             return "the front is not where the mission leads"
-        left_m = line.length - line.project(shapely.Point(here.x_m, here.y_m))
+        left_m = line.length - line.project(shapely.Point(fix.x_m, fix.y_m))
         if left_m < LEFT_SHARE * horizon_m:
             return "the mission is nearly flown"
         return None

@@ -98,13 +98,13 @@ class FrontMonitor:
     ) -> NDArray[np.int64]:
         """The bearings to which the vehicle was nearest of all that share its map."""
         places = {
-            each: here
+            each: fix
             for each in (name, *sorted(self._watching))
-            if (here := availability[each].here) is not None
+            if (fix := availability[each].fix) is not None
             and front_map_of(self._planners[each]) is fire
         }
         if name not in places:
             return np.arange(BEARINGS)
-        degrees = {each: bearing_deg(fire, here.row, here.col) for each, here in places.items()}
+        degrees = {each: bearing_deg(fire, fix.row, fix.col) for each, fix in places.items()}
         own_deg = degrees.pop(name)
         return nearest_bearings(own_deg, list(degrees.values()))

@@ -62,17 +62,17 @@ class ApiContext:
         for key in ("do", *named):
             if key in wanted:
                 raise ApiError(422, f"{do}: unknown key {key}: it is in the path")
-        return answer(self.request_handler(request.state.who, {**wanted, **named, "do": do}))
+        return answer(self.request_handler(request.state.user, {**wanted, **named, "do": do}))
 
-    def abort(self, who: User, query_string: bytes) -> dict[str, Any]:
+    def abort(self, user: User, query_string: bytes) -> dict[str, Any]:
         """Carry out an abort; returns the reply. The body, which may be incomplete, is not read.
 
         ``query_string`` may contain ``by`` and ``station``, used where the token does not fix them.
         Raises ApiError.
         """
         wanted = dict(parse_qsl(query_string.decode("latin-1")))
-        by = who.name if self.tokens.named else wanted.get("by", who.name)
-        station = who.station or wanted.get("station", "") or self._only_station()
+        by = user.name if self.tokens.named else wanted.get("by", user.name)
+        station = user.station or wanted.get("station", "") or self._only_station()
         found = self.context.request_handler.ask({"do": ABORT, "by": by, "station": station})
         self.context.ring()
         if not found["ok"]:
@@ -81,10 +81,10 @@ class ApiContext:
             raise ApiError(507, str(found["error"]))  # the only reason to refuse an abort
         return found
 
-    def request_handler(self, who: User, wanted: dict[str, Any]) -> dict[str, Any]:
+    def request_handler(self, user: User, wanted: dict[str, Any]) -> dict[str, Any]:
         """Handle a request of ``who``; returns the reply. Raises ApiError if it is refused."""
-        given = {**wanted, **self._who_asks(who, wanted)}
-        may_approve = who.may("approve") if self.tokens.named else None
+        given = {**wanted, **self._requesting_operator(user, wanted)}
+        may_approve = user.may("approve") if self.tokens.named else None
         found = self.context.request_handler.ask(given, may_approve)
         self.context.ring()
         if not found["ok"]:
@@ -94,14 +94,14 @@ class ApiContext:
             raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 
-    def _who_asks(self, who: User, wanted: dict[str, Any]) -> dict[str, Any]:
+    def _requesting_operator(self, user: User, wanted: dict[str, Any]) -> dict[str, Any]:
         """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
-        by = wanted.get("by", who.name)
-        if self.tokens.named and by != who.name:
-            raise ApiError(403, f"this token is valid only with by = {who.name}")
-        station = wanted.get("station") or who.station or self._only_station()
-        if who.station and station != who.station:
-            raise ApiError(403, f"this token is valid only for station {who.station}")
+        by = wanted.get("by", user.name)
+        if self.tokens.named and by != user.name:
+            raise ApiError(403, f"this token is valid only with by = {user.name}")
+        station = wanted.get("station") or user.station or self._only_station()
+        if user.station and station != user.station:
+            raise ApiError(403, f"this token is valid only for station {user.station}")
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:

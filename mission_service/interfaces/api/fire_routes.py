@@ -182,7 +182,7 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
         return answer(api.context.fire()["corrections"])
 
     drawn = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
-    taken = json({"perimeter": examples.FRONT, "told": [examples.TOLD]})
+    taken = json({"perimeter": examples.FRONT, "accepted": [examples.ACCEPTED]})
 
     @routes.post(
         f"{V1}/fire/perimeter",
@@ -203,13 +203,13 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
         told: list[dict[str, Any]] = []
         for each in found.wanted:
             try:
-                told.append(api.request_handler(request.state.who, each))
+                told.append(api.request_handler(request.state.user, each))
             except ApiError as error:
                 place = f"outline {len(told) + 1} of {len(found.wanted)}"
                 words = f"{place}: {error}; those before it were applied"
                 raise ApiError(error.status, words if told else str(error)) from None
             await asyncio.sleep(0)  # other tasks run between two requests
-        return answer({"perimeter": found.perimeter, "told": told})
+        return answer({"perimeter": found.perimeter, "accepted": told})
 
     @routes.get(
         f"{V1}/weather",
@@ -217,7 +217,7 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
     )
     async def weather() -> Response:
         context = api.context
-        told = context.state_view.wind_told
+        told = context.state_view.wind_set
         return answer(
-            {"at_us": context.clock.now_us, "weather": context.weather(), "wind_told": told}
+            {"at_us": context.clock.now_us, "weather": context.weather(), "wind_set": told}
         )

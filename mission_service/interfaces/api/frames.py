@@ -12,31 +12,31 @@ class Frames:
     """The newest event of each key for the live stream; memory: one event for each key."""
 
     def __init__(self, context: RunContext, wall_us: Callable[[], int]) -> None:
-        self._hub = context
+        self._context = context
         self._wall_us = wall_us
         self._kept: dict[str, tuple[int, bytes]] = {}
 
     @property
     def version(self) -> int:
         """The version of the state view."""
-        return self._hub.state_view.version
+        return self._context.state_view.version
 
     async def changed(self, since: int) -> None:
         """Wait until the state view is newer than ``since``."""
-        await self._hub.changed(since)
+        await self._context.changed(since)
 
     def frames(self, since: int) -> bytes:
         """Events of all states that changed since a version, in the order of their versions.
 
         A client that was disconnected continues after its last ``id`` and misses nothing.
         """
-        changed = self._hub.state_view.changed
+        changed = self._context.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
         if key == "announcements":  # only announcements after ``since``: differs between clients
-            lines = [line for line in self._hub.state_view.announcements if line.id > since]
+            lines = [line for line in self._context.state_view.announcements if line.id > since]
             return _event("announcements", version, lines)
         kept = self._kept.get(key)
         if kept is None or kept[0] != version:
@@ -46,7 +46,7 @@ class Frames:
         return kept[1]
 
     def _state(self, kind: str, name: str) -> Any:
-        context = self._hub
+        context = self._context
         match kind:
             case "vehicle":
                 return context.state_view.vehicles[name]

@@ -8,11 +8,11 @@ from mission_service.runtime.run_context import RunContext
 def importance_of(context: RunContext, vehicle: VehicleState) -> Importance | None:
     """Importances at the vehicle's position; None before its first lap and for other rules."""
     name = vehicle.vehicle
-    here = context.core.decision_engine.availability[name].here
-    found = None if here is None else context.core.guidance.compared(name, here)
-    if here is None or found is None:
+    fix = context.core.decision_engine.availability[name].fix
+    found = None if fix is None else context.core.guidance.compared(name, fix)
+    if fix is None or found is None:
         return None
     lat, lon = context.landscape.lat_lon_of(*context.landscape.xy_of(found.rows, found.cols))
     cells = zip(lat.tolist(), lon.tolist(), found.values.tolist(), strict=True)
     rule = context.scenario.planner.rule
-    return Importance(round(here.at_s * 1e6), name, rule, found.back, found.front, list(cells))
+    return Importance(round(fix.at_s * 1e6), name, rule, found.back, found.front, list(cells))

@@ -14,13 +14,13 @@ from starlette.types import Receive, Scope, Send
 
 MAX_STREAMS = 32
 # At the latest after this time a comment is sent: both sides detect a dead connection.
-TOLD_EVERY_S = 10.0
+SENT_EVERY_S = 10.0
 # Pause between two batches for a client, times the number of open streams: all streams together
 # take a few per cent of a core, and a single one gets changes within milliseconds.
 PAUSE_S = 0.002
 MIN_PAUSE_S = 0.004
 END_WITHIN_S = 0.5  # a client that reads more slowly is disconnected
-TOLD_NOTHING = b": \n\n"
+NOTHING_SENT = b": \n\n"
 
 
 class TooSlowError(Exception):
@@ -77,7 +77,7 @@ class LiveStream(Response):
         try:
             headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
             await send({"type": "http.response.start", "status": 200, "headers": headers})
-            await _first_of(self._tell(send), _gone(receive), _set(streams.stopping))
+            await _first_of(self._send_changes(send), _gone(receive), _set(streams.stopping))
             try:
                 async with asyncio.timeout(END_WITHIN_S):
                     await send({"type": "http.response.body", "body": b""})
@@ -86,26 +86,26 @@ class LiveStream(Response):
         finally:
             streams.count -= 1
 
-    async def _tell(self, send: Send) -> None:
+    async def _send_changes(self, send: Send) -> None:
         """Send changes until the client's token is no longer valid."""
         streams, source = self._streams, self._streams.source
-        told_at_s = asked_at_s = streams.now_s()
+        sent_at_s = asked_at_s = streams.now_s()
         while True:
             try:
-                async with asyncio.timeout(told_at_s + TOLD_EVERY_S - streams.now_s()):
+                async with asyncio.timeout(sent_at_s + SENT_EVERY_S - streams.now_s()):
                     await source.changed(self._sent)
                 version = source.version
                 body = source.frames(self._sent)
                 self._sent = version
             except TimeoutError:
-                body = TOLD_NOTHING
-            if streams.now_s() - asked_at_s >= TOLD_EVERY_S:
+                body = NOTHING_SENT
+            if streams.now_s() - asked_at_s >= SENT_EVERY_S:
                 asked_at_s = streams.now_s()
                 if not self._still():
                     return
             if body:
                 await send({"type": "http.response.body", "body": body, "more_body": True})
-                told_at_s = streams.now_s()
+                sent_at_s = streams.now_s()
             await asyncio.sleep(streams.pause_s)
 
 

@@ -34,7 +34,7 @@ class RequestResult(msgspec.Struct):
     ok: bool
     at_s: float
     event: str
-    said: list[str]
+    messages: list[str]
     confirm: bool = False  # not carried out: ask the operator, then send it ``confirmed``
     burned_ha_before: float | None = None
     burned_ha_after: float | None = None

@@ -36,7 +36,7 @@ ERROR = {
     }
 }
 COMMON = {status: {"description": text, "content": ERROR} for status, text in REFUSALS.items()}
-WHO = {
+OPERATOR_FIELDS = {
     "by": {"type": "string", "description": "Name of the user, if the token does not fix it."},
     "station": {
         "type": "string",
@@ -54,11 +54,11 @@ class RequiredRole:
     async def __call__(self, request: Request) -> None:
         if self.role is None:
             return
-        who = request.state.who
-        if who is None:
+        user = request.state.user
+        if user is None:
             raise ApiError(401, "a token is needed", {"www-authenticate": "Bearer"})
-        if not who.may(self.role):
-            raise ApiError(403, f"this requires the role {self.role}, which {who.name} lacks")
+        if not user.may(self.role):
+            raise ApiError(403, f"this requires the role {self.role}, which {user.name} lacks")
 
 
 def route(
@@ -112,7 +112,7 @@ def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[st
     schema = {
         "type": "object",
         "description": whole.get("description", ""),
-        "properties": {**properties, **WHO},
+        "properties": {**properties, **OPERATOR_FIELDS},
         "required": [key for key in whole["required"] if key not in left_out],
         "additionalProperties": False,
     }

@@ -68,5 +68,5 @@ def _reply_to(kind: type[Request]) -> dict[str, object]:
     user = {"do": name_of(kind), "by": "anna", "station": "west"}
     event = msgspec.convert({**user, **kind.example}, kind).event(0)
     areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}
-    told = {**examples.TOLD, "event": type(event).__name__}
-    return {**told, "said": [], **areas} if isinstance(event, CHANGES_AREA) else told
+    told = {**examples.ACCEPTED, "event": type(event).__name__}
+    return {**told, "messages": [], **areas} if isinstance(event, CHANGES_AREA) else told

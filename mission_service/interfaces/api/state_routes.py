@@ -9,13 +9,13 @@ from mission_service.interfaces.api.access.auth import ROLES, User
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.live_stream import MAX_STREAMS, LiveStream
 from mission_service.interfaces.api.models import FullState, RequestResult, land_of, status_of
-from mission_service.interfaces.api.openapi import V1, WHO, route, struct, structs
+from mission_service.interfaces.api.openapi import OPERATOR_FIELDS, V1, route, struct, structs
 from mission_service.interfaces.api.planner_routes import planner_of
 from mission_service.interfaces.api.responses import ApiError, answer
 from mission_service.runtime.published_states import Announcement
 
 LARGEST = 2**53
-BY, STATION = WHO["by"]["description"], WHO["station"]["description"]
+BY, STATION = OPERATOR_FIELDS["by"]["description"], OPERATOR_FIELDS["station"]["description"]
 Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the client has.")]
 
 
@@ -27,14 +27,14 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/state", **route("look", "Complete state for a new client.", struct(FullState))
     )
     async def state(request: Request) -> Response:
-        context, who = api.context, request.state.who
+        context, user = api.context, request.state.user
         state_view = context.state_view
         return answer(
             FullState(
                 state_view.version,
                 status_of(context, api.wall_us()),
-                tuple(role for role in ROLES if who.may(role)),
-                who.name,
+                tuple(role for role in ROLES if user.may(role)),
+                user.name,
                 list(state_view.vehicles.values()),
                 list(state_view.telemetry.values()),
                 list(state_view.missions.values()),
@@ -62,8 +62,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         if api.streams.full:
             text = f"{MAX_STREAMS} live streams are open already"
             raise ApiError(503, text, {"retry-after": "10"})
-        who: User = request.state.who
-        return LiveStream(api.streams, since, lambda: api.tokens.still(who))
+        user: User = request.state.user
+        return LiveStream(api.streams, since, lambda: api.tokens.still(user))
 
     @routes.get(
         f"{V1}/announcements",
@@ -77,7 +77,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         **route(
             "look",
             "Stop at once: accepted with any valid token, as soon as its headers arrive.",
-            struct(RequestResult, {**examples.TOLD, "event": "Aborted"}),
+            struct(RequestResult, {**examples.ACCEPTED, "event": "Aborted"}),
         ),
     )
     async def abort(

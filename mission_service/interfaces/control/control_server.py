@@ -23,7 +23,7 @@ MAX_CLIENTS = 16
 MAX_WAITING = 64  # beyond MAX_CLIENTS only an abort is accepted; beyond this one is cut
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
-MAX_OWED = 100  # waiting lines at which reading pauses
+MAX_QUEUED = 100  # waiting lines at which reading pauses
 FRESH_S = 2.0  # lines sent this long before a client closes are still carried out
 LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
@@ -130,7 +130,7 @@ class _Client(asyncio.Protocol):
         self._clients = clients
         self._loop = asyncio.get_running_loop()
         self._rest = b""
-        self._owed: deque[bytes | Answer] = (
+        self._queued: deque[bytes | Answer] = (
             deque()
         )  # waiting lines, and answers to be sent after them
         self._read_s = 0.0
@@ -150,7 +150,7 @@ class _Client(asyncio.Protocol):
         self._silence.cancel()
         self._clients.there.pop(self, None)
         if self._loop.time() - self._read_s > FRESH_S:
-            self._owed.clear()
+            self._queued.clear()
         self._go_on()
 
     def cut(self) -> None:
@@ -171,7 +171,7 @@ class _Client(asyncio.Protocol):
         elif _is_abort(self._rest):
             self._take(self._rest)
             self._rest, self._after_abort = b"", True
-        if len(self._owed) > MAX_OWED:
+        if len(self._queued) > MAX_QUEUED:
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
@@ -199,15 +199,15 @@ class _Client(asyncio.Protocol):
         if self._ended:
             return
         if len(line) > MAX_LINE_BYTES:
-            self._owed.append(wrong(f"a line has at most {MAX_LINE_BYTES} bytes"))
+            self._queued.append(wrong(f"a line has at most {MAX_LINE_BYTES} bytes"))
             self._ended = True
         elif _is_abort(line):
-            self._owed.append(self._answer(line))
+            self._queued.append(self._answer(line))
         elif self.late:
             text = f"{MAX_CLIENTS} clients are connected already; only an abort is accepted"
-            self._owed.append(wrong(text))
+            self._queued.append(wrong(text))
         else:
-            self._owed.append(line)
+            self._queued.append(line)
         self._ended = self._ended or self.late
         self._go_on()
 
@@ -219,14 +219,14 @@ class _Client(asyncio.Protocol):
     def _turn(self) -> None:
         """Handle and answer one line."""
         self._turn_comes = False
-        if self._owed:
-            first = self._owed.popleft()
+        if self._queued:
+            first = self._queued.popleft()
             answer = self._answer(first) if isinstance(first, bytes) else first
             if not self._gone:
                 self._transport.write(msgspec.json.encode(answer) + b"\n")
                 self._silence.cancel()
                 self._silence = self._loop.call_later(self._idle_s, self.cut)
-        if self._owed:
+        if self._queued:
             self._go_on()
         elif self._ended:
             self._transport.close()

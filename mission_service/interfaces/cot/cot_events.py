@@ -36,23 +36,23 @@ def zulu(unix_us: int) -> str:
 
 
 def vehicle_event(
-    here: TelemetryState,
+    fix: TelemetryState,
     kind: str,
     site: str,
     unix_us: int,
     stale_us: int,
 ) -> bytes:
     """The position of a vehicle at ``unix_us``; the event is stale after ``stale_us`` more."""
-    event = _event(f"{site}.{here.vehicle}", TYPES[kind], MACHINE_GPS, unix_us, stale_us)
-    _point(event, here.lat_deg, here.lon_deg)
+    event = _event(f"{site}.{fix.vehicle}", TYPES[kind], MACHINE_GPS, unix_us, stale_us)
+    _point(event, fix.lat_deg, fix.lon_deg)
     detail = ElementTree.SubElement(event, "detail")
-    ElementTree.SubElement(detail, "contact", callsign=here.vehicle)
+    ElementTree.SubElement(detail, "contact", callsign=fix.vehicle)
     ElementTree.SubElement(
-        detail, "track", course=f"{here.track_deg:.1f}", speed=f"{here.ground_speed_m_s:.2f}"
+        detail, "track", course=f"{fix.track_deg:.1f}", speed=f"{fix.ground_speed_m_s:.2f}"
     )
-    heights = f"{here.altitude_amsl_m:.0f} m above the sea"
-    if here.height_agl_m is not None:
-        heights += f", {here.height_agl_m:.0f} m above ground"
+    heights = f"{fix.altitude_amsl_m:.0f} m above the sea"
+    if fix.height_agl_m is not None:
+        heights += f", {fix.height_agl_m:.0f} m above ground"
     ElementTree.SubElement(detail, "remarks").text = heights
     return ElementTree.tostring(event)
 

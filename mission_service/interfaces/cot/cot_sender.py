@@ -82,7 +82,7 @@ class Stream:
                 pass
 
 
-def cot_door(
+def cot_interface(
     settings: CotSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
     """The coroutine that sends events until cancelled. Raises MissionServiceError."""
@@ -90,10 +90,10 @@ def cot_door(
     if settings.scheme == "tls":
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
 
-    async def door(context: "RunContext") -> None:
+    async def run_interface(context: "RunContext") -> None:
         await CotSender(context, settings, site_of(scenario_name), tls).run()
 
-    return door
+    return run_interface
 
 
 class CotSender:
@@ -102,7 +102,7 @@ class CotSender:
     def __init__(
         self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None
     ) -> None:
-        self._hub, self._settings, self._site, self._tls = context, settings, site, tls
+        self._context, self._settings, self._site, self._tls = context, settings, site, tls
         self._forecasts = forecasts_of(context)
         self._sent: dict[str, int] = {}  # version of the state view, by vehicle
 
@@ -121,8 +121,10 @@ class CotSender:
                         wait_s = MIN_WAIT_S
                 except (OSError, TimeoutError) as error:
                     words = str(error) or "no answer"
-                    self._hub.state_view.alarm(ALARM, f"no CoT to {self._settings.url}: {words}")
-                    self._hub.ring()
+                    self._context.state_view.alarm(
+                        ALARM, f"no CoT to {self._settings.url}: {words}"
+                    )
+                    self._context.ring()
                 await asyncio.sleep(wait_s)
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
         finally:
@@ -144,23 +146,23 @@ class CotSender:
         number = 0
         while True:
             if number % FIRE_EVERY == 0:
-                await self._tell_fire(way, FIRE_EVERY * stale_us)
-            await self._tell_vehicles(way, stale_us)
-            self._hub.state_view.clear(ALARM)
+                await self._send_fire(way, FIRE_EVERY * stale_us)
+            await self._send_vehicles(way, stale_us)
+            self._context.state_view.clear(ALARM)
             number += 1
             await asyncio.sleep(self._settings.every_s)
 
-    async def _tell_vehicles(self, way: CotTransport, stale_us: int) -> None:
+    async def _send_vehicles(self, way: CotTransport, stale_us: int) -> None:
         """Send positions that are new since the last round; on the maps the others become stale."""
-        state_view = self._hub.state_view
-        for name, here in list(state_view.telemetry.items()):
+        state_view = self._context.state_view
+        for name, fix in list(state_view.telemetry.items()):
             version = state_view.changed[f"telemetry/{name}"]
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
                 kind = state_view.vehicles[name].kind
-                await way.send(vehicle_event(here, kind, self._site, wall_us(), stale_us))
+                await way.send(vehicle_event(fix, kind, self._site, wall_us(), stale_us))
 
-    async def _tell_fire(self, way: CotTransport, stale_us: int) -> None:
-        front = await front_now(self._hub, self._forecasts)
+    async def _send_fire(self, way: CotTransport, stale_us: int) -> None:
+        front = await front_now(self._context, self._forecasts)
         for event in fire_events(front, self._site, wall_us(), stale_us):
             await way.send(event)

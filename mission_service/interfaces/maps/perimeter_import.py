@@ -87,7 +87,7 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
     return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
 
 
-def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perimeter:
+def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimeter:
     """The same, with the landscape as a polygon in longitude and latitude."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
@@ -100,7 +100,7 @@ def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perime
         notes += odd
         if area is None:
             continue
-        if not area.intersects(here):
+        if not area.intersects(fix):
             off.append((number, area))
             continue
         record = _record(drawn)
@@ -111,14 +111,14 @@ def read_perimeter_in(data: bytes, file_name: str, here: BaseGeometry) -> Perime
         number, area = off[0]
         raise FireModelError(
             f"{name}: feature {number} (at {_place(area)}) lies outside the landscape (around "
-            f"{_place(here)}); send the perimeter of this fire"
+            f"{_place(fix)}); send the perimeter of this fire"
         )
     if not polygons:
         raise FireModelError(f"{name}: holds no polygon; draw the perimeter as one")
     if off:
         notes.append(f"{len(off)} features are not on the landscape: left out")
     area = multipolygon(shapely.orient_polygons(shapely.union_all(polygons)))
-    beyond = 1.0 - area.intersection(here).area / area.area
+    beyond = 1.0 - area.intersection(fix).area / area.area
     if beyond > SMALL_SHARE:
         notes.append(f"{100 * beyond:.1f} % of its area lies off the landscape")
     notes += _odd_times(records)

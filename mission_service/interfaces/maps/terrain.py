@@ -137,9 +137,9 @@ def blurred(
     for each in np.unique(low):
         at = low == each
         share = level[at] - each
-        here = halved_at(levels, each, row[at], col[at])
+        fix = halved_at(levels, each, row[at], col[at])
         next_one = min(each + 1, len(levels) - 1)
-        found[at] = here * (1.0 - share) + halved_at(levels, next_one, row[at], col[at]) * share
+        found[at] = fix * (1.0 - share) + halved_at(levels, next_one, row[at], col[at]) * share
     return found
 
 

@@ -16,7 +16,7 @@ import msgspec
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
 
-DOOR = "mqtt"  # prefix of names and stations
+MQTT = "mqtt"  # prefix of names and stations
 MAX_BYTES = 64 * 1024
 MAX_NAME = 40
 OLD_US = 30_000_000
@@ -126,8 +126,8 @@ class CommandGate:
         if now_s - self._aborted_s < ABORTS_APART_S:
             return Reply(name_of, ABORT, at_us, True, event="Aborted", again=True)
         self._aborted_s = now_s
-        who = {"by": request.get("by", f"{DOOR}:unknown"), "station": request.get("station", DOOR)}
-        return self._done(ABORT, name_of, who, at_us)
+        user = {"by": request.get("by", f"{MQTT}:unknown"), "station": request.get("station", MQTT)}
+        return self._done(ABORT, name_of, user, at_us)
 
     def _done(self, name: str, name_of: str | None, request: dict[str, Any], at_us: int) -> Reply:
         answer = self._ask({**request, "do": name})
@@ -138,7 +138,7 @@ class CommandGate:
             answer["ok"],
             answer.get("error", ""),
             answer.get("event", ""),
-            tuple(answer.get("said", ())),
+            tuple(answer.get("messages", ())),
             confirm=answer.get("confirm", False),
         )
 
@@ -167,8 +167,8 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
         raise _RefusedError("unknown key do: the topic names the command")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
     # Without the prefix, a command would count as presence at a station that approves plans.
-    station = f"{DOOR}:{command.station}" if command.station else DOOR
-    return command, {**request, "by": f"{DOOR}:{command.by}", "station": station}
+    station = f"{MQTT}:{command.station}" if command.station else MQTT
+    return command, {**request, "by": f"{MQTT}:{command.by}", "station": station}
 
 
 def _id_in(payload: bytes) -> str | None:

@@ -10,7 +10,7 @@ from mission_service.runtime.published_states import Alarm
 # Python's $ also matches before a line break at the end.
 PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 CommandId = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"^[!-~]+$(?!\n)")]
-Who = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)]
+OperatorName = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)]
 
 
 class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
@@ -43,7 +43,7 @@ class Command(msgspec.Struct, tag="command/1", tag_field="schema"):
     """The keys of every command. Further keys are those of its request; others are refused."""
 
     id: CommandId  # set by the sender, repeated in the reply; carried out only once
-    by: Who
+    by: OperatorName
     sent_at_unix_us: Annotated[int, Meta(ge=0)]
     station: Annotated[str, Meta(max_length=70, pattern=PRINTED)] = ""
 
@@ -57,6 +57,6 @@ class Reply(msgspec.Struct, tag="reply/1", tag_field="schema"):
     ok: bool
     error: str = ""
     event: str = ""  # type of its event in the journal
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
     confirm: bool = False  # not carried out: send it again with ``confirmed``
     again: bool = False  # a repeated reply: it was not carried out again

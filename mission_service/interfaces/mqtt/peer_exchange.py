@@ -156,7 +156,7 @@ class PeerExchange:
 
     def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
         self.channel = channel
-        self.connected, self._told_lost = False, False
+        self.connected, self._loss_reported = False, False
         self.sent: Counter[str] = Counter()  # by kind
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
@@ -170,28 +170,30 @@ class PeerExchange:
         """Queue a message; it is sent as soon as the broker accepts it."""
         self._outbox.put(message)
 
-    async def run(self, ears: "PeerListener") -> None:
+    async def run(self, listener: "PeerListener") -> None:
         """Exchange messages until cancelled; connect again after a failure."""
         await keep_connected(
-            self._client, partial(self._use, ears=ears), partial(self._lost, ears=ears)
+            self._client,
+            partial(self._use, listener=listener),
+            partial(self._lost, listener=listener),
         )
 
-    async def _use(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
+    async def _use(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
         """Exchange messages until the connection is lost; raises the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
-        ears.announce(f"connected to other processes over {self.channel.broker}", False)
-        self.connected, self._told_lost = True, False
-        loops = (self._hear, self._send, self._tell_time, self._find_contact)
-        await together(*(talk(client, ears) for talk in loops))
+        listener.announce(f"connected to other processes over {self.channel.broker}", False)
+        self.connected, self._loss_reported = True, False
+        loops = (self._receive, self._send, self._send_time, self._find_contact)
+        await together(*(talk(client, listener) for talk in loops))
 
-    def _lost(self, why: str, ears: "PeerListener") -> None:
-        if not self._told_lost:
+    def _lost(self, why: str, listener: "PeerListener") -> None:
+        if not self._loss_reported:
             text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is back"
-            ears.announce(text, True)
-        self.connected, self._told_lost = False, True
+            listener.announce(text, True)
+        self.connected, self._loss_reported = False, True
         if self._in_contact:
             self._in_contact = False
-            ears.on_link(False)
+            listener.on_link(False)
 
     async def join(self) -> None:
         """Wait up to ``JOIN_S`` for the mission time of another process."""
@@ -203,7 +205,7 @@ class PeerExchange:
         self._inbox = _inbox()
         return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
-    async def _send(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
+    async def _send(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
         while True:
             await self._outbox.is_not_empty.wait()
             message = self._outbox.pop()
@@ -213,14 +215,14 @@ class PeerExchange:
                 await client.publish(topic, payload, qos=0, timeout=TAKE_S)
                 self.sent[kind] += 1
 
-    async def _find_contact(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
+    async def _find_contact(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
         """Report the contact, after a time in which all processes connect to the broker again."""
         await asyncio.sleep(MAX_WAIT_S + 0.5)
         self._in_contact = True
-        ears.on_link(True)
+        listener.on_link(True)
         await asyncio.Event().wait()
 
-    async def _tell_time(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
+    async def _send_time(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
         """Publish mission time regularly, and soon after a time from a process that lags behind.
 
         Mission time of the formation is the latest of all processes.
@@ -228,38 +230,38 @@ class PeerExchange:
         topic = self.channel.topic(min(self._own), TIME)
         while True:
             self._time_due.clear()
-            await client.publish(topic, str(ears.mission_us).encode(), qos=0, timeout=TAKE_S)
+            await client.publish(topic, str(listener.mission_us).encode(), qos=0, timeout=TAKE_S)
             await asyncio.sleep(TIME_LEAST_S)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(TIME_EVERY_S):
                     await self._time_due.wait()
 
-    async def _hear(self, client: aiomqtt.Client, ears: "PeerListener") -> None:
+    async def _receive(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
         async for told in client.messages:
-            self._take(told, ears)
+            self._take(told, listener)
             while not self._inbox.empty():
-                self._take(self._inbox.get_nowait(), ears)
+                self._take(self._inbox.get_nowait(), listener)
             await asyncio.sleep(READ_S)  # meanwhile newer states replace older ones
 
-    def _take(self, told: aiomqtt.Message, ears: "PeerListener") -> None:
+    def _take(self, told: aiomqtt.Message, listener: "PeerListener") -> None:
         *_, vehicle, kind = told.topic.value.split("/")
         if vehicle in self._own:
             return
         payload = told.payload if isinstance(told.payload, bytes) else b""
         try:
             if kind == TIME:
-                self._hear_time(decoded_time(payload, self._latest_us), ears)
+                self._receive_time(decoded_time(payload, self._latest_us), listener)
             else:
-                ears.on_message(decoded(vehicle, payload, self._latest_us))
+                listener.on_message(decoded(vehicle, payload, self._latest_us))
         except UnfitError as problem:
             if not self.refused[vehicle]:
-                ears.announce(f"{told.topic}: {problem}; such messages are left out", True)
+                listener.announce(f"{told.topic}: {problem}; such messages are left out", True)
             self.refused[vehicle] += 1
 
-    def _hear_time(self, mission_us: int, ears: "PeerListener") -> None:
-        if mission_us < ears.mission_us - BEHIND_US:
+    def _receive_time(self, mission_us: int, listener: "PeerListener") -> None:
+        if mission_us < listener.mission_us - BEHIND_US:
             self._time_due.set()
         else:
             self._time_due.clear()  # another process has published it
-        ears.passed(mission_us)
+        listener.passed(mission_us)
         self._joined.set()

@@ -43,7 +43,7 @@ class PublishSchedule:
         self._telemetry_every_us = round(1e6 / telemetry_hz)
         self._sent: dict[str, int] = {}  # version of the state view, by key
         self._due_us: dict[str, int] = {}
-        self._news_id = 0
+        self._announcement_id = 0
 
     def begin(self) -> None:
         """Send all states again: a new connection begins."""
@@ -65,6 +65,6 @@ class PublishSchedule:
 
     def announcements(self, state_view: StateView) -> Iterator[Publication]:
         """Announcements that were not sent; each counts as sent when the next is taken."""
-        for line in state_view.announcements_after(self._news_id):
+        for line in state_view.announcements_after(self._announcement_id):
             yield Publication(EVENT, _encode(line))
-            self._news_id = line.id
+            self._announcement_id = line.id

@@ -42,23 +42,23 @@ FRONT_EVERY_S, CORRECTED_EVERY_S = 10.0, 1.0
 STATUS_EVERY_S = 1.0  # interval of checks for a change
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
-TELL_AGAIN_US = 60_000_000
+REPUBLISH_AFTER_US = 60_000_000
 MAX_UNREAD = 100  # commands that wait
 MAX_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
 PACKET_BYTES = 2 * MAX_BYTES  # the broker drops larger ones; above MAX_BYTES they are refused
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
 
-def mqtt_door(
+def mqtt_interface(
     settings: MqttSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
     """The coroutine that publishes and subscribes until cancelled. Raises MissionServiceError."""
     site = site_in(settings, scenario_name)
 
-    async def door(context: "RunContext") -> None:
+    async def run_interface(context: "RunContext") -> None:
         await Publisher(context, settings, site).run()
 
-    return door
+    return run_interface
 
 
 def _inbox() -> Inbox:
@@ -71,15 +71,15 @@ class Publisher:
     def __init__(self, context: "RunContext", settings: MqttSection, site: Site) -> None:
         self.site = site
         self.connected = False
-        self._told_lost, self._tell_from_us = False, 0
+        self._loss_reported, self._publish_from_us = False, 0
         self.sent: Counter[str] = Counter()  # by schema
-        self._hub = context
+        self._context = context
         context.gauges["mqtt_connected"] = lambda: self.connected
         context.gauges["mqtt_sent_total"] = self.sent.total
         self._takes_commands = settings.commands
         self._outgoing = PublishSchedule(settings.telemetry_hz)
         self._forecasts = forecasts_of(context)
-        self._doorkeeper = CommandGate(partial(context.request_handler.ask, may_approve=False))
+        self._command_gate = CommandGate(partial(context.request_handler.ask, may_approve=False))
         self._inbox = _inbox()
         self._replies: deque[Reply] = deque(maxlen=MAX_REPLIES)
         self._reply_waits = asyncio.Event()
@@ -121,10 +121,15 @@ class Publisher:
         self._outgoing.begin()
         self._found()
         told: list[Callable[[aiomqtt.Client], Coroutine[Any, Any, None]]]
-        told = [self._tell_status, self._tell_states, self._tell_news, self._tell_front]
-        told += [partial(self._tell_polled, topic) for topic in POLLED]
+        told = [
+            self._publish_status,
+            self._publish_states,
+            self._publish_announcements,
+            self._publish_front,
+        ]
+        told += [partial(self._publish_polled, topic) for topic in POLLED]
         try:
-            await together(*(talk(client) for talk in (*told, self._hear, self._answer)))
+            await together(*(talk(client) for talk in (*told, self._receive, self._answer)))
         except asyncio.CancelledError:
             with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                 async with asyncio.timeout(FAREWELL_S):
@@ -134,22 +139,24 @@ class Publisher:
 
     def _found(self) -> None:
         self.connected = True
-        self._hub.state_view.clear(BROKER_ALARM)
-        if self._told_lost:
-            self._hub.service.announce("mqtt", f"the broker at {self.site.broker} is back", "info")
-        self._told_lost = False
-        self._hub.ring()
+        self._context.state_view.clear(BROKER_ALARM)
+        if self._loss_reported:
+            self._context.service.announce(
+                "mqtt", f"the broker at {self.site.broker} is back", "info"
+            )
+        self._loss_reported = False
+        self._context.ring()
 
     def _lost(self, why: str) -> None:
         """Raise the alarm; announce a lost broker once, not each of many short connections."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()
-        if not self._told_lost and now_us >= self._tell_from_us:
-            self._told_lost, self._tell_from_us = True, now_us + TELL_AGAIN_US
-            self._hub.service.announce("mqtt", text)
-        self._hub.state_view.alarm(BROKER_ALARM, text)
-        self._hub.ring()
+        if not self._loss_reported and now_us >= self._publish_from_us:
+            self._loss_reported, self._publish_from_us = True, now_us + REPUBLISH_AFTER_US
+            self._context.service.announce("mqtt", text)
+        self._context.state_view.alarm(BROKER_ALARM, text)
+        self._context.ring()
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
         """Subscribe to commands, with their retain flags: retained commands are refused."""
@@ -160,9 +167,9 @@ class Publisher:
         if refused:
             user = self.site.access.user or "nobody"
             text = f"no commands over MQTT: the broker refuses {user} the subscription to {topic}"
-            self._hub.state_view.alarm(COMMANDS_ALARM, text)
+            self._context.state_view.alarm(COMMANDS_ALARM, text)
         else:
-            self._hub.state_view.clear(COMMANDS_ALARM)
+            self._context.state_view.clear(COMMANDS_ALARM)
 
     def _topic(self, rest: str) -> str:
         return f"{self.site.topic}/{rest}"
@@ -177,7 +184,7 @@ class Publisher:
     # Publications -----------------------------------------------------------------------------
 
     def _status(self, online: bool, why: str = "") -> ServiceStatus:
-        context = self._hub
+        context = self._context
         return ServiceStatus(
             context.state_view.at_us,
             wall_us(),
@@ -191,7 +198,7 @@ class Publisher:
             context.replay is not None,
         )
 
-    async def _tell_status(self, client: aiomqtt.Client) -> None:
+    async def _publish_status(self, client: aiomqtt.Client) -> None:
         before: tuple[object, ...] | None = None
         while True:
             status = self._status(True)
@@ -200,40 +207,40 @@ class Publisher:
                 before = (status.not_ready, status.vehicles)
             await asyncio.sleep(STATUS_EVERY_S)
 
-    async def _tell_polled(self, topic: Topic, client: aiomqtt.Client) -> None:
+    async def _publish_polled(self, topic: Topic, client: aiomqtt.Client) -> None:
         assert topic.build is not None
         before: object = None
         while True:
-            state = topic.build(self._hub, "")
+            state = topic.build(self._context, "")
             if state != before:
                 await self._publish(client, Publication(topic, msgspec.json.encode(state)))
                 before = state
             await asyncio.sleep(POLLED_EVERY_S)
 
-    async def _tell_states(self, client: aiomqtt.Client) -> None:
+    async def _publish_states(self, client: aiomqtt.Client) -> None:
         while True:
-            version = self._hub.state_view.version
-            for told in self._outgoing.states(self._hub, clock_us()):
+            version = self._context.state_view.version
+            for told in self._outgoing.states(self._context, clock_us()):
                 await self._publish(client, told)
-            await self._wait_for_news(version)
+            await self._wait_for_announcements(version)
 
-    async def _tell_news(self, client: aiomqtt.Client) -> None:
+    async def _publish_announcements(self, client: aiomqtt.Client) -> None:
         while True:
-            version = self._hub.state_view.version
-            for told in self._outgoing.announcements(self._hub.state_view):
+            version = self._context.state_view.version
+            for told in self._outgoing.announcements(self._context.state_view):
                 await self._publish(client, told)
-            await self._wait_for_news(version)
+            await self._wait_for_announcements(version)
 
-    async def _wait_for_news(self, version: int) -> None:
+    async def _wait_for_announcements(self, version: int) -> None:
         """Wait for a change of the state view, at most ``LONGEST_LOOK_S``, as states may be due."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):
-                await self._hub.changed(version)
+                await self._context.changed(version)
 
-    async def _tell_front(self, client: aiomqtt.Client) -> None:
+    async def _publish_front(self, client: aiomqtt.Client) -> None:
         """Publish the front at intervals, and soon after a correction of the fire."""
-        context, loop = self._hub, asyncio.get_running_loop()
+        context, loop = self._context, asyncio.get_running_loop()
         while True:
             began_s, version = loop.time(), context.state_view.fire_version
             front = {"schema": FRONT.schema, **await front_now(context, self._forecasts)}
@@ -246,7 +253,7 @@ class Publisher:
 
     # Commands ---------------------------------------------------------------------------------
 
-    async def _hear(self, client: aiomqtt.Client) -> None:
+    async def _receive(self, client: aiomqtt.Client) -> None:
         """Handle commands; ends as soon as the connection is lost, even without publications."""
         async for message in client.messages:
             self._take(message)
@@ -255,8 +262,8 @@ class Publisher:
     def _take(self, message: aiomqtt.Message) -> None:
         name = message.topic.value.rpartition("/")[2]
         payload = message.payload if isinstance(message.payload, bytes) else b""
-        at_us, now_s = self._hub.clock.now_us, clock_us() / 1e6
-        reply = self._doorkeeper.accept(name, payload, message.retain, at_us, now_s, wall_us())
+        at_us, now_s = self._context.clock.now_us, clock_us() / 1e6
+        reply = self._command_gate.accept(name, payload, message.retain, at_us, now_s, wall_us())
         if reply is not None:
             self._replies.append(reply)
             self._reply_waits.set()

@@ -20,7 +20,7 @@ def story_of(name: str, flight: Flight) -> RunAnalysis:
     return run_analysis(name, flight, found, own if whole and isinstance(own, JournalLog) else None)
 
 
-def story_beside(name: str, what: Replaying, out: Path | None, created: str) -> RunAnalysis:
+def story_with_fire(name: str, what: Replaying, out: Path | None, created: str) -> RunAnalysis:
     """Analyse a flight with its open-loop replay, whose journal is left in ``out``, if given.
 
     ``created`` goes into the journal's header. Raises FlightError if ``out`` already contains the

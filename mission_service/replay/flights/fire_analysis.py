@@ -190,10 +190,10 @@ class _Telling:
             return
         for name, availability in self._core.decision_engine.availability.items():
             planner: Any = self._core.decision_engine.planners[name]
-            here = availability.here
-            if here is None or not availability.flies or planner.phase == "approach":
+            fix = availability.fix
+            if fix is None or not availability.flies or planner.phase == "approach":
                 continue
-            shape = planner.shape(here.row, here.col)
+            shape = planner.shape(fix.row, fix.col)
             if np.isfinite(shape).all():
                 self._believed.append((at_us, name, shape.copy()))
 

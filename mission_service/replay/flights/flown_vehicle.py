@@ -47,7 +47,7 @@ class Flown:
         self._dated = offset_us is not None
         self._begin_us: int | None = None
         self._end_us = 0
-        self._here: Position | None = None
+        self._fix: Position | None = None
         self._here_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
@@ -111,26 +111,24 @@ class Flown:
                 self.servo_steps.append((at_us, number, after))
         self._pulses = now.pulse_us
 
-    def _moved(self, here: Position, at_us: int) -> None:
+    def _moved(self, fix: Position, at_us: int) -> None:
         self.positions += 1
-        self.track.append_point((at_us, here.lat_deg, here.lon_deg, here.altitude_amsl_m))
-        down_m_s = 0.0 if math.isnan(here.velocity_down_m_s) else here.velocity_down_m_s
-        speed_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s, down_m_s)
+        self.track.append_point((at_us, fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m))
+        down_m_s = 0.0 if math.isnan(fix.velocity_down_m_s) else fix.velocity_down_m_s
+        speed_m_s = math.hypot(fix.velocity_north_m_s, fix.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
         if self.home is None or self._max_m_s < MOVES_M_S:
             # The last position on the ground: an autopilot's first positions may lack the altitude.
-            self.home = (here.lat_deg, here.lon_deg, here.altitude_amsl_m)
+            self.home = (fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             self.highest_m = None
-        above_m = here.altitude_amsl_m - self.home[2]
+        above_m = fix.altitude_amsl_m - self.home[2]
         self.highest_m = above_m if self.highest_m is None else max(self.highest_m, above_m)
-        before, self._here = self._here, here
+        before, self._fix = self._fix, fix
         if self._here_us is not None:
             self.longest_gap_s = max(self.longest_gap_s, (at_us - self._here_us) / 1e6)
         self._here_us = at_us
         if before is not None and speed_m_s >= MOVES_M_S:
-            self.flown_m += distance_m(
-                (before.lat_deg, before.lon_deg), (here.lat_deg, here.lon_deg)
-            )
+            self.flown_m += distance_m((before.lat_deg, before.lon_deg), (fix.lat_deg, fix.lon_deg))
 
     def _since_s(self, at_us: int) -> float:
         return round((at_us - (self._begin_us or 0)) / 1e6, 3)

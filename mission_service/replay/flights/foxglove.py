@@ -104,16 +104,16 @@ def messages_of(
             yield Message("log", "foxglove.Log", entry)
 
 
-def _location(name: str, time: dict[str, int], here: Position) -> dict[str, Any]:
+def _location(name: str, time: dict[str, int], fix: Position) -> dict[str, Any]:
     return {
         "timestamp": time,
         "frame_id": name,
-        "latitude": here.lat_deg,
-        "longitude": here.lon_deg,
-        "altitude": here.altitude_amsl_m,
+        "latitude": fix.lat_deg,
+        "longitude": fix.lon_deg,
+        "altitude": fix.altitude_amsl_m,
         "position_covariance": [0.0] * 9,
         "position_covariance_type": UNKNOWN_COVARIANCE,
-        "heading": math.radians(here.heading_deg) if math.isfinite(here.heading_deg) else 0.0,
+        "heading": math.radians(fix.heading_deg) if math.isfinite(fix.heading_deg) else 0.0,
     }
 
 

@@ -56,8 +56,8 @@ class Playback:
         self.complete = False  # whether the flight was ever played to its end
         self._journal = journal
         self._known = Known(what.scenario, what.landscape)
-        self._spool: EntryCache[Told] = EntryCache(told_in(what))
-        self._spool.get(0)  # first of all: a journal is read once for its operators' requests
+        self._cache: EntryCache[Told] = EntryCache(told_in(what))
+        self._cache.get(0)  # first of all: a journal is read once for its operators' requests
         state_view = StateView(what.scenario, what.landscape, what.mission.start_us)
         replay = OpenLoopReplay(what, journal, state_view)
         self._shown = _Telling(replay, 0, head.begin_us, journal.rest)
@@ -102,7 +102,7 @@ class Playback:
     def close(self) -> None:
         """The end."""
         self._journal.finish(self.complete)
-        self._spool.close()
+        self._cache.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
         """Play the entries that are due until the turn is over; returns whether more are due."""
@@ -112,13 +112,13 @@ class Playback:
             self._seeks_us = None
             if due_us == head.at_us and head.paused:
                 return False
-            done = self._tell(self._shown, due_us, is_over)
+            done = self._play(self._shown, due_us, is_over)
             head.reached(due_us if done else max(self._shown.at_us, head.at_us), now_us)
             self.complete |= done and head.ended
             return not done
         if self._seeks_us != due_us:
             self._seeks_us, self._work = due_us, self._nearest(due_us)
-        done = self._tell(self._work, due_us, is_over)
+        done = self._play(self._work, due_us, is_over)
         if done:
             self._arrived()
             head.reached(due_us, now_us)
@@ -132,7 +132,7 @@ class Playback:
             # published before, or skipped by the seek
             self.replay.service.record.announcements.clear()
         else:
-            self.state_view.tell_replay()
+            self.state_view.replay_changed()
         self.jumps += 1
         self._seeks_us = None
 
@@ -151,12 +151,12 @@ class Playback:
         replay = OpenLoopReplay(what, self._journal, kept=thawed(kept.frozen))
         return _Telling(replay, kept.number, kept.at_us, kept.rest)
 
-    def _tell(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
+    def _play(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
         """Play up to a time; returns whether it was reached before the turn was over."""
         self._journal.rest = telling.rest
         try:
             while True:
-                told = self._spool.get(telling.number)
+                told = self._cache.get(telling.number)
                 if told is None or self._log_us(told) > until_us:
                     return True
                 telling.replay.apply(told)

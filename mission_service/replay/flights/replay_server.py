@@ -19,7 +19,7 @@ from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
 from mission_service.live.daemon import stop_on_signals, untold
-from mission_service.live.interfaces import doors_of
+from mission_service.live.interfaces import interfaces_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Replaying
@@ -52,7 +52,7 @@ class Show:
     logs: bool = False
 
 
-class ReplayDesk(RequestHandler):
+class ReplayRequestHandler(RequestHandler):
     """Accepts requests for the play head, and no others."""
 
     def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
@@ -84,7 +84,7 @@ class ReplayDesk(RequestHandler):
         except RequestError as error:
             return wrong(str(error))
         state = self._player.state()
-        return {"ok": True, "at_s": state.at_us / 1e6, "event": "Replay", "said": said}
+        return {"ok": True, "at_s": state.at_us / 1e6, "event": "Replay", "messages": said}
 
 
 def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
@@ -108,7 +108,7 @@ def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
         said.append("paused" if asked.paused else "goes on")
     if not said:
         raise RequestError("replay: give paused, speed or seek_s")
-    player.state_view.tell_replay()
+    player.state_view.replay_changed()
     return said
 
 
@@ -126,7 +126,7 @@ async def serve_flight(
     site, settings = f"{scenario.name}-replay", show.settings.model_copy(update={"cot": None})
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(show.out / NAME))
-        doors = doors_of(settings, show.out, site, stack, address, show.logs)
+        run_interfaces = interfaces_of(settings, show.out, site, stack, address, show.logs)
         way_of(scenario).warm_up(scenario, what.landscape)
         path = show.out / JOURNAL
         refuse_loss(path, [log.path for log in what.flight.logs])
@@ -135,12 +135,14 @@ async def serve_flight(
         head = PlayHead(what.begin_us, what.end_us, show.speed)
         player = Playback(what, journal, head)
         stack.callback(player.close)
-        context = _hub_of(show, settings, player)
+        context = _context_of(show, settings, player)
         stop = asyncio.Event()
         stop_on_signals(stop)
         async with asyncio.TaskGroup() as group:
             others = [group.create_task(serve_control(listening, context.request_handler))]
-            others += [group.create_task(door(context)) for door in doors]
+            others += [
+                group.create_task(run_interface(context)) for run_interface in run_interfaces
+            ]
             try:
                 await _play(show, player, context, stop, progress)
             finally:
@@ -171,7 +173,7 @@ async def _play(
             service = player.replay.service
             progress(service.record, service.world)
             if state != before and state.jumps == before.jumps:  # else it was published already
-                player.state_view.tell_replay()
+                player.state_view.replay_changed()
             shown_us, before = begun_us, state
         context.ring()
         if show.until_end and state.ended and not state.seeking:
@@ -187,17 +189,17 @@ def _is_over(until_us: int) -> bool:
     return clock_us() >= until_us
 
 
-def _hub_of(show: Show, settings: ServiceSection, player: Playback) -> RunContext:
+def _context_of(show: Show, settings: ServiceSection, player: Playback) -> RunContext:
     scenario = show.what.scenario
     service = player.replay.service
     clock = MissionClock(player.state().at_us, wall=False)
-    request_handler = ReplayDesk(player, clock_us)
+    request_handler = ReplayRequestHandler(player, clock_us)
     path = show.out / JOURNAL
     context = RunContext(
         scenario, settings, service, player.state_view, request_handler, clock, {}, path
     )
     context.replay = player.state
-    player.state_view.tell_replay()
+    player.state_view.replay_changed()
     return context
 
 

@@ -177,14 +177,14 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
             if landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg)):
                 return
     places = [flown.home for flown in survey.flown.values() if flown.home is not None]
-    here = "the logs have no position"
+    fix = "the logs have no position"
     if places:
-        here = f"the flight began at lat {places[0][0]:.5f}, lon {places[0][1]:.5f}"
+        fix = f"the flight began at lat {places[0][0]:.5f}, lon {places[0][1]:.5f}"
     rows, cols = landscape.shape
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     raise FlightError(
         f"no position is on the landscape of {name}, which is around lat {float(lat):.5f}, lon "
-        f"{float(lon):.5f}: {here}"
+        f"{float(lon):.5f}: {fix}"
     )
 
 

@@ -70,7 +70,7 @@ def read_tokens(path: Path) -> tuple[User, ...]:
             f"{path}: {error}; a token is [[tokens]] with name, roles, station and sha256, as "
             "`mission-service token` writes it"
         ) from None
-    names = [who.name for who in found]
+    names = [user.name for user in found]
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise MissionServiceError(f"{path}: two tokens have the name {twice}")
@@ -127,23 +127,23 @@ class Tokens:
     @classmethod
     def of_run(cls, out: Path) -> "Tokens":
         """The token in the run's folder, with all roles."""
-        who = User("user", frozenset(ROLES), sum_of(own_token(out)))
-        return cls((who,))
+        user = User("user", frozenset(ROLES), sum_of(own_token(out)))
+        return cls((user,))
 
     def whose(self, token: str) -> User | None:
         """The user of a token, or None. Takes equal time for all tokens: all sums are compared."""
         self._look_again()
         mine = sum_of(token)
         found = None
-        for who in self._known:
-            if hmac.compare_digest(who.sha256, mine):
-                found = who
+        for user in self._known:
+            if hmac.compare_digest(user.sha256, mine):
+                found = user
         return found
 
-    def still(self, who: User) -> bool:
+    def still(self, user: User) -> bool:
         """Whether a user's token is still valid, with the same roles."""
         self._look_again()
-        return who in self._known
+        return user in self._known
 
     def _look_again(self) -> None:
         stamp = _stamp(self._path)

@@ -86,8 +86,8 @@ class AccessGuard:
         try:
             client = self._let_in(scope)
             if scope["path"] == ABORT and scope["method"] == "POST":
-                who, words = scope["state"]["who"], scope["query_string"]
-                scope["state"]["aborted"] = self._abort(who, words)
+                user, words = scope["state"]["user"], scope["query_string"]
+                scope["state"]["aborted"] = self._abort(user, words)
             places = self._places(scope)
             if places is not None and not places.acquire(client):
                 text = f"{places.most} requests are under way already"
@@ -99,7 +99,7 @@ class AccessGuard:
             if places is self._changers:
                 receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
-        except _GoneError:
+        except _DisconnectedError:
             return
         except ApiError as error:  # of its body
             await _refuse(bounded, error)
@@ -113,7 +113,7 @@ class AccessGuard:
         """The limit that a request counts against; None for routes that are always served."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
-        if scope["state"]["who"] is None:
+        if scope["state"]["user"] is None:
             return self._strangers
         return self._readers if _reads(scope) else self._changers
 
@@ -123,11 +123,11 @@ class AccessGuard:
         host = self._right_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
         path, client = scope["path"], client_at(scope.get("client"))
-        scope.setdefault("state", {})["who"] = None
+        scope.setdefault("state", {})["user"] = None
         if path.startswith(PREFIXES_WITH_TOKEN):
-            who = self._whose(headers.get(b"authorization", []), client)
-            scope["state"]["who"] = who
-            client = f"token {who.name}"
+            user = self._user_of(headers.get(b"authorization", []), client)
+            scope["state"]["user"] = user
+            client = f"token {user.name}"
             scope["state"].get("proven", _nothing)()
         if path != ABORT and path not in HEALTH:
             self._refuse_often(self._reading if _reads(scope) else self._changing, client)
@@ -141,16 +141,16 @@ class AccessGuard:
             raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
         return host
 
-    def _whose(self, given: list[bytes], client: str) -> User:
+    def _user_of(self, given: list[bytes], client: str) -> User:
         word = {"www-authenticate": "Bearer"}
         if not given:
             raise ApiError(401, "a token is needed: Authorization: Bearer TOKEN", word)
         kind, _, token = given[0].decode("latin-1").strip().partition(" ")
         token = token.strip()
         if len(given) == 1 and kind.lower() == "bearer" and len(token) <= LONGEST_TOKEN:
-            who = self._tokens.whose(token)
-            if who is not None:
-                return who
+            user = self._tokens.whose(token)
+            if user is not None:
+                return user
         self._refuse_often(self._failing, client)
         raise ApiError(401, "this token is not valid", word)
 
@@ -161,7 +161,7 @@ class AccessGuard:
             raise ApiError(429, f"too many requests; try again in {math.ceil(wait_s)} s", again)
 
 
-class _GoneError(Exception):
+class _DisconnectedError(Exception):
     """The connection ended before the whole request had arrived."""
 
 
@@ -177,7 +177,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
             while more:
                 message = await receive()
                 if message["type"] != "http.request":
-                    raise _GoneError
+                    raise _DisconnectedError
                 body += message.get("body", b"")
                 more = message.get("more_body", False)
                 if len(body) > max_bytes:
@@ -204,7 +204,7 @@ class _Bounded:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
         try:
-            known = self._scope.get("state", {}).get("who") is not None
+            known = self._scope.get("state", {}).get("user") is not None
             async with asyncio.timeout(SEND_WITHIN_S if known else STRANGER_WITHIN_S):
                 await self._send(message)
         except TimeoutError:

@@ -18,7 +18,7 @@ def added(path: Path, name: str, roles: tuple[str, ...], station: str) -> str:
         if role not in ROLES:
             raise MissionServiceError(f"--roles {role}: there are {', '.join(ROLES)}")
     before = _text(path)
-    if before and any(who.name == name for who in read_tokens(path)):
+    if before and any(user.name == name for user in read_tokens(path)):
         raise MissionServiceError(f"{path}: has a token for {name} already; remove it first")
     token = new_token()
     text = before + ("" if not before or before.endswith("\n") else "\n")

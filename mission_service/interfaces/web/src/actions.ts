@@ -20,11 +20,11 @@ export function say(words: string, bad = false): void {
 /** Do something and say what came of it; whether it was done. */
 export async function attempt(
   words: string,
-  work: () => Promise<{ said?: string[] } | void>,
+  work: () => Promise<{ messages?: string[] } | void>,
 ): Promise<boolean> {
   try {
     const answer = await work();
-    const said = (answer?.said ?? []).join("; ");
+    const said = (answer?.messages ?? []).join("; ");
     say(said ? `${words}: ${said}` : `${words}: done`);
     return true;
   } catch (error) {

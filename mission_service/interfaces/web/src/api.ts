@@ -60,7 +60,7 @@ export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
 }
 
 /** Ask for something to be done; the answer is what was said to it. */
-export async function post<T = { said?: string[] }>(
+export async function post<T = { messages?: string[] }>(
   path: string,
   body: object = {},
   method = "POST",

@@ -105,7 +105,7 @@ export interface Fire {
   area_ha: number;
   wind_speed_m_s: number | null;
   wind_from_deg: number | null;
-  wind_told_by: string;
+  wind_set_by: string;
   corrections: Correction[];
 }
 

@@ -18,7 +18,7 @@ export interface Group {
 
 interface Weather {
   weather: { wind_speed_m_s: number; wind_from_deg: number };
-  wind_told: { speed_m_s: number; from_deg: number } | null;
+  wind_set: { speed_m_s: number; from_deg: number } | null;
 }
 
 const KEY_COLOURS: [string, string][] = [
@@ -80,8 +80,8 @@ export class FirePanel {
       ),
     );
     const weather = coalesced(async () => {
-      const { weather: air, wind_told: told } = await get<Weather>("weather");
-      this.now = told ?? { from_deg: air.wind_from_deg, speed_m_s: air.wind_speed_m_s };
+      const { weather: air, wind_set: windSet } = await get<Weather>("weather");
+      this.now = windSet ?? { from_deg: air.wind_from_deg, speed_m_s: air.wind_speed_m_s };
       this.renew();
     }, 2000);
     store.on(["fire"], weather);
@@ -124,8 +124,8 @@ export class FirePanel {
     await attempt(`Perimeter ${file.name}`, async () => {
       const type = { "Content-Type": file.type || "application/octet-stream" };
       const answer = await ask("fire/perimeter", { method: "POST", body: file, headers: type });
-      const { told } = (await answer.json()) as { told: { said: string[] }[] };
-      return { said: [`${told.length} outlines accepted`, ...told.flatMap((each) => each.said)] };
+      const { accepted } = (await answer.json()) as { accepted: { messages: string[] }[] };
+      return { messages: [`${accepted.length} outlines accepted`, ...accepted.flatMap((each) => each.messages)] };
     });
     this.file.value = "";
   }
@@ -134,7 +134,7 @@ export class FirePanel {
     const { fire } = this.store.state ?? {};
     if (!fire) return;
     setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
-    const by = fire.wind_told_by ? `, set by ${fire.wind_told_by}` : "";
+    const by = fire.wind_set_by ? `, set by ${fire.wind_set_by}` : "";
     const words = this.now
       ? `Now from ${this.now.from_deg.toFixed(0)}° (${compass(this.now.from_deg)}), ${speed(this.now.speed_m_s)}${by}`
       : "Unknown";

@@ -20,7 +20,7 @@ const ORDERS: [string, string, string][] = [
 ];
 
 interface Answer {
-  said: string[];
+  messages: string[];
   confirm?: boolean;
 }
 
@@ -169,8 +169,8 @@ export class VehiclesPanel {
 async function ordered(path: string): Promise<Answer> {
   const answer = await post<Answer>(path);
   if (!answer.confirm) return answer;
-  const question = answer.said.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
-  if (!(await confirmed(question))) return { said: ["not confirmed, no order sent"] };
+  const question = answer.messages.map((line) => line.replace(/^confirm:\s*/, "")).join("\n");
+  if (!(await confirmed(question))) return { messages: ["not confirmed, no order sent"] };
   return post<Answer>(path, { confirmed: true });
 }
 

@@ -20,7 +20,7 @@ FLIGHT_S = 60.0
 
 
 @contextlib.contextmanager
-def hub_after_a_flight(out: Path) -> Iterator[RunContext]:
+def context_after_a_flight(out: Path) -> Iterator[RunContext]:
     """Of the demo on a small landscape, its files in ``out``."""
     scenario = load_scenario("demo", ("landscape.rows=150", "landscape.cols=150"))
     landscape = landscape_of(scenario)
