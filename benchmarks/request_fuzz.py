@@ -9,7 +9,7 @@ from the request table (``core/requests.py``), so that a new request is asked fo
 
 - nothing was raised, and no request was refused because it could not be handled;
 - a restart from the last state, and one from the very beginning of the journal, know all that the
-  live run knew, object by object: core, fire, record, picture, missions, interlock;
+  live run knew, object by object: core, fire, state view, missions, interlock;
 - the journal replays, stage by stage, to the same lines.
 """
 
@@ -47,7 +47,6 @@ from mission_service.live.daemon import replay
 from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Engine
-from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
@@ -209,7 +208,6 @@ class Asker:
 
     def _hashes(self) -> list[str]:
         state_view = self._service.state_view
-        assert state_view is not None
         proposed = (each.proposed for each in state_view.missions.values())
         found = [mission.mission_hash for mission in proposed if mission is not None]
         return [*found, *([state_view.plan_hash] if state_view.plan_hash else [])] or ["1" * 64]
@@ -217,7 +215,6 @@ class Asker:
     def _centre(self) -> tuple[float, float]:
         """Where something burns, or a vehicle is."""
         state_view = self._service.state_view
-        assert state_view is not None
         heard = list(state_view.telemetry.values())
         if heard and self._rng.random() < 0.3:
             here = heard[int(self._rng.integers(len(heard)))]
@@ -269,9 +266,7 @@ class FuzzedEngine:
         self.header = header_of(self.scenario, self.known.landscape, "")
         journal = Journal(self.path, self.header, durable=True)
         self.simulation = Simulation(self.scenario, journal, self.landscape)
-        start_us = self.simulation.clock.now_us
-        self.simulation.service.state_view = StateView(self.scenario, self.landscape, start_us)
-        self.simulation.world.advance(start_us)
+        self.simulation.world.advance(self.simulation.clock.now_us)
 
     @property
     def service(self) -> Engine:
@@ -316,9 +311,8 @@ class FuzzedEngine:
             Core(self.scenario, self.landscape),
             world,
             self.service.recording.journal,
-            RunStatistics(names, start_us),
+            StateView(self.scenario, self.landscape, start_us),
             dict.fromkeys(names),  # type: ignore[arg-type]  # nothing is carried out
-            state_view=StateView(self.scenario, self.landscape, start_us),
         )
         if cut_off.objects is not None:
             service.restore(cut_off.objects)
@@ -331,8 +325,7 @@ class FuzzedEngine:
 def differs(live: Engine, again: Engine) -> str:
     """What a restart does not know, or otherwise."""
     for service in (live, again):
-        service.world.advance(live.record.at_us)
-        service.record.announcements.clear()  # lines that were printed
+        service.world.advance(live.statistics.at_us)
     ours, theirs = live.snapshot_fields(), again.snapshot_fields()
     return next(filter(None, (difference(ours[name], theirs[name], name) for name in ours)), "")
 

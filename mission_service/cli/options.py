@@ -67,10 +67,11 @@ class ReportOptions:
             from mission_service.runtime.progress import LiveReport
 
             return LiveReport(quiet=self.as_json)
+        from mission_service.runtime.engine import unshown
         from mission_service.runtime.service_log import set_up
 
         set_up(self.log, self.log_level)  # type: ignore[arg-type]  # click has checked it
-        return lambda record, world: record.announcements.clear()  # the log reads the picture's
+        return unshown  # the log shows it
 
 
 def report_options(command: Command) -> Command:

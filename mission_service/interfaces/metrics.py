@@ -90,7 +90,7 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
     yield "ready", [((), float(not context.ready() and not context.stopping))]
     yield "mission_time_seconds", [((), context.clock.now_us / 1e6)]
     yield "telemetry_total", [((), state_view.telemetry_count)]
-    yield "observations_total", [((), state_view.observations)]
+    yield "observations_total", [((), state_view.statistics.observations)]
     kinds = Counter(key.partition("/")[0] for key in state_view.alarms)
     yield "alarms_active", [((kind,), count) for kind, count in sorted(kinds.items())]
     yield "announcements_total", [((), state_view.announcement_id)]

@@ -83,7 +83,7 @@ async def serve(
     watch: Callable[[], None] = unwatched,
     address: Callable[[str], None] = untold,
 ) -> tuple[RunStatistics, SimulatedFire]:
-    """Run until the end of the scenario, SIGINT or SIGTERM; returns the record and the fire.
+    """Run until the end of the scenario, SIGINT or SIGTERM; returns the figures and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless ``on_shutdown`` of the
     settings orders another end. ``progress`` and ``watch`` are called five times a second;
@@ -132,9 +132,8 @@ async def serve(
         if is_over or (by_hand and service.core.guidance.status()["complete"]):
             service.recording.journal.end()
     service.world.advance(clock.now_us)
-    progress(service.record, service.world)
-    service.record.alarms = context.state_view.alarm_counts
-    return service.record, service.world
+    progress(service.state_view, service.world)
+    return service.statistics, service.world
 
 
 async def _run_tasks(
@@ -211,8 +210,8 @@ async def _engine_of(
     stack.callback(journal.close)
     gateways = {name: link.gateway for name, link in links.items()}
     say = unheard if exchange is None else exchange.broadcast
-    core, world, record, state_view = _begun(run.scenario, landscape, clock, cut_off)
-    service = Engine(run.scenario, core, world, journal, record, gateways, say, state_view)
+    core, world, state_view = _begun(run.scenario, landscape, clock, cut_off)
+    service = Engine(run.scenario, core, world, journal, state_view, gateways, say)
     announcements.engine = service
     if cut_off is not None:
         await _go_on(cut_off, service, clock, wall_us() / 1e6 - down_from_s)
@@ -227,12 +226,10 @@ def _context_of(
     run: Run, service: Engine, clock: MissionClock, links: dict[str, Link]
 ) -> RunContext:
     """The context of the interfaces; it is not ready before each vehicle has a heartbeat."""
-    assert service.state_view is not None
     context = RunContext(
         run.scenario,
         run.settings,
         service,
-        service.state_view,
         request_handler_of(run.scenario, service, clock, links),
         clock,
         links,
@@ -260,7 +257,7 @@ class _Check:
         if context.service.defect is not None:
             raise context.service.defect
         _look_around(context, self._health, self._links)
-        self._progress(context.record, context.world)
+        self._progress(context.state_view, context.world)
         context.ring()
 
 
@@ -293,16 +290,14 @@ def _load_for_corrections() -> None:
 
 def _begun(
     scenario: Scenario, landscape: Landscape, clock: MissionClock, cut_off: Unfinished | None
-) -> tuple[Core, SimulatedFire, RunStatistics, StateView]:
-    """Core, fire, record and state view: new, or from the latest snapshot of a resumed run."""
+) -> tuple[Core, SimulatedFire, StateView]:
+    """Core, fire and state view: new, or from the latest snapshot of a resumed run."""
     if cut_off is not None and cut_off.objects is not None:
         kept = cut_off.objects
-        return kept["core"], kept["fire"].world, kept["record"], kept["state_view"]
+        return kept["core"], kept["fire"].world, kept["state_view"]
     world = world_of(scenario, landscape)
     world.advance(clock.now_us)
-    record = RunStatistics(tuple(section.name for section in scenario.flown), clock.now_us)
-    state_view = StateView(scenario, landscape, clock.now_us)
-    return Core(scenario, landscape), world, record, state_view
+    return Core(scenario, landscape), world, StateView(scenario, landscape, clock.now_us)
 
 
 async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down_s: float) -> None:
@@ -311,12 +306,11 @@ async def _go_on(cut_off: Unfinished, service: Engine, clock: MissionClock, down
     if cut_off.objects is not None:
         service.restore(cut_off.objects)
     await asyncio.to_thread(replay, cut_off, service)
-    last_us = max(cut_off.last_us, service.record.at_us)
+    last_us = max(cut_off.last_us, service.statistics.at_us)
     announcements = resumed(last_us, down_s)
     clock.go_on(announcements.at_us, began_us)
-    if service.state_view is not None:
-        service.state_view.clear_all_but("abort")
-        service.state_view.last_id_before_restart = service.state_view.announcement_id
+    service.state_view.clear_all_but("abort")
+    service.state_view.last_id_before_restart = service.state_view.announcement_id
     service.resume(cut_off.missing, announcements, clock_us(), cut_off.skips(last_us))
 
 

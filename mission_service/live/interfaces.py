@@ -65,12 +65,11 @@ def request_handler_of(
     items = () if burn is None else burn.go_items
 
     def told(event: AnyOperatorEvent) -> list[str]:
-        announcements = service.record.announcements
-        before = len(announcements)
+        before = service.state_view.announcement_id
         service.submit(event, clock_us())
         for on_it in connected(links):
             on_it[0].connection.flush()
-        return [announced.text for _, announced in announcements[before:]]
+        return [line.text for line in service.state_view.announcements_after(before)]
 
     def status() -> dict[str, Any]:
         return {

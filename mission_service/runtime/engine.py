@@ -4,7 +4,7 @@ The engine journals the event, applies it to the core and to all other folds, jo
 and carries them out. At each position the simulated camera observes the fire.
 
 **No event in the journal can make a restart fail.** Requests of operators are rare and may have any
-content. The engine first applies each request to a copy of all folds (core, record, picture,
+content. The engine first applies each request to a copy of all folds (core, state view,
 interlock, missions), as a restart does, and journals it only if no fold raises. The copy takes
 milliseconds, for the maps of a formation tens of milliseconds. The fire is too large to be copied;
 it applies a request before all other folds, completely or not at all. Events of vehicles are too
@@ -22,7 +22,6 @@ from typing import Any
 
 from firemodel.errors import FireModelError
 from mission_service.commands import (
-    Announce,
     AnyCommand,
     BroadcastMessage,
     ClimbAndHold,
@@ -72,7 +71,6 @@ HOST_TIME_EVERY_US = 1_000_000
 KEPT = (
     "core",
     "fire",
-    "record",
     "state_view",
     "_missions",
     "_undelivered",
@@ -81,10 +79,10 @@ KEPT = (
 )
 TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
 
-Progress = Callable[[RunStatistics, SimulatedFire], None]
+Progress = Callable[[StateView, SimulatedFire], None]
 
 
-def unshown(record: RunStatistics, world: SimulatedFire) -> None:
+def unshown(state_view: StateView, world: SimulatedFire) -> None:
     """Show no progress."""
 
 
@@ -101,16 +99,14 @@ class Engine:
         core: Core,
         world: SimulatedFire,
         journal: Journal,
-        record: RunStatistics,
+        state_view: StateView,
         gateways: dict[str, Gateway],
         say: Callable[[AnyMessage], None] = unheard,
-        state_view: StateView | None = None,
     ) -> None:
-        """``say`` sends messages to other processes; ``state_view`` is the state for interfaces."""
+        """``say`` sends messages to other processes."""
         self._scenario = scenario
         self.core = core
         self.fire = ObservedFire(scenario, world)
-        self.record = record
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
@@ -133,6 +129,11 @@ class Engine:
         """The simulated fire."""
         return self.fire.world
 
+    @property
+    def statistics(self) -> RunStatistics:
+        """The figures of the run."""
+        return self.state_view.statistics
+
     @cached_property
     def shared_references(self) -> Known:
         """The objects that a copy of the state shares with it."""
@@ -151,15 +152,15 @@ class Engine:
                     self._handle(observed, now_us)
                 if self._written(event, body):
                     self._follow(event, now_us)
-                elif self.state_view:
-                    self.state_view.apply(event, [])
+                else:
+                    self.state_view.show_unrecorded(event)
 
     def _not_followed(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
 
         Autopilot or pilot selected a mode that a vehicle changed to meanwhile.
         """
-        if not self.recording.trouble or self.state_view is None:
+        if not self.recording.trouble:
             return
         name = event.vehicle
         if isinstance(event, ModeChanged):
@@ -183,7 +184,7 @@ class Engine:
             return
         self._host_time_due_us = now_us + HOST_TIME_EVERY_US
         for name in self._gateways:
-            self._handle(HostTime(self.record.at_us, name, now_us), now_us)
+            self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
         """Handle a message from a vehicle of another process, for each vehicle of this one."""
@@ -233,7 +234,7 @@ class Engine:
     def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible ones."""
         found = self.fire.apply_report(event)
-        if self.state_view is not None and isinstance(event, OF_FIRE):
+        if isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
         return found
 
@@ -246,7 +247,7 @@ class Engine:
         """Apply an event of the journal with its commands, without carrying them out."""
         self.world.advance(event.at_us)
         window = self.fire.apply_history(event, commands)
-        if isinstance(event, OF_FIRE) and self.state_view is not None:
+        if isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
         self._show(event, commands)
         self._queue(window)
@@ -268,7 +269,6 @@ class Engine:
         ``skipped`` are lines of the journal that were not applied.
         """
         self.recording.write_commands(list(missing))
-        self.record.announcements.clear()  # announced before
         if skipped is not None:
             self._handle(skipped, now_us)
         self._begin_again(event, now_us)
@@ -285,8 +285,7 @@ class Engine:
         if not self.recording.works_again():
             return False
         for name in self._modes_meanwhile:
-            if self.state_view is not None:
-                self.state_view.clear(f"unrecorded/{name}")
+            self.state_view.clear(f"unrecorded/{name}")
         self._modes_meanwhile.clear()  # each vehicle's mode is reported again
         down_us = max(at_us - self._down_since_us, 0)
         self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
@@ -303,9 +302,7 @@ class Engine:
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
         """Show a line to the operators that is not in the journal."""
-        self.record.announcements.append((self.record.at_us, Announce(about, text, level)))
-        if self.state_view is not None:
-            self.state_view.announce(about, text, level)
+        self.state_view.announce(about, text, level)
 
     def _queue(self, window: Window | None) -> None:
         if window is not None:
@@ -344,7 +341,7 @@ class Engine:
         except RefusedEventError as error:
             self._refuse(event, str(error))
             return None
-        if self._refusals and self.state_view is not None:
+        if self._refusals:
             key = _alarm_of(event)
             self._refusals.discard(key)
             self.state_view.clear(key)
@@ -357,8 +354,7 @@ class Engine:
         name = "service" if isinstance(event, OperatorEvent) else event.vehicle
         self._refusals.add(key)
         self.announce(name, f"event not used: {why}")
-        if self.state_view is not None:
-            self.state_view.alarm(key, f"{name}: {why}", "warning", name)
+        self.state_view.alarm(key, f"{name}: {why}", "warning", name)
 
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
@@ -405,13 +401,11 @@ class Engine:
         if isinstance(event, CommandFinished) and event.accepted:
             self._acknowledged[event.vehicle, event.command] = event.at_us
         self._missions.apply(event, commands)
-        self.record.apply(event, commands)
-        if self.state_view is not None:
-            self.state_view.apply(event, commands)
+        self.state_view.apply(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """The last check before sending: the interlock refuses drops, and missions with drops."""
-        at_us, lock = self.record.at_us, self._interlock
+        at_us, lock = self.statistics.at_us, self._interlock
         if isinstance(command, Drop):
             why = NO_BURN if lock is None else lock.refuses(command, at_us)
             if why is None:

@@ -44,7 +44,7 @@ class HealthMonitor:
 
     def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
         """``every_us`` is the interval of calls to ``look``, on the machine's clock."""
-        self._picture = state_view
+        self._state_view = state_view
         self._separation_m = separation_m
         self._every_us = every_us
         self._looked_us: int | None = None
@@ -53,7 +53,7 @@ class HealthMonitor:
 
     def check(self, now_us: int) -> None:
         """Run all checks; ``now_us`` is the machine's clock."""
-        state_view = self._picture
+        state_view = self._state_view
         if self._looked_us is not None:
             late_us = now_us - self._looked_us - self._every_us
             if late_us >= LATE_US:
@@ -69,13 +69,13 @@ class HealthMonitor:
 
     def _look_for_pairs(self) -> None:
         found = set()
-        pairs = near_pairs(self._picture.telemetry, self._picture.at_us, self._separation_m)
+        pairs = near_pairs(self._state_view.telemetry, self._state_view.at_us, self._separation_m)
         for (one, other), apart_m in pairs.items():
             key = f"near/{one}/{other}"
             found.add(key)
             if key not in self._near:
                 text = f"{one} and {other} are {apart_m:.0f} m apart"
-                self._picture.alarm(key, text, "severe", one)
+                self._state_view.alarm(key, text, "severe", one)
         for key in self._near - found:
-            self._picture.clear(key)
+            self._state_view.clear(key)
         self._near = found

@@ -93,19 +93,15 @@ class Keeping:
             self._trouble(error)
         else:
             self.took_s = (clock_us() - began_us) / 1e6
-            if self._service.state_view is not None:
-                self._service.state_view.clear("state")
+            self._service.state_view.clear("state")
 
     def _trouble(self, error: OSError) -> None:
         """Raise an alarm: without the state a restart only takes longer."""
-        if self._service.state_view is not None:
-            text = f"no state is written ({error.strerror}): a restart will take longer"
-            self._service.state_view.alarm("state", text)
+        text = f"no state is written ({error.strerror}): a restart will take longer"
+        self._service.state_view.alarm("state", text)
 
     def _alarm(self) -> None:
         state_view, trouble = self._service.state_view, self._service.recording.trouble
-        if state_view is None:
-            return
         if trouble:
             text = f"nothing is recorded, so nothing is done but aborts: {trouble}"
             state_view.alarm("journal", text, "severe")

@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from mission_service.fire.simulated_fire import SimulatedFire
+from mission_service.runtime.published_states import Announcement
 from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 
 STATUS_EVERY_US = 120_000_000
 
@@ -21,11 +23,11 @@ def clock_text(at_us: int) -> str:
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
-def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
+def status_lines(statistics: RunStatistics, world: SimulatedFire) -> list[str]:
     """One line per vehicle: fire size, direction, reversals, uploads."""
     fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
-    for name, vehicle in record.vehicles.items():
+    for name, vehicle in statistics.vehicles.items():
         accepted = vehicle.uploads["accepted"]
         other = vehicle.uploads.total() - accepted
         way = vehicle.direction or ("in formation" if vehicle.orders else "under way")
@@ -39,24 +41,29 @@ def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
     return lines
 
 
+def announced_text(line: Announcement) -> str:
+    """An announcement with its time and vehicle."""
+    return f"{clock_text(line.at_us)}  {line.vehicle}: {line.text}"
+
+
 class LiveReport:
     """Prints each announcement, and a status line every two minutes of mission time."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
-        self._next_us = 0
+        self._next_us = self._last_id = 0
 
-    def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
+    def __call__(self, state_view: StateView, world: SimulatedFire) -> None:
         """Print new announcements and a due status line."""
-        for at_us, announcement in record.announcements:
-            style = "bold yellow" if announcement.level == "warning" else "cyan"
-            text = f"{clock_text(at_us)}  {announcement.vehicle}: {announcement.text}"
-            self._console.print(text, style=style, markup=False)
-        record.announcements.clear()
-        if record.at_us >= self._next_us:
-            self._next_us = record.at_us + STATUS_EVERY_US
-            for line in status_lines(record, world):
-                self._console.print(f"{clock_text(record.at_us)}  {line}", markup=False)
+        for line in state_view.announcements_after(self._last_id):
+            self._last_id = line.id
+            style = "bold yellow" if line.level == "warning" else "cyan"
+            self._console.print(announced_text(line), style=style, markup=False)
+        at_us = state_view.statistics.at_us
+        if at_us >= self._next_us:
+            self._next_us = at_us + STATUS_EVERY_US
+            for status in status_lines(state_view.statistics, world):
+                self._console.print(f"{clock_text(at_us)}  {status}", markup=False)
         sys.stdout.flush()
 
 
@@ -66,7 +73,7 @@ class SimProgress:
     def __init__(self, name: str, duration_s: float, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
         self._every_us = 1_800_000_000
-        self._next_us = 0
+        self._next_us = self._last_id = 0
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -89,21 +96,19 @@ class SimProgress:
     ) -> None:
         self._bar.stop()
 
-    def __call__(self, record: RunStatistics, world: SimulatedFire) -> None:
-        """Move the bar, or print a line."""
-        lines = status_lines(record, world)
-        warnings = [each for _, each in record.announcements if each.level == "warning"]
-        record.announcements.clear()
-        for announcement in warnings:
-            self._console.print(
-                f"{clock_text(record.at_us)}  {announcement.vehicle}: {announcement.text}"
-            )
+    def __call__(self, state_view: StateView, world: SimulatedFire) -> None:
+        """Print new warnings, and move the bar or print a line."""
+        for line in state_view.announcements_after(self._last_id):
+            self._last_id = line.id
+            if line.level == "warning":
+                self._console.print(announced_text(line))
+        at_us, lines = state_view.statistics.at_us, status_lines(state_view.statistics, world)
         if self._console.is_terminal:
-            self._bar.update(self._task, completed=record.at_us / 1e6, status=lines[0])
-        elif record.at_us >= self._next_us:
-            self._next_us = record.at_us + self._every_us
-            for line in lines:
-                self._console.print(f"{clock_text(record.at_us)}  {line}", markup=False)
+            self._bar.update(self._task, completed=at_us / 1e6, status=lines[0])
+        elif at_us >= self._next_us:
+            self._next_us = at_us + self._every_us
+            for status in lines:
+                self._console.print(f"{clock_text(at_us)}  {status}", markup=False)
 
 
 @contextmanager

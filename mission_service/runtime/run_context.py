@@ -17,7 +17,6 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.request_handler import RequestHandler
-from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 from mission_service.runtime.vehicle_links import Link
 
@@ -33,7 +32,6 @@ class RunContext:
         scenario: Scenario,
         settings: ServiceSection,
         service: Engine,
-        state_view: StateView,
         request_handler: RequestHandler,
         clock: MissionClock,
         links: dict[str, Link],
@@ -42,7 +40,6 @@ class RunContext:
         self.scenario = scenario
         self.settings = settings
         self.service = service
-        self.state_view = state_view
         self.request_handler = request_handler
         self.clock = clock
         self.links = links
@@ -76,9 +73,9 @@ class RunContext:
         return self.service.world.landscape
 
     @property
-    def record(self) -> RunStatistics:
-        """Tracks and figures of the vehicles."""
-        return self.service.record
+    def state_view(self) -> StateView:
+        """The state for interfaces."""
+        return self.service.state_view
 
     def ready(self) -> list[str]:
         """What the service lacks for its work, a line each; empty if it is ready."""
@@ -132,7 +129,9 @@ class RunContext:
         if burn is None:
             return None
         state_view = self.state_view
-        drops = [drop for vehicle in self.record.vehicles.values() for drop in vehicle.drops]
+        drops = [
+            drop for vehicle in state_view.statistics.vehicles.values() for drop in vehicle.drops
+        ]
         return {
             "schema": "burn/1",
             "at_us": self.clock.now_us,

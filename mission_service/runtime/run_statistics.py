@@ -5,7 +5,6 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from mission_service.commands import (
-    Announce,
     AnyCommand,
     ChangeSpeed,
     DirectionDecision,
@@ -67,7 +66,7 @@ class ClosestPair:
 
 
 class RunStatistics:
-    """Folds events and commands into figures; ``announcements`` holds unprinted lines."""
+    """The figures of a run, computed from its events and commands."""
 
     def __init__(self, names: tuple[str, ...], start_us: int) -> None:
         self.vehicles = {name: VehicleStatistics() for name in names}
@@ -76,10 +75,9 @@ class RunStatistics:
         self.observations = 0
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
-        self.announcements: list[tuple[int, Announce]] = []
         self.requests: Counter[str] = Counter()  # of operators, by the event's name
         self.restarts = 0  # of the service
-        self.alarms: Counter[str] = Counter()  # raised, by kind; with a state view only
+        self.alarms: Counter[str] = Counter()  # raised, by kind; counted by the state view
 
     def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Process an event and its commands."""
@@ -150,8 +148,6 @@ class RunStatistics:
                 named = (command.vehicle, command.plan_hash, command.number)
                 place = (command.lat_deg, command.lon_deg)
                 vehicle.drops.append(DropState(self.at_us, *named, *place))
-            case Announce():
-                self.announcements.append((self.at_us, command))
             case _:
                 pass
 

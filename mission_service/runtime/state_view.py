@@ -3,10 +3,11 @@
 HTTP, MQTT, metrics and feeds read this and keep no state of their own. Each part has a key
 (``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow reader
 misses intermediate states but never the current one. States are flat JSON with units in their keys.
+The figures of the run (``statistics``) are part of it.
 """
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar
 
@@ -69,6 +70,7 @@ from mission_service.runtime.published_states import (
     VehicleState,
     item_state,
 )
+from mission_service.runtime.run_statistics import RunStatistics
 
 MAX_ANNOUNCEMENTS = 500
 MAX_CLEARED = 50
@@ -121,15 +123,14 @@ class StateView:
         self.plan_hash = ""
         self.fire_version = 1  # grows when operators change the fire
         self.wind_set: WindSet | None = None
-        self.telemetry_count = 0
-        self.observations = 0
-        self.alarm_counts: Counter[str] = Counter()  # raised, by kind
+        self.telemetry_count = 0  # with positions that could not be journalled
+        self.statistics = RunStatistics(tuple(self.vehicles), at_us)
         self._landscape = landscape
         self._view_width_m = {
             section.name: round(2.0 * camera_of(section).half_width_m(section.altitude_agl_m), 1)
             for section in scenario.flown
         }
-        self._fire_told_us = at_us
+        self._fire_shown_us = at_us
         self._touch("status", "fire", "burn", "alarms", "announcements")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
@@ -140,6 +141,7 @@ class StateView:
         """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
         commands = list(commands)
+        self.statistics.apply(event, commands)
         if isinstance(event, OperatorEvent):
             self._asked(event, questioned(commands))
         elif event.vehicle in self.vehicles:
@@ -149,8 +151,17 @@ class StateView:
                 self._commanded(self.vehicles[command.vehicle], command)
             elif isinstance(command, Announce):
                 self.announce(command.vehicle, command.text, command.level)
-        if self.at_us - self._fire_told_us >= FIRE_EVERY_US:
-            self._fire_told_us = self.at_us
+        self._fire_grew()
+
+    def show_unrecorded(self, fix: Telemetry) -> None:
+        """Show a position that could not be journalled and is not used otherwise."""
+        self.at_us = max(self.at_us, fix.at_us)
+        self._moved(fix)
+        self._fire_grew()
+
+    def _fire_grew(self) -> None:
+        if self.at_us - self._fire_shown_us >= FIRE_EVERY_US:
+            self._fire_shown_us = self.at_us
             self._touch("fire")
 
     def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
@@ -161,7 +172,7 @@ class StateView:
         since_us = self.at_us if before is None else before.at_us
         self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
         if before is None:
-            self.alarm_counts[key.partition("/")[0]] += 1
+            self.statistics.alarms[key.partition("/")[0]] += 1
         self._touch("alarms")
 
     def clear(self, key: str) -> None:
@@ -273,10 +284,7 @@ class StateView:
             case Telemetry():
                 self._moved(event)
                 return
-            case Observed():
-                self.observations += 1
-                return
-            case MissionProgress(current_seq=vehicle.current_seq):
+            case Observed() | MissionProgress(current_seq=vehicle.current_seq):
                 return
             case _:
                 happened = self._HAPPENED.get(type(event))
@@ -359,13 +367,14 @@ class StateView:
         if sent is None or sent.mission_id != event.mission_id:
             return
         sent.outcome, sent.reason = event.outcome, event.reason
+        uploads = self.statistics.vehicles[name].uploads
+        vehicle.uploads_accepted = uploads["accepted"]
+        vehicle.uploads_failed = uploads.total() - vehicle.uploads_accepted
         mission.at_us = event.at_us
         if event.outcome == "accepted":
-            vehicle.uploads_accepted += 1
             mission.on_board, mission.sending = sent, None
             self.clear(f"mission/{name}")
         else:
-            vehicle.uploads_failed += 1
             text = f"{name}: mission {event.outcome}: {event.reason}"
             self.alarm(f"mission/{name}", text, "warning", name)
         self._touch(f"mission/{name}")
@@ -422,7 +431,8 @@ class StateView:
     def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
         match command:
             case DirectionDecision():
-                vehicle.direction, vehicle.decisions = command.direction, vehicle.decisions + 1
+                vehicle.direction = command.direction
+                vehicle.decisions = self.statistics.vehicles[vehicle.vehicle].decisions
                 vehicle.reversals = command.reversals
                 if command.reversed:
                     vehicle.reversed_at_us = self.at_us
@@ -477,14 +487,14 @@ class StateView:
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
         """The figures of the fire; its shape has a request of its own."""
-        told = self.wind_set
+        wind = self.wind_set
         return {
             "schema": "fire/1",
             "at_us": self.at_us,
             "version": self.fire_version,
             "area_ha": round(area_ha, 2),
-            "wind_speed_m_s": None if told is None else told.speed_m_s,
-            "wind_from_deg": None if told is None else told.from_deg,
-            "wind_set_by": "" if told is None else told.by,
+            "wind_speed_m_s": None if wind is None else wind.speed_m_s,
+            "wind_from_deg": None if wind is None else wind.from_deg,
+            "wind_set_by": "" if wind is None else wind.by,
             "corrections": corrections,
         }

@@ -121,9 +121,8 @@ class Simulation:
         landscape: Landscape,
         crew: Crew | None = None,
         progress: Progress = unshown,
-        state_view: StateView | None = None,
     ) -> None:
-        """Without ``crew``, a burn has a simulated crew. ``state_view`` is kept up to date."""
+        """Without ``crew``, a burn has a simulated crew."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 
@@ -133,13 +132,10 @@ class Simulation:
         self.rigs = [
             SimulatedVehicle(section, scenario, landscape, self.clock) for section in scenario.flown
         ]
-        names = tuple(section.name for section in scenario.flown)
-        self.record = RunStatistics(names, self.clock.now_us)
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
-        self.service = Engine(
-            scenario, self.core, self.world, journal, self.record, gateways, state_view=state_view
-        )
+        state_view = StateView(scenario, landscape, self.clock.now_us)
+        self.service = Engine(scenario, self.core, self.world, journal, state_view, gateways)
         self._crew = crew
         self._progress = progress
         self._report_us = self.clock.now_us
@@ -166,7 +162,7 @@ class Simulation:
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US
-            self._progress(self.record, self.world)
+            self._progress(self.service.state_view, self.world)
 
 
 def simulate(
@@ -191,4 +187,5 @@ def simulate(
     finally:
         journal.close()
     simulation.world.advance(simulation.clock.now_us)
-    return simulation.record, simulation.world
+    progress(simulation.service.state_view, simulation.world)
+    return simulation.service.statistics, simulation.world

@@ -113,7 +113,7 @@ def test_the_state_is_all_that_a_page_needs(flying: World) -> None:
 
 def test_a_track_is_the_flown_one(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
-        points = flying.context.record.vehicles["hawk"].track
+        points = flying.context.state_view.statistics.vehicles["hawk"].track
         whole = await got(http, "/vehicles/hawk/track")
         assert len(whole["geometry"]["coordinates"]) == min(len(points), 3600) > 50
         assert whole["geometry"]["coordinates"][-1] == [points[-1][2], points[-1][1], points[-1][3]]

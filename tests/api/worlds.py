@@ -22,7 +22,6 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.requests import Role
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 SMALL = ("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false")
@@ -58,18 +57,15 @@ def world_in(out: Path, scenario: Scenario) -> World:
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
-    state_view = StateView(scenario, landscape, round(scenario.start_s * 1e6))
-    simulation = Simulation(
-        scenario, journal, landscape, lambda at, core: [], state_view=state_view
-    )
+    simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
     service, clock = simulation.service, simulation.clock
     told: list[AnyOperatorEvent] = []
 
     def tell(event: AnyOperatorEvent) -> list[str]:
         told.append(event)
-        before = len(service.record.announcements)
+        before = service.state_view.announcement_id
         service.submit(event, simulation.link_us)
-        return [said.text for _, said in service.record.announcements[before:]]
+        return [line.text for line in service.state_view.announcements_after(before)]
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
@@ -93,7 +89,6 @@ def world_in(out: Path, scenario: Scenario) -> World:
         scenario,
         settings,
         service,
-        state_view,
         request_handler,
         clock,
         {},

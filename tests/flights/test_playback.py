@@ -41,7 +41,9 @@ def shown(player: Playback) -> Any:
             "announcements": [(line.at_us, line.text) for line in state_view.announcements],
             "corrections": service.world.corrections(),
             "fire": service.world.fire.arrival_time_s.tobytes().hex(),
-            "tracks": {name: list(each.track) for name, each in service.record.vehicles.items()},
+            "tracks": {
+                name: list(each.track) for name, each in service.statistics.vehicles.items()
+            },
         }
     )
 
@@ -153,7 +155,7 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
     with player_of(log, tmp_path / "out") as player:
         run(player)
         service = player.replay.service
-        assert service.record.telemetry > 5
+        assert service.statistics.telemetry > 5
         assert service.world.fire.burned_ha == 0.0
         assert not np.isfinite(service.world.fire.arrival_time_s).any()
         (mission,) = player.state_view.missions.values()

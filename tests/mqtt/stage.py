@@ -22,7 +22,6 @@ from mission_service.interfaces.mqtt.broker_site import site_in
 from mission_service.interfaces.mqtt.publisher import Publisher
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.run_context import RunContext
-from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 from tests.patience import PATIENCE_S
 
@@ -47,7 +46,6 @@ def context_of(
     world = SimpleNamespace(fire=fire, landscape=landscape)
     service: Any = SimpleNamespace(
         world=world,
-        record=RunStatistics((), 0),
         state_view=state_view,
         recording=SimpleNamespace(trouble=""),
         core=SimpleNamespace(guidance=SimpleNamespace(estimated_fire=None)),
@@ -57,7 +55,6 @@ def context_of(
         scenario,
         ServiceSection(mqtt=settings),
         service,
-        state_view,
         cast(Any, SimpleNamespace(ask=ask)),
         cast(Any, SimpleNamespace(now_us=300_000_000)),
         {},

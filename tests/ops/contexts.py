@@ -13,7 +13,6 @@ from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 FLIGHT_S = 60.0
@@ -26,18 +25,13 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
-    state_view = StateView(scenario, landscape, round(scenario.start_s * 1e6))
-    simulation = Simulation(
-        scenario, journal, landscape, lambda at, core: [], state_view=state_view
-    )
+    simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
     simulation.run(scenario.start_s + FLIGHT_S)
     simulation.world.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
     request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)
     settings, journal_path = ServiceSection(), out / "journal.jsonl"
-    yield RunContext(
-        scenario, settings, service, state_view, request_handler, clock, {}, journal_path
-    )
+    yield RunContext(scenario, settings, service, request_handler, clock, {}, journal_path)
     journal.close()
 
 

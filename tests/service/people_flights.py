@@ -14,7 +14,6 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 Fly = Callable[..., "Flight"]
@@ -33,10 +32,8 @@ class Flight:
         self.landscape = landscape_of(self.scenario)
         header = header_of(self.scenario, self.landscape.digest(), "")
         self.journal = Journal(path, header, durable=False)
-        self.state_view = StateView(self.scenario, self.landscape, round(START_S * 1e6))
-        self.sim = Simulation(
-            self.scenario, self.journal, self.landscape, state_view=self.state_view
-        )
+        self.sim = Simulation(self.scenario, self.journal, self.landscape)
+        self.state_view = self.sim.service.state_view
         self.path = path
 
     def run(self, seconds: float) -> None:
@@ -51,10 +48,9 @@ class Flight:
         return self.sim.clock.now_us
 
     def tell(self, event: AnyOperatorEvent) -> list[str]:
-        announcements = self.sim.record.announcements
-        before = len(announcements)
+        before = self.state_view.announcement_id
         self.sim.service.submit(event, self.sim.link_us)
-        return [told.text for _, told in announcements[before:]]
+        return [line.text for line in self.state_view.announcements_after(before)]
 
     @property
     def mode(self) -> str:

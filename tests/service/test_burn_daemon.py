@@ -17,7 +17,7 @@ from mission_service.interfaces.control.control_client import NAME, ControlClien
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.live.daemon import Run, serve
 from mission_service.replay.verification import verify
-from mission_service.runtime.run_statistics import RunStatistics
+from tests.announced import Announced
 from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port
 
@@ -47,15 +47,11 @@ class KilledError(Exception):
 def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[str]:
     """Serve while somebody talks to it; to its end, or until it is killed. What was announced."""
     done = False
-    announcements: list[str] = []
+    announced = Announced()
 
     def watch() -> None:
         if killed and done:
             raise KilledError
-
-    def progress(record: RunStatistics, world: Any) -> None:
-        announcements.extend(announced.text for _, announced in record.announcements)
-        record.announcements.clear()
 
     def speak() -> None:
         deadline = time.monotonic() + 100  # kernels may have to be compiled first
@@ -72,7 +68,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
     async def both() -> None:
         nonlocal done
         serving = asyncio.create_task(
-            serve(Run(burned, out / "journal.jsonl", ""), progress, watch)
+            serve(Run(burned, out / "journal.jsonl", ""), announced, watch)
         )
         if talk is not None:
             await asyncio.to_thread(speak)
@@ -86,7 +82,7 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         _, others = group.split(KilledError)
         if others is not None:
             raise
-    return announcements
+    return announced.texts
 
 
 def events(path: Path) -> list[Any]:

@@ -86,7 +86,7 @@ class Burn:
         self.simulation.service.submit(event, self.simulation.link_us)
 
     def texts(self) -> list[str]:
-        return [announced.text for _, announced in self.simulation.record.announcements]
+        return [line.text for line in self.simulation.service.state_view.announcements]
 
     def close(self) -> None:
         self._journal.close()

@@ -34,7 +34,7 @@ from mission_service.live.daemon import replay
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation import sim
 from mission_service.simulation.crew import SimulatedCrew
 
@@ -105,7 +105,7 @@ def gone_on(flown: Burn, path: Path) -> Again:
     core, kept = Core(scenario, landscape), Kept()
     world = SimulatedFire(fire_of(scenario, landscape), landscape)
     gateways = {NAME: cast(Gateway, kept)}
-    service = Engine(scenario, core, world, journal, RunStatistics((NAME,), 0), gateways)
+    service = Engine(scenario, core, world, journal, StateView(scenario, landscape, 0), gateways)
     replay(cut_off, service)
     assert kept.commands == []
     plans = service.status()["plans"]
@@ -151,7 +151,7 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
         assert flown.scenario.burn is not None
         assert guidance.state.account.left == flown.scenario.burn.spheres - len(dropped)
         assert len(guidance.state.fire.log.held()) == counts["Corrected"], where
-        assert len(again.service.record.vehicles[NAME].drops) == len(dropped)
+        assert len(again.service.statistics.vehicles[NAME].drops) == len(dropped)
         assert (guidance.approvals.plan, guidance.approvals.approval) == (None, None), where
         assert not guidance.checklist.complete
         assert again.ordered == dropped, where
@@ -219,7 +219,7 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
     path.write_bytes(flown.journal[: cuts(flown.journal)["after an order to drop"]])
     again = gone_on(flown, path)
     service, guidance = again.service, again.guidance
-    fix = service.record.vehicles[NAME].fix
+    fix = service.statistics.vehicles[NAME].fix
     assert fix is not None
     at_us = fix[0] + 5_000_000
     assert guidance.phase != "flying"

@@ -182,14 +182,14 @@ def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
     # Positions go on, dead-reckoned: seen for a minute on ArduPlane 4.6.2 and PX4 1.17.
     lost = GpsFixChanged(flight.now_us, "hawk", False, "no fix")
     flight.sim.service.handle_events([lost], flight.sim.link_us)
-    began_s, seen = flight.now_s, flight.state_view.observations
+    began_s, seen = flight.now_s, flight.state_view.statistics.observations
     assert flight.state_view.alarms["position/hawk"].severity == "severe"
     flight.run(30.0)
-    assert flight.state_view.observations == seen
+    assert flight.state_view.statistics.observations == seen
     found = GpsFixChanged(flight.now_us, "hawk", True, "3d")
     flight.sim.service.handle_events([found], flight.sim.link_us)
     flight.run(20.0)
-    assert flight.state_view.observations > seen
+    assert flight.state_view.statistics.observations > seen
     lines = flight.over()
     for kind in (UploadMission, DirectionDecision):
         assert not [at_s for at_s in times_s(lines, kind) if began_s < at_s < began_s + 30.0], kind

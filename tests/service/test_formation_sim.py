@@ -13,12 +13,12 @@ from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, OrderGiven
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import Simulation, simulate
+from tests.announced import Announced
 
 APART_M = 340.0  # of homes, so that all may take off at once
 AWAY_M = 1100.0  # of homes from the fire
@@ -48,18 +48,9 @@ class Run:
 
 
 def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
-    said: list[str] = []
-
-    def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(
-            f"{announcements.vehicle}: {announcements.text}"
-            for _, announcements in record.announcements
-        )
-        record.announcements.clear()
-
-    record, world = simulate(scenario, path, "2026-01-01", listen)
-    listen(record, world)
-    return Run(path, record, figures_of(path, from_s), said)
+    announced = Announced()
+    record, _ = simulate(scenario, path, "2026-01-01", announced)
+    return Run(path, record, figures_of(path, from_s), announced.lines)
 
 
 @pytest.fixture(scope="module")
@@ -139,13 +130,12 @@ def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
 
     with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:
         simulation = Simulation(scenario, journal, landscape, hold)
-        record = simulation.service.record
+        record = simulation.service.statistics
         simulation.run(450.0)
         record.closest = None
         simulation.run(800.0)
-    words = [
-        announced.text for _, announced in record.announcements if announced.vehicle == "crane"
-    ]
+    announced = simulation.service.state_view.announcements
+    words = [line.text for line in announced if line.vehicle == "crane"]
     assert any("hold ordered" in text for text in words)
     assert record.closest is not None
     assert record.closest.distance_m > 2 * 30.0, record.closest

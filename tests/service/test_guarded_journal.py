@@ -25,7 +25,6 @@ from mission_service.events import (
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 FROM_S = 3590.0
@@ -48,7 +47,6 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.service.state_view = StateView(scenario, landscape, 0)
     simulation.run(FROM_S + seconds)
     return simulation
 
@@ -66,7 +64,6 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
     simulation = flight(path, 90.0)
     service, clock = simulation.service, simulation.clock
     recording, state_view = service.recording, service.state_view
-    assert state_view is not None
     (gateway,) = (rig.gateway for rig in simulation.rigs)
     done: list[Any] = []
     execute = gateway.execute

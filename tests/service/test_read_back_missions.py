@@ -30,7 +30,6 @@ from mission_service.journal.snapshot import Frozen, Known, write
 from mission_service.live.daemon import replay
 from mission_service.replay.verification import verify
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
 
@@ -53,10 +52,7 @@ class Flight:
         self.simulation = self._with(Journal(self.path, header, durable=True))
 
     def _with(self, journal: Journal) -> Simulation:
-        simulation = Simulation(self.scenario, journal, self.landscape)
-        start_us = simulation.clock.now_us
-        simulation.service.state_view = StateView(self.scenario, self.landscape, start_us)
-        return simulation
+        return Simulation(self.scenario, journal, self.landscape)
 
     def fly(self, seconds: float) -> None:
         self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
@@ -110,8 +106,7 @@ class Flight:
             again.service.restore(cut_off.objects)
         replay(cut_off, again.service)
         again.core, again.world = again.service.core, again.service.world
-        again.record = again.service.record
-        announcements = resumed(max(cut_off.last_us, again.record.at_us), DOWN_US / 1e6)
+        announcements = resumed(max(cut_off.last_us, again.service.statistics.at_us), DOWN_US / 1e6)
         again.clock.go_on(announcements.at_us, 0)
         again.service.resume(cut_off.missing, announcements, link_us + DOWN_US)
 

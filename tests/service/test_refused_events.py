@@ -35,7 +35,6 @@ from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
-from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
@@ -48,12 +47,11 @@ def scenario_flown() -> Scenario:
 
 
 def flight(path: Path, seconds: float) -> Simulation:
-    """As the daemon has it: a durable journal and a picture."""
+    """A run with a durable journal."""
     scenario = scenario_flown()
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.service.state_view = StateView(scenario, landscape, simulation.clock.now_us)
     simulation.run(FROM_S + seconds)
     return simulation
 
@@ -63,9 +61,21 @@ def folds(service: Engine) -> dict[str, Any]:
     return copied(service.snapshot_fields(), service.shared_references)
 
 
+def without_alarms(service: Engine) -> dict[str, Any]:
+    """The same, without what an alarm and its announcement change."""
+    kept = folds(service)
+    view = kept["state_view"]
+    view.alarms.clear()
+    view.statistics.alarms.clear()
+    view.announcements.clear()
+    view.changed.clear()
+    view.version = view.announcement_id = 0
+    return kept
+
+
 def fix(simulation: Simulation, **changes: Any) -> Telemetry:
     """The next position of the vehicle, changed."""
-    last = simulation.service.state_view.telemetry["hawk"]  # type: ignore[union-attr]
+    last = simulation.service.state_view.telemetry["hawk"]
     told = Telemetry(
         simulation.clock.now_us + 250_000,
         "hawk",
@@ -120,20 +130,17 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     path = tmp_path / "journal.jsonl"
     simulation = flight(path, 60.0)
     service = simulation.service
-    service.record.announcements.clear()
-    before, written = folds(service), path.read_bytes()
     state_view = service.state_view
-    assert state_view is not None
+    before, written = without_alarms(service), path.read_bytes()
+    lines = len(state_view.announcements)
     absurd = fix(simulation, **changes)
-    service.state_view = None  # its alarm is all that may change
     service.handle_events([absurd], simulation.link_us)
-    assert len(service.record.announcements) == 1
-    service.record.announcements.clear()
-    service.state_view = state_view
+    assert list(state_view.alarms) == ["refused/hawk/Telemetry"]
+    assert len(state_view.announcements) == lines + 1
     assert path.read_bytes() == written
-    assert difference(folds(service), before) == ""
-    service.handle_events([absurd] * 5, simulation.link_us)  # not told again
-    assert service.record.announcements == []
+    assert difference(without_alarms(service), before) == ""
+    service.handle_events([absurd] * 5, simulation.link_us)  # not announced again
+    assert len(state_view.announcements) == lines + 1
     simulation.run(FROM_S + 62.0)
     assert verify(path).difference is None
 
@@ -141,7 +148,6 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
 def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> None:
     simulation = flight(tmp_path / "journal.jsonl", 15.0)
     service, at_us = simulation.service, simulation.clock.now_us
-    assert service.state_view is not None
     service.handle_events([WindMeasured(at_us, "hawk", NAN, 0.0)], simulation.link_us)
     assert list(service.state_view.alarms) == ["refused/hawk/WindMeasured"]
     service.handle_events([WindMeasured(at_us, "hawk", 4.0, 0.0)], simulation.link_us)
@@ -150,7 +156,6 @@ def test_the_alarm_of_a_refused_event_ends_with_a_good_one(tmp_path: Path) -> No
 
 FOLDS: dict[str, Callable[[Engine], object]] = {
     "core": lambda service: service.core,
-    "record": lambda service: service.record,
     "state_view": lambda service: service.state_view,
     "_missions": lambda service: service._missions,
 }
@@ -253,15 +258,14 @@ def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
         Core(scenario, landscape),
         world_of(scenario, landscape),
         journal,
-        RunStatistics(("hawk",), start_us),
+        StateView(scenario, landscape, start_us),
         {"hawk": cast(Gateway, Silent())},
-        state_view=StateView(scenario, landscape, start_us),
     )
     if cut_off.objects is not None:
         service.restore(cut_off.objects)
     try:
         replay(cut_off, service)
-        last_us = max(cut_off.last_us, service.record.at_us)
+        last_us = max(cut_off.last_us, service.statistics.at_us)
         service.resume(cut_off.missing, resumed(last_us, 5.0), 0, cut_off.skips(last_us))
     finally:
         journal.close()

@@ -32,7 +32,6 @@ from mission_service.journal.segments import (
 )
 from mission_service.journal.snapshot import Frozen, Known, read, write
 from mission_service.replay.verification import verify
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 Files = dict[str, bytes]
@@ -49,7 +48,6 @@ class Kept:
         header = header_of(self.scenario, self.landscape.digest(), "")
         journal = Journal(self.path, header, durable=True)
         simulation = Simulation(self.scenario, journal, self.landscape)
-        simulation.service.state_view = StateView(self.scenario, self.landscape, 0)
         for seconds in (60, 120):
             simulation.run(self.scenario.start_s + seconds)
             frozen = Frozen(simulation.service.snapshot_fields(), self.known)

@@ -18,6 +18,7 @@ from mission_service.replay.verification import verify
 from mission_service.runtime.outputs import summary_of
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
+from tests.announced import Announced
 
 DIES_S = 4350.0
 ENDS_S = 4800.0
@@ -44,7 +45,7 @@ class Mortal(sim.SimulatedVehicle):
     """A rig whose mock dies if it is swift."""
 
     def advance(self, now_us: int, service: Any) -> None:
-        if self.gateway.name == "swift" and service.record.at_us > DIES_S * 1e6:
+        if self.gateway.name == "swift" and service.statistics.at_us > DIES_S * 1e6:
             self.mock = Dead()  # type: ignore[assignment]
             self._weather = None
         super().advance(now_us, service)
@@ -88,20 +89,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         team.rule = Noted()
         return cores[-1]
 
-    said: list[str] = []
-
-    def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(
-            f"{announcements.vehicle}: {announcements.text}"
-            for _, announcements in record.announcements
-        )
-        record.announcements.clear()
-
+    announced = Announced()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sim, "SimulatedVehicle", Mortal)
         patch.setattr(sim, "Core", core)
-        record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", listen)
-    return Run(path, record, world, cores, said)
+        record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", announced)
+    return Run(path, record, world, cores, announced.lines)
 
 
 def test_all_four_fly_their_missions(run: Run) -> None:

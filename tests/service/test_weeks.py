@@ -33,7 +33,6 @@ from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime import run_statistics, state_view, track
-from mission_service.runtime.state_view import StateView
 from mission_service.simulation.sim import Simulation
 
 START_S = 12 * 3600.0  # a slow fire, large enough for two
@@ -151,10 +150,9 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "")
     journal = Journal(tmp_path / "journal.jsonl", header, durable=False)
-    shown, people = StateView(scenario, landscape, round(START_S * 1e6)), People()
-    simulation = Simulation(
-        scenario, journal, landscape, people.due, lambda kept, _: kept.announcements.clear(), shown
-    )
+    people = People()
+    simulation = Simulation(scenario, journal, landscape, people.due)
+    shown = simulation.service.state_view
     for rig in simulation.rigs:
         if rig.mock.stack.name == "px4":  # these missions have no landing
             rig.mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)

@@ -41,7 +41,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         limit: Annotated[int, Query(ge=2, le=MAX_POINTS)] = 3600,
     ) -> Response:
         api.vehicle(name)
-        latest = api.context.record.vehicles[name].track[-limit:]
+        latest = api.context.state_view.statistics.vehicles[name].track[-limit:]
         points = [point for point in latest if point[0] > after_us]
         return Response(encode(track_geojson(name, points)), media_type=GEOJSON)
 

@@ -41,7 +41,6 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis
         replay = OpenLoopReplay(what, journal)
         for told in told_in(what):
             replay.apply(told)
-            replay.service.record.announcements.clear()  # not read here
         complete = True
     finally:
         journal.finish(complete)

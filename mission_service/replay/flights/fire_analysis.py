@@ -124,7 +124,6 @@ class _Telling:
             commands = self._core.handle(event)
             self._fire.apply_history(event, commands)
             self._analysis.record.apply(event, commands)
-            self._analysis.record.announcements.clear()
             self._note(event, commands)
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US

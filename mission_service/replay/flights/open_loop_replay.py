@@ -22,7 +22,6 @@ from mission_service.replay.flights.scenario_pairing import Replaying
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
-from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 
 Told = VehicleLog | AnyOperatorEvent
@@ -60,23 +59,21 @@ class OpenLoopReplay:
         self,
         what: Replaying,
         journal: Journal,
-        state_view: StateView | None = None,
         kept: dict[str, Any] | None = None,
     ) -> None:
         """``kept``: the state of another replay to continue from; this one then owns it."""
-        begun = kept or _begun(what, state_view)
+        begun = kept or _begun(what)
         self.clock: MissionClock = begun["clock"]
         self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
         self.gateways: dict[str, Gateway] = begun["gateways"]
-        self._health_monitor: HealthMonitor | None = begun["health_monitor"]
+        self._health_monitor: HealthMonitor = begun["health_monitor"]
         self.service = Engine(
             what.scenario,
             begun["core"],
             begun["fire"].world,
             journal,
-            begun["record"],
+            begun["state_view"],
             self.gateways,
-            state_view=begun["state_view"],
         )
         if kept is not None:
             self.service.restore(kept)
@@ -98,11 +95,10 @@ class OpenLoopReplay:
             return
         self.vehicles[told.vehicle].apply(told.event)
         self.service.handle_events(self.gateways[told.vehicle].events(told.at_us), told.at_us)
-        if self._health_monitor is not None:
-            self._health_monitor.check(told.at_us)
+        self._health_monitor.check(told.at_us)
 
 
-def _begun(what: Replaying, state_view: StateView | None) -> dict[str, Any]:
+def _begun(what: Replaying) -> dict[str, Any]:
     scenario, landscape, mission = what.scenario, what.landscape, what.mission
     clock = MissionClock(mission.start_us, wall=True)
     clock.go_on(mission.start_us, mission.begin_us)
@@ -111,16 +107,14 @@ def _begun(what: Replaying, state_view: StateView | None) -> dict[str, Any]:
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
     world = world_of(scenario, landscape)
     world.advance(mission.start_us)
-    health_monitor = None
-    if state_view is not None:
-        health_monitor = HealthMonitor(state_view, scenario.mission.separation_m, NEVER_LATE_US)
+    state_view = StateView(scenario, landscape, mission.start_us)
+    separation_m = scenario.mission.separation_m
     return {
         "clock": clock,
         "vehicles": vehicles,
         "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
-        "health_monitor": health_monitor,
+        "health_monitor": HealthMonitor(state_view, separation_m, NEVER_LATE_US),
         "core": Core(scenario, landscape),
         "fire": ObservedFire(scenario, world),
-        "record": RunStatistics(tuple(vehicles), mission.start_us),
         "state_view": state_view,
     }

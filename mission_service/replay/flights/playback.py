@@ -58,9 +58,7 @@ class Playback:
         self._known = Known(what.scenario, what.landscape)
         self._cache: EntryCache[Told] = EntryCache(told_in(what))
         self._cache.get(0)  # first of all: a journal is read once for its operators' requests
-        state_view = StateView(what.scenario, what.landscape, what.mission.start_us)
-        replay = OpenLoopReplay(what, journal, state_view)
-        self._shown = _Telling(replay, 0, head.begin_us, journal.rest)
+        self._shown = _Telling(OpenLoopReplay(what, journal), 0, head.begin_us, journal.rest)
         self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MAX_KEPT)
         self._kept = [self._state_of(self._shown)]
         if 4 * self._kept[0].size > MAX_KEPT_BYTES:  # too large: seek from the beginning
@@ -76,9 +74,7 @@ class Playback:
     @property
     def state_view(self) -> StateView:
         """The state view of the replay that is shown."""
-        state_view = self.replay.service.state_view
-        assert state_view is not None
-        return state_view
+        return self.replay.service.state_view
 
     def state(self) -> ReplayState:
         """The state of the playback, for interfaces."""
@@ -129,8 +125,6 @@ class Playback:
         if self._work is not self._shown:
             before, self._shown = self.state_view, self._work
             self.state_view.take_the_place_of(before)
-            # published before, or skipped by the seek
-            self.replay.service.record.announcements.clear()
         else:
             self.state_view.replay_changed()
         self.jumps += 1

@@ -150,8 +150,8 @@ async def serve_flight(
                 for task in others:
                     task.cancel()
     service = player.replay.service
-    progress(service.record, service.world)
-    return service.record, service.world
+    progress(service.state_view, service.world)
+    return service.statistics, service.world
 
 
 async def _play(
@@ -170,8 +170,7 @@ async def _play(
             before.jumps,
         )
         if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
-            service = player.replay.service
-            progress(service.record, service.world)
+            progress(player.state_view, player.replay.service.world)
             if state != before and state.jumps == before.jumps:  # else it was published already
                 player.state_view.replay_changed()
             shown_us, before = begun_us, state
@@ -195,9 +194,7 @@ def _context_of(show: Show, settings: ServiceSection, player: Playback) -> RunCo
     clock = MissionClock(player.state().at_us, wall=False)
     request_handler = ReplayRequestHandler(player, clock_us)
     path = show.out / JOURNAL
-    context = RunContext(
-        scenario, settings, service, player.state_view, request_handler, clock, {}, path
-    )
+    context = RunContext(scenario, settings, service, request_handler, clock, {}, path)
     context.replay = player.state
     player.state_view.replay_changed()
     return context
@@ -205,5 +202,5 @@ def _context_of(show: Show, settings: ServiceSection, player: Playback) -> RunCo
 
 def _shown_to(context: RunContext, player: Playback) -> None:
     """Give the interfaces the replay that is shown and its time, which may go back."""
-    context.service, context.state_view = player.replay.service, player.state_view
+    context.service = player.replay.service
     context.clock.now_us = player.what.mission.of(player.head.at_us)
