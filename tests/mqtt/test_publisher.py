@@ -175,7 +175,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
             lost, back = [
                 line.text
                 for line in stage.context.state_view.announcements
-                if line.vehicle == "service"
+                if line.vehicle == "mqtt"
             ]  # and no line for each time within a minute
             assert "no MQTT broker" in lost
             assert "is back" in back
