@@ -58,7 +58,9 @@ def test_a_token_that_is_none_or_open_to_all_is_refused(
         ("other = 7", "unknown field"),
     ],
 )
-def test_a_wrong_tokens_file_is_told_in_one_line(tmp_path: Path, text: str, why: str) -> None:
+def test_an_invalid_tokens_file_is_reported_in_one_line(
+    tmp_path: Path, text: str, why: str
+) -> None:
     path = tmp_path / "tokens.toml"
     path.write_text(text)
     with pytest.raises(MissionServiceError, match=re.escape(why)) as told:
@@ -123,7 +125,9 @@ def test_the_command_prints_a_token_once_and_keeps_its_sum(tmp_path: Path) -> No
 
 
 @given(st.lists(st.tuples(st.floats(0, 5), st.sampled_from("ab")), max_size=60))
-def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, str]]) -> None:
+def test_no_client_sends_more_requests_than_the_bucket_allows(
+    steps: list[tuple[float, str]],
+) -> None:
     buckets, rate_s, burst = RateLimiter(2.0, 5.0), 2.0, 5.0
     now_s, taken = 0.0, {"a": 0, "b": 0}
     for pause_s, client in steps:
@@ -136,7 +140,7 @@ def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, 
             assert buckets.wait_s(client, now_s + 0.9 * wait_s) > 0.0
 
 
-def test_buckets_forget_who_asked_longest_ago() -> None:
+def test_buckets_drop_the_client_with_the_oldest_request() -> None:
     buckets = RateLimiter(1.0, 1.0)
     for number in range(3 * MAX_CLIENTS):
         buckets.consume(str(number), 0.0)

@@ -73,7 +73,9 @@ async def all_get_through(service: Served, address: tuple[str, int], world: Worl
     assert len(world.told) == before + 2
 
 
-def test_who_reads_no_page_takes_no_place_from_others(flying: World, tmp_path: Path) -> None:
+def test_a_client_that_reads_no_page_takes_no_place_from_others(
+    flying: World, tmp_path: Path
+) -> None:
     page = tmp_path / "dist"
     page.mkdir()
     (page / "index.html").write_text("x" * 4_000_000)
@@ -89,7 +91,7 @@ def test_who_reads_no_page_takes_no_place_from_others(flying: World, tmp_path: P
     asyncio.run(go())
 
 
-def test_idle_ones_half_headers_and_slow_bodies_hold_up_nobody(flying: World) -> None:
+def test_idle_connections_half_headers_and_slow_bodies_delay_no_other_client(flying: World) -> None:
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address, contextlib.AsyncExitStack() as stack:

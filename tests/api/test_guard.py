@@ -263,7 +263,7 @@ def test_bodies_have_limits(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_who_asks_too_often_waits_but_never_with_an_abort(flying: World) -> None:
+def test_too_many_requests_wait_but_an_abort_never_does(flying: World) -> None:
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         undo = [
             await http.post(f"{V1}/fire/undo", headers=service.headers("correct"))
@@ -312,7 +312,7 @@ def test_with_too_many_that_read_what_changes_and_health_get_through(
 
 
 @pytest.mark.parametrize("body", [b"", b"{}", b"nonsense", b"[" * 70_000, b'{"by": 7}', b"null"])
-def test_an_abort_is_taken_whatever_it_says(flying: World, body: bytes) -> None:
+def test_an_abort_is_accepted_whatever_its_content(flying: World, body: bytes) -> None:
     before = len(flying.told)
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
@@ -340,7 +340,7 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
+def test_an_event_has_a_field_for_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
     """The role of a token that is a user's own; without names what takes the role shows it."""
     world = world_in(tmp_path, scenario_of("burn", ()))
     item = world.context.burn()["go_items"][0]  # type: ignore[index]

@@ -114,7 +114,7 @@ def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World)
     asyncio.run(go())
 
 
-def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
+def test_a_reconnected_client_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
     async def go() -> None:
         service, state_view = served(flying), flying.context.state_view
         for word in ("one", "two"):
@@ -138,7 +138,7 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
     asyncio.run(go())
 
 
-def test_a_silent_stream_is_heard_and_ends_with_its_token(
+def test_a_stream_without_events_sends_keepalives_and_ends_with_its_token(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live_stream, "SENT_EVERY_S", 0.02)
@@ -242,7 +242,7 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
     assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
 
 
-def test_who_does_not_read_is_cut_off_and_holds_no_memory(
+def test_a_client_that_does_not_read_is_disconnected_and_holds_no_memory(
     standing: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard, "SEND_WITHIN_S", 0.4)
@@ -277,7 +277,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
     )  # announcements of 500 lines of 5 kB, and what the transport may hold
 
 
-def test_who_is_gone_is_noticed(flying: World) -> None:
+def test_a_disconnected_client_is_noticed(flying: World) -> None:
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:

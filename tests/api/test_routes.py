@@ -239,7 +239,7 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_pictures_are_pictures(flying: World) -> None:
+def test_images_are_images(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         frame = await got(http, "/fire/arrival.json")
         assert len(frame["corners"]) == 4
@@ -262,7 +262,7 @@ def test_pictures_are_pictures(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_what_people_say_becomes_events(tmp_path: Path) -> None:
+def test_operator_requests_become_events(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
     world.fly(3610.0)
     point = {"state": "burning", "shape": "point", "points": [list(CENTRE)]}
@@ -454,7 +454,7 @@ def test_what_cannot_be_written_down_is_not_done_but_an_abort_is(
     asked(world, ask)
 
 
-def test_news_are_told_once(flying: World) -> None:
+def test_announcements_are_sent_once(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         flying.context.state_view.announce("hawk", "something")
         announcements = await got(http, "/announcements")
@@ -487,7 +487,7 @@ def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_a_defect_is_told_without_its_inside(
+def test_an_internal_error_is_reported_without_details(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(flying.context, "fire", lambda: 1 / 0)
@@ -499,7 +499,7 @@ def test_a_defect_is_told_without_its_inside(
     asked(flying, ask)
 
 
-def test_a_burn_is_planned_and_approved_by_those_who_may(
+def test_a_burn_is_planned_and_approved_by_authorised_users(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)

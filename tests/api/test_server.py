@@ -37,7 +37,7 @@ async def said_to(address: tuple[str, int], *parts: bytes) -> bytes:
         writer.close()
 
 
-def test_a_port_in_use_is_told_in_one_line() -> None:
+def test_a_port_in_use_is_reported_in_one_line() -> None:
     with bound(ANY) as taken:
         port = taken.getsockname()[1]
         with (
@@ -49,7 +49,7 @@ def test_a_port_in_use_is_told_in_one_line() -> None:
         pass
 
 
-def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
+def test_an_interface_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
     async def go() -> None:
         with http_interface(ANY, standing.context.out) as run_interface:
             assert run_interface.address.startswith("http://127.0.0.1:")
@@ -96,7 +96,7 @@ def test_it_ends_without_waiting_for_streams_and_leaves_signals_alone(
     assert asyncio.run(go()) < PATIENCE_S
 
 
-def test_a_stream_that_nobody_reads_does_not_hold_the_end_up(
+def test_a_stream_that_is_not_read_does_not_delay_the_shutdown(
     standing: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def go() -> float:
@@ -138,7 +138,7 @@ def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
     asyncio.run(go())
 
 
-def test_who_dawdles_over_a_request_is_cut_off(
+def test_a_client_with_a_slow_request_is_disconnected(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "REQUEST_WITHIN_S", 1.0)
@@ -218,7 +218,7 @@ def test_with_a_certificate_all_is_encrypted(flying: World, certificate: tuple[P
     asyncio.run(go())
 
 
-def test_a_certificate_that_cannot_be_used_is_told_in_one_line(
+def test_a_certificate_that_cannot_be_used_is_reported_in_one_line(
     tmp_path: Path, certificate: tuple[Path, Path]
 ) -> None:
     wrong = tmp_path / "wrong.pem"

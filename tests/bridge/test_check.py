@@ -131,7 +131,7 @@ each_stack = pytest.mark.parametrize("stack", STACKS, ids=named)
 
 
 @pytest.mark.parametrize(("stack", "item", "told", "words"), CASES, ids=named)
-def test_a_bad_item_is_told_once(
+def test_a_bad_item_is_reported_once(
     stack: Stack, item: MissionItem, told: tuple[str, str], words: str
 ) -> None:
     before, *after = takes(stack)
@@ -205,7 +205,7 @@ def test_the_longest_mission_counts_the_home_that_is_sent_along(stack: Stack, mo
 
 
 @each_stack
-def test_what_comes_after_an_endless_loiter_is_told(stack: Stack) -> None:
+def test_items_after_an_endless_loiter_are_reported(stack: Stack) -> None:
     mission = (*takes(stack), at(16), bare(211, 1.0))
     assert [(p.kind, p.index) for p in check(mission, stack)] == [("dropped", 4), ("dropped", 5)]
     drops = (bare(211, 1.0), bare(206, 5.0), bare(206, 5.0))
@@ -271,7 +271,7 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
     [(stack, *rule) for stacks, *rule in FENCES for stack in stacks],
     ids=named,
 )
-def test_a_bad_fence_is_told(
+def test_a_bad_fence_is_reported(
     stack: Stack, fence: Items, told: tuple[str, int | None, str], words: str
 ) -> None:
     (problem,) = check(fence, stack, FENCE)
@@ -298,7 +298,7 @@ def test_a_polygon_of_an_ardupilot_may_have_255_vertices() -> None:
     ],
     ids=named,
 )
-def test_bad_rally_points_are_told(stack: Stack, points: Items, told: tuple[str, str]) -> None:
+def test_bad_rally_points_are_reported(stack: Stack, points: Items, told: tuple[str, str]) -> None:
     (problem,) = check(points, stack, RALLY)
     assert (problem.kind, problem.field) == told
 

@@ -184,12 +184,12 @@ async def loses_its_link_and_gets_it_back(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_lost_link_is_told_and_taken_up_again(backend: str) -> None:
+def test_a_lost_link_is_reported_and_taken_up_again(backend: str) -> None:
     run(loses_its_link_and_gets_it_back(backend))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_port_in_use_is_told(backend: str) -> None:
+def test_a_port_in_use_is_reported(backend: str) -> None:
     async def twice() -> None:
         port = free_port()
         async with station(backend, port), station(backend, port):

@@ -33,14 +33,14 @@ def current_message() -> Message:
 
 
 @given(ids, ids, ids)
-def test_mission_current_tells_its_three_ids(mission: int, fence: int, rally: int) -> None:
+def test_mission_current_has_its_three_ids(mission: int, fence: int, rally: int) -> None:
     found = decoded(with_extension(current_message(), mission, fence, rally))
     assert (found.mission_id, found.fence_id, found.rally_points_id) == (mission, fence, rally)
     assert (found.seq, found.total, found.mission_state, found.mission_mode) == (3, 7, 2, 1)
 
 
 @given(ids)
-def test_acknowledgement_and_count_tell_an_id(plan: int) -> None:
+def test_acknowledgement_and_count_have_an_id(plan: int) -> None:
     for message in (
         mavlink.MAVLink_mission_ack_message(255, 190, 0, 0),
         mavlink.MAVLink_mission_count_message(255, 190, 4, 1),
@@ -48,7 +48,7 @@ def test_acknowledgement_and_count_tell_an_id(plan: int) -> None:
         assert decoded(with_extension(message, plan)).opaque_id == plan
 
 
-def test_ids_that_are_not_told_are_zero() -> None:
+def test_ids_that_are_not_sent_are_zero() -> None:
     assert decoded(current_message()).mission_id == 0
     assert decoded(mavlink.MAVLink_mission_ack_message(255, 190, 0, 0)).opaque_id == 0
     old = mavlink.MAVLink_mission_ack_message(255, 190, 0, 0)

@@ -142,7 +142,7 @@ def test_the_same_id_on_two_links_is_two_vehicles() -> None:
     assert air.of(SameSystemId) == []
 
 
-def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
+def test_the_same_id_twice_on_one_link_is_reported_and_not_mixed() -> None:
     first, second = mock_of(PX4), mock_of(PX4)
     second.flight.motion.north_m = 5_000.0
     first.handle_timer(0)
@@ -172,7 +172,7 @@ def test_a_vehicle_may_come_back_from_another_address() -> None:
     assert len(air.of(Connected)) == 1
 
 
-def test_each_vehicle_is_lost_and_heard_again_for_itself() -> None:
+def test_each_vehicle_is_lost_and_received_again_separately() -> None:
     air = Air(a_1=[mock_of(PX4, system_id=1)], a_2=[mock_of(PLANE, system_id=2)])
     air.run_for(5.0)
     mocks, up, _ = air.remotes["a", "2"]
@@ -238,7 +238,7 @@ def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
     assert handled == [5 * SECOND, 9 * SECOND]
 
 
-def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
+def test_two_remotes_of_a_udp_link_are_distinguished() -> None:
     port = free_port()
 
     async def run() -> list[FleetEvent]:

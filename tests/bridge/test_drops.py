@@ -198,7 +198,7 @@ def test_what_is_not_answered_is_unknown_and_never_sent_again(
     assert len(pair.of(DropFinished)) == 1
 
 
-def test_a_refusal_is_told_in_words_and_only_of_the_release() -> None:
+def test_a_refusal_is_reported_as_text_and_only_for_the_release() -> None:
     pair, mock = flying(ARDUPILOT)
     drop(pair, SERVO._replace(number=9))
     pair.run_for(0.1)
@@ -415,7 +415,7 @@ def test_after_it_a_new_mission_is_flown_from_its_beginning(stack: Stack) -> Non
     assert pair.now_us > 25 * SECOND
 
 
-def test_px4s_gripper_tells_of_its_movements_as_the_real_one() -> None:
+def test_px4s_gripper_reports_its_movements_like_the_real_one() -> None:
     # Recorded from PX4 1.17: result and the component it is told to, for a release and a setting
     # back 0.2 s later, and then a release that the link doubles.
     pair, mock = flying(PX4)
@@ -455,7 +455,7 @@ def test_px4s_gripper_tells_of_its_movements_as_the_real_one() -> None:
 
 @pytest.mark.parametrize("result", [mavlink.MAV_RESULT_TEMPORARILY_REJECTED, 6])
 @pytest.mark.parametrize(("loss", "outcome"), [(0.0, "done"), (1.0, "unknown")])
-def test_what_a_gripper_says_of_doubled_and_ended_releases_is_no_refusal(
+def test_replies_of_a_gripper_to_doubled_and_ended_releases_are_no_refusals(
     result: int, loss: float, outcome: str
 ) -> None:
     pair, mock = flying(PX4, loss=loss)

@@ -93,7 +93,7 @@ def test_hold_stops_a_mission_where_it_is() -> None:
     assert pair.mock.flight.mode == "hold"
 
 
-def test_silence_is_told_within_the_timeout_and_so_is_the_return() -> None:
+def test_a_lost_link_is_reported_within_the_timeout_and_so_is_its_return() -> None:
     pair = flying(stack_named("px4", "plane"))
     pair.mock_alive = False
     pair.run_for(4.0)

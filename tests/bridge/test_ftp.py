@@ -199,7 +199,7 @@ def test_pieces_may_arrive_in_any_order(arrived: list[Packet]) -> None:
     assert bench.held() == NEW
 
 
-def test_how_an_upload_ended_tells_whether_all_was_sent() -> None:
+def test_the_result_of_an_upload_shows_whether_all_was_sent() -> None:
     for after, outcome in ((1, "failed"), (4, "failed"), (7, "failed"), (14, "unknown")):
         counter, bench = [0], holding()
         bench.up, bench.down = Cut(counter, after), Cut(counter, after)

@@ -93,7 +93,7 @@ def of(entries: list[Entry], kind: type) -> list[Any]:
     return [entry.event for entry in entries if isinstance(entry.event, kind)]
 
 
-def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
+def test_a_tlog_holds_the_events_of_the_client_and_the_missions_of_both_directions(
     recorded: tuple[Path, Pair],
 ) -> None:
     path, pair = recorded
@@ -119,7 +119,7 @@ def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
     assert log.unix_offset_us() == 0
 
 
-def test_a_dataflash_log_tells_the_flight(tmp_path: Path) -> None:
+def test_a_dataflash_log_reproduces_the_flight(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(bin_flight())
     log = open_log(path)
@@ -152,7 +152,7 @@ def test_a_dataflash_log_tells_the_flight(tmp_path: Path) -> None:
     assert offset + 1_100_000 == (315_964_800 + 2445 * 604_800 + 100 - 18) * SECOND
 
 
-def test_a_ulog_tells_the_flight(tmp_path: Path) -> None:
+def test_a_ulog_reproduces_the_flight(tmp_path: Path) -> None:
     path = tmp_path / "flight.ulg"
     path.write_bytes(ulg_flight())
     log = open_log(path)
@@ -282,7 +282,7 @@ def entries_of(path: Path, data: bytes, reader: Callable[[Path], Log]) -> tuple[
 
 
 @pytest.mark.parametrize("piece_bytes", [1 << 19, 700])
-def test_a_log_cut_at_any_byte_tells_all_up_to_there(
+def test_a_log_cut_at_any_byte_is_read_up_to_the_cut(
     written: tuple[Path, bytes, Any], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, data, reader = written
@@ -304,7 +304,7 @@ def test_a_log_cut_at_any_byte_tells_all_up_to_there(
 
 @settings(max_examples=60)
 @given(st.data())
-def test_noise_in_a_log_costs_what_it_covers_and_is_told(
+def test_noise_in_a_log_costs_what_it_covers_and_is_reported(
     written: tuple[Path, bytes, Any], data: st.DataObject
 ) -> None:
     path, good, reader = written
@@ -323,7 +323,7 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
     assert len(found) >= len(whole) - 40
 
 
-def test_noise_is_told_as_damage(written: tuple[Path, bytes, Any]) -> None:
+def test_noise_is_reported_as_damage(written: tuple[Path, bytes, Any]) -> None:
     """Seldom it makes something look like a message that is passed over, of another dialect say."""
     path, good, reader = written
     chance, told = random.Random(5), 0
@@ -362,7 +362,7 @@ def _stamp(reader: Any, at_us: int) -> bytes:
     return at_us.to_bytes(8, "big" if reader is TlogLog else "little")
 
 
-def test_a_log_that_begins_anew_is_read_on(written: tuple[Path, bytes, Any]) -> None:
+def test_a_log_that_begins_again_is_read_on(written: tuple[Path, bytes, Any]) -> None:
     path, good, reader = written
     if reader is not TlogLog:
         return  # theirs begin once
@@ -395,7 +395,7 @@ def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> Non
         assert seqs[-2:] in ([1, 0], [2, 1])
 
 
-def test_columns_that_are_missing_are_told_and_passed_over(
+def test_columns_that_are_missing_are_reported_and_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = {**FORMATS, "POS": ("QLfff", "TimeUS,Lng,Alt,RelHomeAlt,RelOriginAlt")}
@@ -421,7 +421,7 @@ def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
     ]
 
 
-def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_log_is_reported_in_one_line(tmp_path: Path) -> None:
     other = tmp_path / "notes.txt"
     other.write_text("nothing")
     empty = tmp_path / "empty.bin"

@@ -53,7 +53,7 @@ def test_frames_may_come_several_at_once() -> None:
         ("ardupilot", "UNSUPPORTED", None, "rejected", "not known"),
     ],
 )
-def test_what_mavsdk_says_is_judged_by_what_is_read_back(
+def test_results_of_mavsdk_are_judged_by_what_is_read_back(
     name: str, said: str, read: str | None, outcome: str, holds: str
 ) -> None:
     stack = stack_named(name, "plane")

@@ -32,7 +32,7 @@ def test_an_item_is_refused_to_order(stack: Stack) -> None:
 
 
 @each_stack
-def test_silence_from_a_message_on_is_a_failure_the_client_tells_of(stack: Stack) -> None:
+def test_silence_from_a_message_on_is_a_failure_that_the_client_reports(stack: Stack) -> None:
     pair = Pair(mock_of(stack))
     pair.run_for(1.0)
     pair.mock.missions.faults.silent_after = 3
@@ -85,7 +85,7 @@ def test_without_gps_there_are_no_positions() -> None:
     assert len(pair.of(Position)) == before
 
 
-def test_a_low_battery_is_told() -> None:
+def test_a_low_battery_is_reported() -> None:
     mock = mock_of(PX4)
     mock.battery_percent = 7
     mock.handle_timer(0)

@@ -46,7 +46,7 @@ def test_faults_are_read() -> None:
         *("gps-loss@1..x", "silent-after=1.5", "delay=inf", "refuse=\u0663:1"),
     ],
 )
-def test_bad_faults_are_told_in_one_line(word: str) -> None:
+def test_bad_faults_are_reported_in_one_line(word: str) -> None:
     with pytest.raises(BridgeError) as failure:
         parse_faults(["reboot@3", word])
     assert str(failure.value).startswith(f"--fault {word!r}: ")
@@ -109,7 +109,7 @@ def test_a_silence_has_a_beginning_and_an_end() -> None:
     assert link.of("MISSION_REQUEST") == []
 
 
-def test_without_gps_no_position_is_told_for_a_while() -> None:
+def test_without_gps_no_position_is_reported_for_a_while() -> None:
     link = Listener(Faults(gps_loss=[(4.0, 8.0)]))
     link.run(12.0)
     times = [at_s for at_s, _ in link.of("GLOBAL_POSITION_INT")]
@@ -119,7 +119,7 @@ def test_without_gps_no_position_is_told_for_a_while() -> None:
     assert len([1 for at_s, _ in link.of("HEARTBEAT") if 4.0 < at_s < 8.0]) == 4
 
 
-def test_a_reboot_begins_the_boot_clock_anew() -> None:
+def test_a_reboot_resets_the_boot_clock() -> None:
     link = Listener(Faults(reboot=[6.0]))
     link.peer.mock.flight.armed = True
     link.run(10.0)
@@ -130,7 +130,7 @@ def test_a_reboot_begins_the_boot_clock_anew() -> None:
 
 
 @each_stack
-def test_a_low_battery_is_told_and_acted_on(stack: Any) -> None:
+def test_a_low_battery_is_reported_and_acted_on(stack: Any) -> None:
     link = Listener(Faults(battery_low=[20.0]), stack)
     flight = link.peer.mock.flight
     flight.items = (line_of(4)[0], *line_of(4))

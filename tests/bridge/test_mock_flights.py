@@ -41,14 +41,14 @@ def reached(lines: list[Line]) -> list[int]:
     return [line.fields["seq"] for line in lines if line.name == "MISSION_ITEM_REACHED"]
 
 
-def test_px4_tells_a_release_in_place_of_the_waypoint_before_it_and_tells_all_again() -> None:
+def test_px4_reports_a_release_in_place_of_the_waypoint_before_it_and_reports_all_again() -> None:
     told = reached(flown(PX4, 180.0)[1])
     assert list(dict.fromkeys(told)) == [0, 2, 3, 4]
     assert told.count(0) <= 11
     assert told[-11:] == [4] * 11
 
 
-def test_ardupilot_tells_waypoints_once_and_names_what_it_begins() -> None:
+def test_ardupilot_reports_waypoints_once_and_names_what_it_begins() -> None:
     said = flown(PLANE, 180.0)[1]
     assert reached(said) == [1, 2, 4, 5]
     assert texts(said) == [

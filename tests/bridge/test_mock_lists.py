@@ -124,7 +124,7 @@ def test_the_index_outlives_an_upload_on_ardupilot_and_the_same_plan_on_px4() ->
         assert current(player)["seq"] == after_other
 
 
-def test_px4_tells_the_checksum_of_each_plan() -> None:
+def test_px4_sends_the_checksum_of_each_plan() -> None:
     player = player_of(PX4)
     first = upload(player, line_of(3))[0].fields["opaque_id"]
     other = upload(player, line_of(3, 7))[0].fields["opaque_id"]

@@ -28,7 +28,7 @@ def test_arduplane_circles_wider_than_asked() -> None:
     assert turned_deg(pair, PLACE) < 0.0
 
 
-def test_a_px4_plane_orbits_where_it_is_by_its_own_radius_if_nothing_is_said() -> None:
+def test_a_px4_plane_orbits_its_own_position_by_its_own_radius_by_default() -> None:
     pair = airborne(PX4)
     here = pair.of(Position)[-1]
     orbit = mavlink.MAVLink_command_int_message(

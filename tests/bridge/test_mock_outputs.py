@@ -74,7 +74,7 @@ def test_px4_switches_gripper_winch_and_actuators() -> None:
     ]
 
 
-def test_servos_are_told_on_the_wire() -> None:
+def test_servo_outputs_are_sent_over_the_link() -> None:
     flight = flown(COPTER, (UP, north(60), do(183, 10, 1234), HOVER))
     flight.steps(60.0)
     mock = flight.mock
@@ -140,7 +140,7 @@ def test_jumps_without_a_nav_item_between_them_end() -> None:
 
 
 @copters
-def test_a_copter_stays_as_long_as_the_waypoint_says(stack: Stack) -> None:
+def test_a_copter_stays_for_the_hold_time_of_the_waypoint(stack: Stack) -> None:
     flight = flown(stack, (UP, north(100, param1=8.0), do(211, 1, 0), HOVER))
     there = [m for m in flight.steps(60.0) if abs(m.north_m - 100.0) < 5.0]
     assert 8.0 <= len(there) * 0.125 < 14.0
@@ -149,9 +149,7 @@ def test_a_copter_stays_as_long_as_the_waypoint_says(stack: Stack) -> None:
 
 @each_stack
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_loiter_time_ends_after_its_time_and_turns_as_its_sign_says(
-    stack: Stack, sign: float
-) -> None:
+def test_loiter_time_ends_after_its_time_and_turns_by_its_sign(stack: Stack, sign: float) -> None:
     place = replace(HOVER, command=19, param1=60.0, param3=sign * 100.0)
     flight = flown(stack, (UP, place, do(211, 1, 0), north(100)))
     motions = []

@@ -173,7 +173,7 @@ def test_ardupilot_follows_the_terrain_in_terrain_frames(stack: Stack) -> None:
 
 
 @each_stack
-def test_who_flies_into_the_ground_has_crashed_and_stays_there(stack: Stack) -> None:
+def test_a_vehicle_that_flies_into_the_ground_has_crashed_and_stays_there(stack: Stack) -> None:
     flight = flown(stack, north_then_east(400.0), terrain=hill)
     flight.steps(300.0)
     mock = flight.mock

@@ -93,7 +93,7 @@ def test_takeoff_ends_at_the_height_asked_for(stack: Stack, loss: float) -> None
 
 @each_stack
 @pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_a_vehicle_goes_where_it_is_told_and_stays(stack: Stack, loss: float) -> None:
+def test_a_vehicle_flies_to_the_commanded_position_and_stays(stack: Stack, loss: float) -> None:
     pair = airborne(stack, loss=loss)
     accepted(pair, pair.client.command("reposition", pair.now_us, *PLACE, 390.0))
     pair.run_for(120.0)
@@ -130,7 +130,7 @@ def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None
     assert turned_deg(pair, there) < 0.0
 
 
-def test_arducopter_says_that_it_has_no_orbit() -> None:
+def test_arducopter_reports_that_it_has_no_orbit() -> None:
     pair = standing(COPTER)
     with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
         pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
@@ -219,7 +219,7 @@ def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
     assert max(abs(distance - flown_m) for distance in distances_m(pair, PLACE, last=40)) < 4.0
 
 
-def test_a_refusal_is_told_with_its_command_and_result() -> None:
+def test_a_refusal_is_reported_with_its_command_and_result() -> None:
     pair = airborne(PLANE)
     accepted(pair, pair.client.command("hold", pair.now_us))
     ended = outcome(pair, pair.client.command("change speed", pair.now_us, 20.0))
@@ -339,7 +339,7 @@ def test_the_answer_to_another_station_is_not_ours(target: tuple[int, int]) -> N
 
 
 @pytest.mark.parametrize("target", [(255, 190), (0, 0)])
-def test_an_answer_to_us_or_to_nobody_ends_it(target: tuple[int, int]) -> None:
+def test_a_reply_to_us_or_without_a_target_ends_it(target: tuple[int, int]) -> None:
     sequence = begun()
     sequence.receive(ack(0, target), 1)
     assert sequence.outcome == (True, "accepted")
@@ -368,7 +368,7 @@ def test_the_reason_of_a_refusal_may_come_after_it() -> None:
     assert sequence.outcome == (False, "NAV_TAKEOFF failed: Arm: no position")
 
 
-def test_repeats_are_counted_and_a_refusal_then_is_told_with_care() -> None:
+def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> None:
     sequence = begun()
     (again,) = sequence.handle_timer(1_000_000)
     assert again.confirmation == 1

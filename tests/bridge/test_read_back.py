@@ -200,7 +200,7 @@ def recorded() -> list[Any]:
 
 
 @pytest.mark.parametrize(("name", "case"), recorded())
-def test_the_check_says_what_the_autopilot_said(name: str, case: str) -> None:
+def test_the_check_and_the_autopilot_report_the_same(name: str, case: str) -> None:
     stack = NAMES[name]
     uploads = [each for each in transfers(TRANSCRIPTS / name / f"{case}.jsonl") if each.up]
     assert uploads

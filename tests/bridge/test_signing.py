@@ -69,7 +69,7 @@ def stamp_of(frame: bytes) -> int:
 # Frames ---------------------------------------------------------------------------------------
 
 
-def test_pymavlink_believes_what_we_sign_and_we_believe_it() -> None:
+def test_pymavlink_accepts_our_signatures_and_we_accept_its() -> None:
     ours = signing()
     vehicle = mavlink.MAVLink(None, 1, 1)
     vehicle.signing.secret_key, vehicle.signing.timestamp = KEY.secret, NOW
@@ -105,7 +105,7 @@ def test_every_change_of_a_signed_frame_is_noticed() -> None:
             assert ours.accepts(frame)  # and the forgery has moved nothing
 
 
-def test_another_key_is_counted_and_not_believed() -> None:
+def test_another_key_is_counted_and_rejected() -> None:
     ours = signing()
     assert not ours.accepts(by_pymavlink("x", NOW, OTHER_KEY))
     assert ours.counts == Counts(wrong=1)
@@ -145,7 +145,7 @@ def test_a_stream_may_begin_a_minute_back_and_no_earlier() -> None:
     assert ours.counts == Counts(old=1)
 
 
-def test_a_forged_frame_from_the_future_locks_nobody_out() -> None:
+def test_a_forged_frame_from_the_future_locks_no_sender_out() -> None:
     """pymavlink stores its timestamp and then refuses every genuine frame."""
     far = NOW + 10**9
     forged = by_pymavlink("forged", far, OTHER_KEY)
@@ -189,7 +189,7 @@ def test_a_crash_costs_less_than_the_lead_receivers_allow(tmp_path: Path) -> Non
     assert Timestamps(clock, file).next() < NOW + 6 * TICKS_PER_S
 
 
-def test_a_clock_before_2015_or_a_spoilt_file_is_told(tmp_path: Path) -> None:
+def test_a_clock_before_2015_or_a_spoilt_file_is_reported(tmp_path: Path) -> None:
     file = tmp_path / "signing"
     with pytest.raises(BridgeError, match="clock stands before 2015"):
         Timestamps(lambda: EPOCH_US - 1, file)
@@ -211,7 +211,7 @@ def test_keys_come_as_digits_base64_or_passphrase() -> None:
 
 
 @pytest.mark.parametrize("bad", ["", "hex:12", "hex:xyz", "base64:!", "base64:AAAA", "0" * 64])
-def test_what_is_no_key_is_told_without_quoting_it(bad: str) -> None:
+def test_an_invalid_key_is_reported_without_quoting_it(bad: str) -> None:
     with pytest.raises(BridgeError, match="signing key: ") as raised:
         key_of(bad)
     assert len(bad) < 8 or bad not in str(raised.value)
@@ -239,7 +239,7 @@ def test_nothing_shows_a_key() -> None:
 # Connections ----------------------------------------------------------------------------------
 
 
-def test_a_connection_signs_all_and_hears_only_what_verifies(tmp_path: Path) -> None:
+def test_a_connection_signs_all_and_accepts_only_what_verifies(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
 
     async def exchange() -> list[bytes]:
@@ -318,7 +318,7 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("key", "accepted"), [(KEY, True), (OTHER_KEY, False)])
-def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool) -> None:
+def test_a_mission_is_uploaded_between_two_ends_that_share_a_key(key: Key, accepted: bool) -> None:
     mock, client = mock_of(stack_named("px4", "plane")), NativeClient()
 
     async def exchange() -> None:

@@ -67,7 +67,7 @@ def test_chunks_become_one_text(chunks: list[Chunk], told: list[str]) -> None:
     assert texts_of(*chunks) == told
 
 
-def test_a_text_whose_end_is_lost_is_told_with_the_next_heartbeat() -> None:
+def test_a_text_whose_end_is_lost_is_reported_with_the_next_heartbeat() -> None:
     assert texts_of((FIRST, 7, 0), then_s=1.5) == [FIRST.decode()]
 
 

@@ -46,7 +46,7 @@ def told(message: Any) -> Any:
 
 
 @pytest.mark.parametrize("from_deg", [0.0, 45.0, 120.0, 240.0, 359.0])
-def test_both_stacks_tell_the_same_wind(from_deg: float) -> None:
+def test_both_stacks_report_the_same_wind(from_deg: float) -> None:
     arduplane = told(telemetry_source.wind(from_deg, 6.0))
     px4 = told(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
     for event in (arduplane, px4):
@@ -80,7 +80,7 @@ def test_attitude_is_in_degrees_and_yaw_from_0_to_360() -> None:
     assert (event.roll_deg, event.pitch_deg) == pytest.approx((28.6479, -14.3239), abs=1e-3)
 
 
-def test_what_the_autopilot_does_not_know_is_none() -> None:
+def test_values_that_the_autopilot_lacks_are_none() -> None:
     unknown = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0)
     assert battery_of_system(unknown, 7) == Battery(7, 0, None, None, None)
     cells = [65535] * 10
@@ -98,7 +98,7 @@ def test_batteries_add_up_their_cells() -> None:
     assert battery(status, 7) == Battery(7, 0, 66, 12.15, 12.5)
 
 
-def test_what_is_not_healthy_is_told_in_words() -> None:
+def test_unhealthy_sensors_are_reported_by_name() -> None:
     # As ArduPlane told it on the ground before its EKF was ready, and PX4 without a receiver.
     words = {(306282559, 51478591): ("terrain", "prearm check"), (65536, 0): ("rc receiver",)}
     for (enabled, healthy), expected in words.items():
@@ -119,7 +119,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
     assert len(telemetry.events(at_150, 0)) == 1  # another kind may be behind
 
 
-def test_states_are_told_when_they_change() -> None:
+def test_states_are_reported_when_they_change() -> None:
     telemetry = Telemetry()
     kinds = [
         [type(event).__name__ for event in telemetry.events(message, at)]
@@ -140,7 +140,7 @@ def test_states_are_told_when_they_change() -> None:
 
 @each_stack
 @pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_a_vehicle_tells_all_at_the_rates_asked_for(stack: Stack, loss: float) -> None:
+def test_a_vehicle_reports_all_at_the_requested_rates(stack: Stack, loss: float) -> None:
     mock = mock_of(stack, wind=Breeze(240.0, 5.0))
     pair = Pair(mock, up=MemoryLink(loss=loss, seed=5), down=MemoryLink(loss=loss / 3, seed=6))
     pair.run_for(5.0)
@@ -191,7 +191,7 @@ def test_a_restart_too_short_to_be_missed_is_noticed_by_what_stops() -> None:
     assert len(pair.of(Rebooted)) == 1
 
 
-def test_asking_for_rates_ends_where_nobody_answers() -> None:
+def test_requests_for_rates_end_without_an_answer() -> None:
     pair = Pair(mock_of(PX4))
     asked: list[Any] = []
 
@@ -212,7 +212,7 @@ def test_asking_for_rates_ends_where_nobody_answers() -> None:
     ("name", "wind"),
     [("arduplane_perimeter", (240.0, 5.0)), ("px4_fixedwing_perimeter", (None, 0.0))],
 )
-def test_recorded_flights_tell_their_wind_battery_and_fix(
+def test_recorded_flights_report_their_wind_battery_and_fix(
     name: str, wind: tuple[float | None, float]
 ) -> None:
     codec, telemetry = Codec(255, 190), Telemetry()

@@ -90,7 +90,7 @@ def test_a_recording_is_added_to_and_readable_without_being_closed(tmp_path: Pat
         assert [words for _, _, words in read(path)] == ["one", "two"]
 
 
-def test_a_recording_that_cannot_be_is_told_in_one_line(tmp_path: Path) -> None:
+def test_an_invalid_recording_is_reported_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(BridgeError, match=r"none/flight\.tlog.*No such"):
         Tlog(tmp_path / "none" / "flight.tlog", wall_clock())
     if Path("/dev/full").exists():

@@ -73,7 +73,7 @@ def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None
 
 
 @each_stack
-def test_a_cleared_mission_is_gone(stack: Stack) -> None:
+def test_a_cleared_mission_is_empty(stack: Stack) -> None:
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(5)))
     assert pair.result_of(pair.client.clear(pair.now_us)).outcome == "accepted"
@@ -194,7 +194,7 @@ LOST: set[str] = set()
 
 
 @pytest.mark.parametrize("hundred", range(10))
-def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred: int) -> None:
+def test_over_a_bad_link_an_upload_ends_and_reports_what_the_vehicle_holds(hundred: int) -> None:
     outcomes = Counter[str]()
     for seed in range(100 * hundred, 100 * hundred + 100):
         rng = Random(seed)
@@ -338,7 +338,7 @@ def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
 
 @each_stack
 @pytest.mark.parametrize(("begin", "expected"), [("restart", 0), ("keep", 3), (2, 2), (99, 5)])
-def test_a_new_mission_begins_where_it_is_told_to(stack: Stack, begin: Any, expected: int) -> None:
+def test_a_new_mission_begins_at_its_start_item(stack: Stack, begin: Any, expected: int) -> None:
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(6), begin=3))
     pair.result_of(upload(pair, line_of(6, first=2), begin=begin))

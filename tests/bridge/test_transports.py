@@ -78,7 +78,7 @@ def test_noise_and_frames_in_one_datagram() -> None:
     run(exchange)
 
 
-def test_udpin_answers_all_who_send_frames_and_nobody_else() -> None:
+def test_udpin_answers_all_senders_of_frames_and_no_others() -> None:
     async def exchange() -> None:
         port, ear = free_port(), Ear()
         where = ("127.0.0.1", port)
@@ -99,7 +99,7 @@ def test_udpin_answers_all_who_send_frames_and_nobody_else() -> None:
     run(exchange)
 
 
-def test_udpout_lives_through_a_port_where_nobody_listens_yet() -> None:
+def test_udpout_survives_a_port_that_is_not_yet_open() -> None:
     async def exchange() -> None:
         ear = Ear()
         with udp_socket() as other:
@@ -122,7 +122,7 @@ def test_udpout_lives_through_a_port_where_nobody_listens_yet() -> None:
     run(exchange)
 
 
-def test_a_network_that_is_away_is_silence_but_a_forbidden_address_is_told() -> None:
+def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported() -> None:
     async def exchange() -> None:
         ear = Ear()
         async with Connection(f"udpout:127.0.0.1:{free_port()}", ear, clock_us) as connection:
@@ -387,7 +387,7 @@ def test_two_programs_do_not_share_a_serial_line(tmp_path: Path) -> None:
         run(twice)
 
 
-def test_without_pyserial_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyserial_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
 
     async def call() -> None:

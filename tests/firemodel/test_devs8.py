@@ -264,7 +264,7 @@ def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
         fire.front(fire.time_s + 1.0)
 
 
-def test_the_front_knows_nothing_of_ignitions_to_come() -> None:
+def test_the_front_does_not_depend_on_later_ignitions() -> None:
     still = float(spread_fields(landscape(), weather())[0][0, 0])
     alone, with_one_ahead = (
         Devs8Fire(landscape(), steady(), [MIDDLE, *more])
@@ -292,7 +292,7 @@ def test_a_fire_already_there_goes_on_from_its_outermost_cells() -> None:
     assert np.array_equal(fire.arrival_time_s[18:23, 18:23], arrival_s[18:23, 18:23])
 
 
-def test_what_cannot_burn_does_not_spread_even_if_it_is_said_to_have_burned() -> None:
+def test_unburnable_cells_do_not_spread_even_if_given_as_burned() -> None:
     fuel = np.ones((41, 41), dtype=np.int16)
     fuel[20, 20] = 98
     arrival_s = np.where(fuel == 98, 0.0, np.inf)

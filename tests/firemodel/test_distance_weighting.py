@@ -54,7 +54,7 @@ def test_marks_together_are_averaged_and_apart_they_do_not_add_up() -> None:
         (60.0, BURNING, -40.0),
     ],
 )
-def test_burned_and_unburned_say_by_when_and_from_when(
+def test_burned_and_unburned_cells_give_bounds_on_the_arrival_time(
     at_s: float, state: int, late_s: float
 ) -> None:
     assert moved_s(observations((*HERE, at_s, state)), HERE)[0] == pytest.approx(late_s)

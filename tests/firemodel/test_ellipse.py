@@ -76,7 +76,7 @@ def every_pair(fire: EllipseFire, points: Floats) -> Floats:
         (*STEADY, STEADY[0]._replace(from_s=60.0, toward_rad=TOWARD + 2.0 * math.pi)),
     ],
 )
-def test_the_ellipse_spans_as_the_rates_say(spreads: tuple[Spread, ...]) -> None:
+def test_the_ellipse_spans_according_to_the_rates(spreads: tuple[Spread, ...]) -> None:
     fire = EllipseFire(spreads, np.array([[1000.0, 2000.0, 10.0]]))
     t_s = 100.0
     middle = ALONG * (HEAD - BACK) / 2.0 * t_s

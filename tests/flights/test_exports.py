@@ -169,7 +169,7 @@ def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:
     ]
 
 
-def test_mcap_keeps_the_logs_own_clocks_if_one_knows_no_other(tmp_path: Path, out: Path) -> None:
+def test_mcap_keeps_the_logs_own_clocks_if_there_is_no_other(tmp_path: Path, out: Path) -> None:
     from tests.bridge.log_writers import ulog
 
     dated, undated = tmp_path / "kite.ulg", tmp_path / "crow.ulg"

@@ -56,7 +56,7 @@ def test_a_turn_back_and_what_servos_let_go_are_found(tmp_path: Path) -> None:
     assert flown["items_reached"] == 2
 
 
-def test_info_prints_all_logs_and_tells_of_damage(logs: tuple[Path, Path]) -> None:
+def test_info_prints_all_logs_and_reports_damage(logs: tuple[Path, Path]) -> None:
     result = call("log", "info", *map(str, logs))
     assert result.exit_code == 0
     assert "DAMAGED:" in result.output

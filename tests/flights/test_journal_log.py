@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
-def test_a_journal_tells_what_its_vehicles_told(folder: Path) -> None:
+def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
     log = open_flight(folder)
     assert isinstance(log, JournalLog)
     assert log.names == {1: "hawk", 2: "kite"}
@@ -59,7 +59,7 @@ def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
 
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0, exclude_max=True), change=st.integers(1, 255))
-def test_a_changed_byte_costs_its_line_and_is_told(
+def test_a_changed_byte_costs_its_line_and_is_reported(
     folder: Path, tmp_path: Path, place: float, change: int
 ) -> None:
     whole = (folder / "journal.jsonl").read_bytes()
@@ -79,7 +79,7 @@ def test_a_changed_byte_costs_its_line_and_is_told(
 
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0))
-def test_a_journal_cut_at_any_byte_tells_all_up_to_there(
+def test_a_journal_cut_at_any_byte_is_read_up_to_the_cut(
     folder: Path, tmp_path: Path, place: float
 ) -> None:
     whole = (folder / "journal.jsonl").read_bytes()

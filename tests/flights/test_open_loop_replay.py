@@ -126,7 +126,7 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert {t.current_seq for t in things if isinstance(t, MissionProgress)} <= {0, 1}
 
 
-def test_what_else_a_log_tells_reaches_the_core(tmp_path: Path) -> None:
+def test_other_events_of_a_log_reach_the_core(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
     path.write_bytes(bin_flight())
     what = beside_level(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
@@ -146,9 +146,7 @@ def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None
     assert (one / "journal.jsonl").read_bytes() == (other / "journal.jsonl").read_bytes()
 
 
-def test_it_is_told_where_the_flight_turned_back_and_when_it_differs(
-    log: Path, tmp_path: Path
-) -> None:
+def test_the_turn_back_and_the_difference_are_reported(log: Path, tmp_path: Path) -> None:
     story, _ = beside(log, tmp_path)
     hawk = story.vehicles["hawk"] if "hawk" in story.vehicles else story.vehicles["round-1"]
     (turn,) = hawk.turned_back
@@ -169,7 +167,7 @@ def test_another_planner_decides_otherwise(log: Path, tmp_path: Path) -> None:
     assert all(story.since_s(span.to_us) < 105.0 for span in hawk.differs)
 
 
-def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
+def test_drops_are_reported_relative_to_the_mission(log: Path, tmp_path: Path) -> None:
     story, _ = beside(log, tmp_path)
     (hawk,) = story.vehicles.values()
     (drop,) = hawk.drops  # servo 3 would steer, if its mission did not say otherwise
@@ -200,7 +198,7 @@ def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Pat
         survey(nothing)
 
 
-def test_two_logs_of_one_vehicle_tell_nothing_twice(log: Path, tmp_path: Path) -> None:
+def test_two_logs_of_one_vehicle_report_nothing_twice(log: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.bin"
     copy.write_bytes(round_flight(end_s=80.0))
     both = survey(flight_of([f"hawk={log}", f"hawk={copy}"]))
@@ -237,7 +235,7 @@ def test_vehicles_are_those_that_flew(tmp_path: Path) -> None:
     assert stacks == {"one-1": "ardupilot", "kite": "px4"}
 
 
-def test_logs_that_know_the_date_are_not_joined_with_others(log: Path, tmp_path: Path) -> None:
+def test_logs_with_a_date_are_not_joined_with_others(log: Path, tmp_path: Path) -> None:
     other = tmp_path / "kite.ulg"
     other.write_bytes(ulg_flight())
     with pytest.raises(FlightError, match=r"round\.bin: has no UTC time"):
@@ -282,7 +280,7 @@ def test_a_part_begins_with_the_latest_of_what_held(tmp_path: Path) -> None:
     assert flown.turned_back_us == []
 
 
-def test_who_never_rises_above_the_terrain_is_told_of(tmp_path: Path) -> None:
+def test_a_vehicle_that_never_rises_above_the_terrain_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "stands.bin"
     told = [("POS", 1_000_000 * n, 36.35, -84.16, 290.0, 0.0, 0.0) for n in range(1, 20)]
     path.write_bytes(dataflash([("MSG", 1, "ArduPlane V4.6.2 (deadbeef)"), *told]))
@@ -305,7 +303,7 @@ def test_heights_are_above_where_it_stood_last(tmp_path: Path) -> None:
     assert flown.figures()["highest_above_start_m"] == 100.0
 
 
-def test_a_flight_elsewhere_is_told_in_one_line(log: Path, tmp_path: Path) -> None:
+def test_a_flight_off_the_map_is_reported_in_one_line(log: Path, tmp_path: Path) -> None:
     with pytest.raises(FlightError, match=r"no position is on the landscape of level.*36\.35360"):
         beside(log, tmp_path, lat_deg=37.0)
     assert not (tmp_path / "journal.jsonl").exists()

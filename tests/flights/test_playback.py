@@ -46,7 +46,7 @@ def shown(player: Playback) -> Any:
     )
 
 
-def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
+def test_seeking_shows_the_same_as_playing_and_writes_the_same_journal(
     flown: Path, tmp_path: Path
 ) -> None:
     straight = {}
@@ -161,7 +161,7 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
         assert player.complete
 
 
-def test_a_spool_reads_again_what_has_come() -> None:
+def test_a_cache_reads_again_what_was_received() -> None:
     taken = []
 
     def stream() -> Any:

@@ -46,7 +46,7 @@ def test_a_log_alone_in_figures(log: Path) -> None:
     assert told["vehicles"][0]["positions"] == 640
 
 
-def test_a_log_beside_a_fire_leaves_a_report_and_a_journal(
+def test_a_log_near_a_fire_leaves_a_report_and_a_journal(
     log: Path, fire: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -115,7 +115,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
         (("notes.txt",), 1, "not a supported log"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(
+def test_invalid_input_is_reported_in_one_line(
     log: Path, words: tuple[str, ...], code: int, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(log.parent)

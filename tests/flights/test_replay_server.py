@@ -60,7 +60,7 @@ def test_it_is_shown_and_moved(replay: Replay) -> None:
     assert replay.post(paused=True)["log_at_us"] > began_us + 200_000
 
 
-def test_the_live_stream_tells_of_jumps_first(replay: Replay) -> None:
+def test_the_live_stream_reports_jumps_first(replay: Replay) -> None:
     replay.post(seek_s=60.0)
     jumps = replay.until(seeking=False)["jumps"]
     version = replay.get("/state")["version"]
@@ -175,7 +175,7 @@ def test_to_its_end_as_fast_as_can_be(tmp_path: Path) -> None:
         (("--speed", "1", "--set", "planner.rule=none"), "no such rule"),
     ],
 )
-def test_what_cannot_be_played_is_told_in_a_line(
+def test_what_cannot_be_played_is_reported_in_one_line(
     tmp_path: Path, words: tuple[str, ...], why: str
 ) -> None:
     log = tmp_path / "one.bin"

@@ -58,7 +58,7 @@ def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
     assert fire["area_ha"] > 20.0
 
 
-def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None:
+def test_estimated_and_true_front_are_compared_as_in_the_paper(run: Path) -> None:
     story = fire_analysis(JournalLog(run / "journal.jsonl"))
     ages = [each.age_worst_s for each in story.samples]
     assert max(ages) > min(ages) >= 0.0
@@ -67,7 +67,7 @@ def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None
     assert all(0.0 <= mean <= worst for _, mean, worst in story.errors_m["hawk"])
 
 
-def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -> None:
+def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
     flown = story_with_fire("round", beside_level(flight_of([str(log)])), None, "today")
@@ -106,7 +106,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
     assert pages[0] == pages[1]
 
 
-def test_what_logs_say_is_not_taken_for_html(tmp_path: Path) -> None:
+def test_text_of_logs_is_escaped_in_html(tmp_path: Path) -> None:
     log = tmp_path / "<b>x&.bin"
     log.write_bytes(round_flight(end_s=20.0))
     story = story_of("<script>alert(1)</script>", flight_of([str(log)]))
@@ -136,7 +136,7 @@ def test_turns_back_are_dated_to_the_outermost_point() -> None:
     assert turns(*around(0.0, 20.0), 30.0, 0.0) == []
 
 
-def test_what_is_near_the_middle_says_nothing() -> None:
+def test_cells_near_the_middle_are_inconclusive() -> None:
     east = np.linspace(-500.0, 500.0, 101)  # across it, and back
     there = np.concatenate([east, east[::-1]])
     assert turns(there, np.full(there.size, 1.0), 60.0, 125.0) == []

@@ -178,7 +178,7 @@ def test_times_that_are_none_are_none(said: Any) -> None:
     assert found.records[0]["polygon_unix_ms"] is None
 
 
-def test_a_bow_tie_is_repaired_and_said_so() -> None:
+def test_a_bow_tie_is_repaired_and_reported() -> None:
     crossed = [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3], SQUARE[0]]
     found = read(geojson(polygon(crossed)))
     assert found.area.is_valid
@@ -257,7 +257,7 @@ SHP = struct.pack(">8i", 9994, 0, 0, 0, 0, 0, 50, 0)
         (b"{" + b" " * 30_000, "30001 bytes; 30000 at most are accepted"),
     ],
 )
-def test_files_that_are_too_large_are_told_what_to_do(
+def test_the_error_for_files_that_are_too_large_gives_a_remedy(
     data: bytes, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limits = {"LARGEST_BYTES": 30_000, "MAX_FEATURES": 30, "MAX_VERTICES": 400}

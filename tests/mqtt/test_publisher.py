@@ -46,7 +46,7 @@ def command(**more: Any) -> dict[str, Any]:
 
 
 @needs_mosquitto
-def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosquitto) -> None:
+def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mosquitto) -> None:
     async def look() -> None:
         async with telling(broker.port) as stage:
             state_view, hawk = stage.context.state_view, f"vehicle/{stage.name}"
@@ -81,7 +81,7 @@ def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosq
 
 
 @needs_mosquitto
-def test_positions_come_no_more_often_than_is_wanted_and_lines_all_of_them(
+def test_positions_are_limited_to_the_configured_rate_and_lines_are_not(
     broker: Mosquitto,
 ) -> None:
     async def look() -> None:
@@ -109,7 +109,7 @@ def test_positions_come_no_more_often_than_is_wanted_and_lines_all_of_them(
 
 
 @needs_mosquitto
-def test_a_killed_process_is_told_offline_by_the_broker(broker: Mosquitto) -> None:
+def test_a_killed_process_is_published_as_offline_by_the_broker(broker: Mosquitto) -> None:
     async def look(process: subprocess.Popen[bytes]) -> None:
         async with listening(broker.port) as ear:
             await until(lambda: ear.last("vehicle/hawk/telemetry") is not None)
@@ -144,7 +144,7 @@ async def longest_gap_s(stage: Stage, seconds: float) -> float:
 
 
 @needs_mosquitto
-def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
+def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
     broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(broker_connection, "ANSWER_S", PATIENCE_S)
@@ -201,7 +201,7 @@ def guarded(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 @needs_mosquitto
-def test_user_and_password_are_told_only_to_the_broker(
+def test_user_and_password_are_sent_only_to_the_broker(
     guarded: Mosquitto,
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
@@ -353,7 +353,7 @@ STRANGE = (
 )
 
 
-def test_no_broker_can_say_anything_that_ends_the_service(
+def test_no_message_of_a_broker_ends_the_service(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name, seconds in (("MIN_WAIT_S", 0.01), ("MAX_WAIT_S", 0.01), ("ANSWER_S", 0.1)):
@@ -391,7 +391,7 @@ def test_no_broker_can_say_anything_that_ends_the_service(
     assert caplog.records == []
 
 
-def test_what_has_come_is_done_though_the_broker_is_gone_by_then() -> None:
+def test_received_commands_are_done_though_the_broker_is_disconnected_by_then() -> None:
     def message(name: str, payload: dict[str, Any]) -> aiomqtt.Message:
         body = json.dumps(payload).encode()
         return aiomqtt.Message(f"{ROOT}/cmd/{name}", body, 1, False, 0, None)
@@ -437,7 +437,7 @@ def test_aborts_come_first_and_what_waits_is_bounded() -> None:
 
 
 @needs_mosquitto
-def test_commands_are_off_unless_wanted(broker: Mosquitto) -> None:
+def test_commands_are_off_by_default(broker: Mosquitto) -> None:
     async def look() -> None:
         async with listening(broker.port) as ear, telling(broker.port) as stage:
             await until(lambda: ear.last("status") is not None)

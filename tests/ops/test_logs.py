@@ -85,12 +85,12 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
     assert "Traceback" in said
 
 
-def test_where_a_secret_is_may_be_said() -> None:
+def test_the_path_of_a_secret_may_be_logged() -> None:
     assert hidden.clean("password = file:/run/secrets/mqtt") == "password = file:/run/secrets/mqtt"
     assert hidden.clean("a token of hawk's is missing") == "a token of hawk's is missing"
 
 
-def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
+def test_announcements_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     stream = set_up("json")
 
     async def follow(context: RunContext) -> None:
@@ -115,7 +115,7 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     assert texts[-2:] == ["hawk: the last word", "alarm link/hawk: cleared"]
 
 
-def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
+def test_announcements_from_before_a_restart_are_not_logged_again(tmp_path: Path) -> None:
     stream = set_up("json")
     with context_after_a_flight(tmp_path) as context:
         context.state_view.last_id_before_restart = context.state_view.announcement_id

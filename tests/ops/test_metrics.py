@@ -70,14 +70,14 @@ def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
     assert figures(context)[name]["failed", "kite"] == before + 1
 
 
-def test_interfaces_give_what_only_they_know(context: RunContext) -> None:
+def test_interfaces_give_their_own_metrics(context: RunContext) -> None:
     assert f"{PREFIX}stream_clients" not in figures(context)
     context.gauges["stream_clients"] = lambda: 3
     assert figures(context)[f"{PREFIX}stream_clients"][()] == 3
     del context.gauges["stream_clients"]
 
 
-def test_names_carry_units_and_say_what_they_are(context: RunContext) -> None:
+def test_names_carry_units_and_have_a_help_text(context: RunContext) -> None:
     content = metrics_of(context)[0].decode()
     for name in figures(context):
         if name.startswith(PREFIX):
@@ -109,7 +109,7 @@ def test_the_dashboard_shows_every_figure() -> None:
     assert not unseen, f"no panel shows {unseen}"
 
 
-def test_how_long_a_state_took_is_told(context: RunContext) -> None:
+def test_the_duration_of_a_state_is_reported(context: RunContext) -> None:
     keeping = Keeping(context.service, Known(context.scenario, context.landscape), JournalSection())
     asyncio.run(keeping.write_state())
     context.gauges["state_seconds"] = lambda: keeping.took_s

@@ -35,7 +35,7 @@ def heard(sock: socket.socket) -> list[str]:
     return found
 
 
-def test_systemd_hears_ready_the_watchdog_and_the_end(
+def test_systemd_receives_ready_the_watchdog_and_the_end(
     systemd: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WATCHDOG_USEC", "150000")
@@ -75,7 +75,7 @@ def test_an_abstract_socket_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sock.recv(100) == b"READY=1"
 
 
-def test_without_systemd_nothing_is_said_and_nothing_fails(
+def test_without_systemd_nothing_is_sent_and_nothing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)

@@ -102,7 +102,7 @@ def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
     assert any(turned)
 
 
-def test_who_joins_is_planned_for(history: list[RingStep]) -> None:
+def test_a_joining_vehicle_is_planned_for(history: list[RingStep]) -> None:
     joined = flown(history[:120], Balanced(), 3, joining=((7000.0, 7),))
     three = flown(history[:120], Balanced(), 3)
     assert joined.linear[70:].mean() < 0.85 * three.linear[70:].mean()

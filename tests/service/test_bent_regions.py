@@ -170,7 +170,7 @@ def test_regions_begin_with_as_many_cells_wherever_the_vehicles_are() -> None:
     assert spans(regions) == [(3, 9), (9, 16), (16, 23)]
 
 
-def test_giver_serves_until_it_hears() -> None:
+def test_giver_serves_until_it_receives_a_reply() -> None:
     regions = equal_regions([0, 1], [0, 10], 20)
     regions = with_border(regions, 1, offering(regions.borders[1], 6, left=True))
     offer = message_of(regions, 1, left=True)

@@ -111,7 +111,7 @@ def test_an_approval_lapses_with_time() -> None:
     assert approvals.expiry_reason(102_000_000) == "the approval is older than 100 s"
 
 
-def test_and_when_nobody_is_heard_at_its_station() -> None:
+def test_and_when_no_operator_is_at_the_station() -> None:
     approvals = proposing()
     approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))

@@ -208,7 +208,7 @@ def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch
     assert "is not the one of this hash" in result.stderr
 
 
-def test_where_one_is_must_be_said_if_there_are_several_places(run: Run) -> None:
+def test_the_station_must_be_given_if_there_are_several(run: Run) -> None:
     result = run.call("undo", "--by", "ann")
     assert result.exit_code == 1
     assert "say where you are with --station: alpha, bravo" in result.stderr
@@ -217,7 +217,7 @@ def test_where_one_is_must_be_said_if_there_are_several_places(run: Run) -> None
 
 
 @pytest.mark.parametrize("stations", [("alpha",)])
-def test_the_only_place_there_is_need_not_be_said(run: Run) -> None:
+def test_the_only_station_need_not_be_given(run: Run) -> None:
     assert run.call("undo", "--by", "ann").exit_code == 0
     assert run.told == [Undone(*EVENT)]
 
@@ -238,7 +238,9 @@ def test_the_state_in_words_and_as_json(run: Run) -> None:
     assert json.loads(run.call("status", "--json").stdout)["at_s"] == 100.0
 
 
-def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_watching_reports_that_an_operator_is_present(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def soon(wait_s: float) -> None:
         if len(run.told) == 3:
             raise KeyboardInterrupt

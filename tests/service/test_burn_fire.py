@@ -49,7 +49,7 @@ def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
     assert 0 < len(fire._observations) < observations
 
 
-def test_it_does_not_depend_on_who_asks_in_between() -> None:
+def test_it_does_not_depend_on_queries_in_between() -> None:
     rng = np.random.default_rng(3)
     asked, quiet = believed(), believed()
     events = [

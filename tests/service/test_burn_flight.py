@@ -125,7 +125,7 @@ def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> N
     assert verify(burn.path).difference is None
 
 
-def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
+def test_nothing_flies_without_approval(burn: Burn) -> None:
     burn.crew_is_there = False
     burn.run(120.0)
     assert burn.guidance.phase == "proposed"
@@ -239,7 +239,7 @@ def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> Non
     assert verify(burn.path).difference is None
 
 
-def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
+def test_a_stopped_line_is_planned_and_approved_again(burn: Burn) -> None:
     burn.until_dropping()
     before = burn.guidance.approvals.plan_hash
     amiss(burn, "fire ahead")
@@ -250,7 +250,7 @@ def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
     assert burn.guidance.approvals.plan_hash != before
 
 
-def test_after_an_abort_nothing_is_planned_before_somebody_wants_it(burn: Burn) -> None:
+def test_after_an_abort_nothing_is_planned_before_a_new_request(burn: Burn) -> None:
     burn.until_dropping()
     amiss(burn, "abort")
     burn.run(40.0)

@@ -5,6 +5,6 @@ from pathlib import Path
 from benchmarks.burn_frames import fly
 
 
-def test_nothing_reaches_the_dropper_that_nobody_approved(tmp_path: Path) -> None:
+def test_nothing_reaches_the_dropper_without_approval(tmp_path: Path) -> None:
     found = [fly(seed, tmp_path) for seed in (3, 6, 8)]
     assert sum(each["releases"] for each in found) > 0

@@ -58,7 +58,7 @@ def gateway_of(client: Any, dropper: Dropper | None = SERVO) -> Gateway:
     return Gateway("drake", client, MissionClock(1000, wall=False), dropper)
 
 
-def test_what_became_of_each_drop_is_told_with_its_plan_and_number() -> None:
+def test_the_outcome_of_each_drop_is_reported_with_its_plan_and_number() -> None:
     client = Client()
     gateway = gateway_of(client)
     for number in (4, 5, 6):
@@ -95,7 +95,7 @@ def test_climb_and_hold_is_the_clients_own_order() -> None:
     assert client.orders == [("climb and hold", 5, 36.0, -84.0, 380.0)]
 
 
-def test_the_height_of_returns_is_set_when_a_vehicle_of_a_burn_is_heard() -> None:
+def test_the_return_altitude_is_set_when_a_vehicle_of_a_burn_is_discovered() -> None:
     client = Client(bridge.Connected(3, stack_named("px4", "copter")))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO, return_height_m=95.0)  # type: ignore[arg-type]
     assert len(list(gateway.events(4))) == 1
@@ -106,7 +106,7 @@ def battery(at_us: int, number: int, percent: int | None, volts: float) -> bridg
     return bridge.Battery(at_us, number, percent, volts, None)
 
 
-def test_the_emptiest_battery_is_told_when_it_changes() -> None:
+def test_the_emptiest_battery_is_reported_when_it_changes() -> None:
     client = Client(
         battery(1, 0, None, 12.0),
         battery(2, 0, 80, 12.0),
@@ -119,7 +119,7 @@ def test_the_emptiest_battery_is_told_when_it_changes() -> None:
     assert told == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
 
 
-def test_the_fix_is_told_when_it_changes() -> None:
+def test_the_fix_is_reported_when_it_changes() -> None:
     fixes = ("no fix", "2d", "2d", "3d", "3d", "rtk fixed", "no gps")
     client = Client(*(bridge.GpsFix(1, fix, place) for place, fix in enumerate(fixes)))
     told = list(gateway_of(client).events(9))
@@ -160,7 +160,7 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
 
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
-def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
+def test_a_mock_with_faults_reports_its_battery_and_its_fix(stack: str) -> None:
     mock = mock_of(stack_named(stack, "copter"), battery_minutes=30.0)
     troubled = FaultyMock(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
     client = NativeClient(rates_hz=rates_hz(burn()))

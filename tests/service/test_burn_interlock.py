@@ -209,7 +209,7 @@ def test_limits_run_on_the_hosts_clock_too(
     assert refused is None if words is None else words in str(refused)
 
 
-def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> None:
+def test_a_restarted_host_clock_is_not_compared_with_the_one_before() -> None:
     lock = after((*GOOD, Resumed(AT_US, "service", "", 5.0)))
     lock.apply(HostTime(AT_US, NAME, -500 * S))
     for event in (*AGAIN, APPROVED, *GOOD[1:4], *GOOD[-2:]):
@@ -218,7 +218,7 @@ def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> N
     assert "was good until" in str(lock.refuses(DROP, AT_US))
 
 
-def test_a_plan_that_is_not_what_its_hash_says() -> None:
+def test_a_plan_that_does_not_match_its_hash() -> None:
     forged = Sent((ProposePlan(NAME, plan(valid_until_us=10**12), HASH),))
     assert "is not what its hash says" in str(why(forged, APPROVED))
 
@@ -229,7 +229,7 @@ def test_a_plan_approved_before_it_was_proposed() -> None:
     assert "nobody has approved it" in str(lock.refuses(DROP, AT_US))
 
 
-def test_whatever_was_not_told_is_a_reason() -> None:
+def test_every_missing_report_is_a_reason() -> None:
     for thing in GOOD:
         rest = tuple(other for other in GOOD if other is not thing)
         assert after(rest).refuses(DROP, AT_US) is not None, thing
@@ -303,7 +303,7 @@ def test_a_load_begins_with_a_landing() -> None:
         assert (lock.refuses(two, AT_US) is None) == gets_out
 
 
-def test_its_status_can_be_told_as_json() -> None:
+def test_its_status_can_be_encoded_as_json() -> None:
     told = msgspec.json.decode(msgspec.json.encode(after(GOOD).status()))
     (proposed,) = told["plans"]
     assert proposed["approved"]["by"] == "ann"

@@ -132,9 +132,7 @@ def cuts(journal: bytes) -> dict[str, int]:
     }
 
 
-def test_what_was_known_is_known_again_and_what_was_approved_is_void(
-    flown: Burn, tmp_path: Path
-) -> None:
+def test_the_state_is_restored_and_the_approval_is_void(flown: Burn, tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     for where, cut in cuts(flown.journal).items():
         path.write_bytes(flown.journal[:cut])

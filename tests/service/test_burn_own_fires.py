@@ -50,7 +50,7 @@ def test_not_above_it_when_it_burns(own: SphereFires) -> None:
     assert own.margin_s(level(108.0, 120.0, 131.0)) < 0.0  # away, but out of burning ground
 
 
-def test_not_down_beside_it(own: SphereFires) -> None:
+def test_not_down_next_to_it(own: SphereFires) -> None:
     down = (FlightPoint(105.0, 20.0, SAFE_M, 105.0), FlightPoint(105.0, 20.0, LOW_M, 127.5))
     assert own.margin_s(down) < SETTINGS.time_margin_s
     beside = tuple(place._replace(x_m=130.0) for place in down)

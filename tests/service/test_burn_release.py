@@ -130,7 +130,7 @@ def test_a_gap_in_telemetry_lets_go_late_only_within_the_miss_allowed() -> None:
     assert release_decision(vehicle, there, (there.x_m - 4.5, there.y_m), 0.1, 4.0) == "missed"
 
 
-def test_hovering_over_the_place_is_due_and_beside_it_waits() -> None:
+def test_hovering_over_the_place_is_due_and_next_to_it_waits() -> None:
     vehicle = VehicleMotion(0.0, 0.0, 15.0, 0.1, 0.0)
     there = impact_point(vehicle, (0.0, 0.0), VT, DELAY_S)
     assert release_decision(vehicle, there, (1.0, 0.0), 0.1, 4.0) == "release"

@@ -158,7 +158,7 @@ def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]
     return before, lock
 
 
-def test_a_journal_cut_anywhere_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_journal_cut_anywhere_is_continued(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     whole = written(path)
     header = whole.index(b"\n") + 1
@@ -213,7 +213,7 @@ def test_mission_time_never_goes_back() -> None:
         (lambda text: b"\x00" * 100 + b"\n" + text, "not a journal"),
     ],
 )
-def test_a_damaged_journal_is_not_gone_on_with(
+def test_a_damaged_journal_is_not_continued(
     tmp_path: Path, change: Callable[[bytes], bytes], words: str
 ) -> None:
     path = tmp_path / "journal.jsonl"
@@ -226,7 +226,7 @@ def test_a_damaged_journal_is_not_gone_on_with(
     assert path.read_bytes() == damaged
 
 
-def test_a_journal_that_another_version_would_not_write_is_not_gone_on_with(tmp_path: Path) -> None:
+def test_a_journal_that_another_version_would_not_write_is_not_continued(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     written(path)
     cut_off = unfinished(path, SCENARIO, DIGEST)
@@ -235,7 +235,7 @@ def test_a_journal_that_another_version_would_not_write_is_not_gone_on_with(tmp_
         list(cut_off.turns(lambda event: []))
 
 
-def test_only_a_live_burn_of_the_same_scenario_that_was_cut_off_is_gone_on_with(
+def test_only_an_interrupted_live_burn_of_the_same_scenario_is_continued(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "journal.jsonl"

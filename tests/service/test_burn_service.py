@@ -34,7 +34,7 @@ def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> Non
     burn.close()
 
 
-def test_a_drop_that_nobody_approved_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drop_without_approval_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     burn = Burn(tmp_path / "journal.jsonl", scenario())
     burn.crew_is_there = False
     burn.run(15.0)
@@ -57,7 +57,7 @@ def test_a_mission_with_a_drop_in_it_stays(tmp_path: Path, monkeypatch: pytest.M
     assert burn.rig.mock.flight.items == ()
 
 
-def test_the_last_lock_knows_a_unit_that_a_file_has(tmp_path: Path) -> None:
+def test_the_last_lock_accepts_a_unit_from_a_file(tmp_path: Path) -> None:
     lon_lat = [[lon, lat] for lat, lon in (*CORNERS, CORNERS[0])]
     feature = {"type": "Polygon", "coordinates": [lon_lat]}
     (tmp_path / "unit.geojson").write_text(json.dumps(feature), encoding="utf-8")

@@ -72,19 +72,19 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
         ({"fence": corners((-60, 0), (-5, 60), (-60, 60))}, "no part of the unit is inside"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(given: dict[str, Any], says: str) -> None:
+def test_invalid_input_is_reported_in_one_line(given: dict[str, Any], says: str) -> None:
     home = corners((-50, 50))[0]
     with pytest.raises(MissionServiceError, match=says) as error:
         burn_unit_of(burn(**given), LAND, home=home)
     assert "\n" not in str(error.value)
 
 
-def test_corners_told_later_take_the_place_of_those_set() -> None:
+def test_corners_submitted_later_replace_those_configured() -> None:
     small = corners((0, 0), (100, 0), (100, 100), (0, 100))
     assert burn_unit_of(burn(), LAND, corners=small).area.area == pytest.approx(10_000.0, rel=1e-3)
 
 
-def test_droppable_is_never_more_than_may_drop_says() -> None:
+def test_droppable_is_never_more_than_may_drop_allows() -> None:
     """A concave unit, a hole, a no-drop area, somebody, a fence that cuts it."""
     area = shapely.Polygon([(0, 0), (100, 0), (100, 80), (50, 30), (0, 80)])
     made = BurnUnit(

@@ -96,7 +96,7 @@ def test_more_initial_cells_than_can_burn_are_refused() -> None:
         burning_of(scenario, landscape_of(scenario))
 
 
-def test_without_a_fire_to_begin_with_the_base_knows_the_ignition(land: Landscape) -> None:
+def test_without_an_initial_fire_the_base_has_the_ignition(land: Landscape) -> None:
     scenario = load_scenario("virtual-agents")
     fire = scenario.fire.model_copy(update={"initial_cells": None})
     (cell,) = first_fire(scenario.model_copy(update={"fire": fire}), land)

@@ -188,7 +188,7 @@ def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], word
     assert "\n" not in str(caught.value)
 
 
-def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant() -> None:
+def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
     far = [[36, -84], [60, -84]]
     for request in (
         {"do": "lit", "points": [[60, -84]]},
@@ -218,11 +218,11 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
         {"station": "nowhere"},
     ],
 )
-def test_an_abort_is_taken_from_anybody(more: dict[str, Any]) -> None:
+def test_an_abort_is_accepted_from_any_user(more: dict[str, Any]) -> None:
     assert isinstance(event_of({"do": "abort", **more}, AT_US, SCOPE), Aborted)
 
 
-def test_an_abort_of_somebody_who_claims_to_be_the_service_is_of_an_unknown() -> None:
+def test_an_abort_in_the_name_of_the_service_has_an_unknown_operator() -> None:
     made = event_of({"do": "abort", "by": "service", "station": "x"}, AT_US, RequestScope(STATIONS))
     assert made == Aborted(AT_US, "unknown", "x")
 
@@ -345,7 +345,7 @@ def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
     assert served(tmp_path, client).events == [OperatorHeartbeat(*EVENT, may_approve=True)] * 2
 
 
-def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
+def test_any_request_is_answered_and_harms_no_other_client(tmp_path: Path) -> None:
     unit = json.dumps({"do": "unit", "points": CORNERS, **OPERATOR_FIELDS}).encode()
     wrong = [
         (b"\n", "not a line of JSON"),
@@ -417,7 +417,7 @@ def leave(there: socket.socket, with_reset: bool) -> None:
         (b'{"do":"undo","by":"ann","station":"alpha"}\n' * 3, 3),
     ],
 )
-def test_what_was_sent_whole_is_done_though_the_client_is_gone(
+def test_a_complete_request_is_done_though_the_client_has_disconnected(
     tmp_path: Path, sent: bytes, each: int, with_reset: bool
 ) -> None:
     async def client(told: Told) -> None:
@@ -476,7 +476,9 @@ def test_an_abort_finds_a_place_among_any_number_of_clients(tmp_path: Path) -> N
     assert served(tmp_path, client).events == [Aborted(AT_US, "unknown", "unknown")]
 
 
-def test_who_says_nothing_is_sent_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_that_sends_nothing_is_disconnected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(control, "IDLE_S", 0.05)
 
     async def client(told: Told) -> None:
@@ -497,7 +499,7 @@ def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
         served(tmp_path, client)
 
 
-def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
+def test_the_client_reports_what_is_wrong(tmp_path: Path) -> None:
     async def client(told: Told) -> None:
         def talk() -> None:
             with ControlClient(tmp_path) as there:
@@ -541,7 +543,7 @@ def test_what_is_no_socket_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "mine"
 
 
-def test_a_path_that_is_too_long_is_told(tmp_path: Path) -> None:
+def test_a_path_that_is_too_long_is_reported(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     path = deep / NAME

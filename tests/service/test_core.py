@@ -107,7 +107,7 @@ def test_the_first_mission_takes_off_and_ends_in_a_loiter(
     assert commands[commands.index(NAV_LOITER_UNLIM) + 1 :] == landing
 
 
-def test_a_flight_starts_by_itself_only_where_the_scenario_says_so(land: Landscape) -> None:
+def test_a_flight_starts_by_itself_only_where_the_scenario_permits(land: Landscape) -> None:
     for overrides, expected in (((), [StartMission]), (("vehicles.0.autostart=false",), [])):
         flight = Flight(load_scenario("default", overrides), land)
         (mission,) = uploads(flight.at_height(0.0))
@@ -131,7 +131,7 @@ def test_only_one_upload_is_under_way(land: Landscape) -> None:
     assert all(not uploads(flight.at_height(0.0)) for _ in range(20))
 
 
-def test_a_refused_mission_is_told_and_tried_again_later(land: Landscape) -> None:
+def test_a_refused_mission_is_reported_and_retried_later(land: Landscape) -> None:
     flight = Flight(load_scenario("default"), land)
     (mission,) = uploads(flight.at_height(0.0))
     (told,) = flight.finished(mission.mission_id, "rejected")
@@ -217,7 +217,7 @@ def test_a_vehicle_that_disarmed_takes_off_again(land: Landscape) -> None:
     assert again.items[0].command == NAV_TAKEOFF
 
 
-def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_anew(
+def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_again(
     land: Landscape,
 ) -> None:
     flight = Flight(load_scenario("default"), land)
@@ -284,13 +284,13 @@ def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
     assert flight.finished(mission.mission_id - 1, "failed") == []
 
 
-def test_stacks_say_what_a_broken_upload_leaves() -> None:
+def test_stacks_declare_what_a_broken_upload_leaves() -> None:
     assert stack_named("px4", "plane").atomic_upload
     assert not stack_named("ardupilot", "plane").atomic_upload
     assert np.isfinite(stack_named("px4", "plane").mission_mode)
 
 
-def test_only_a_start_that_is_news_is_announced(land: Landscape) -> None:
+def test_only_a_new_start_is_announced(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
 
     def answered(command: str, accepted: bool) -> list[str]:

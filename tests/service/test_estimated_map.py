@@ -11,7 +11,7 @@ from mission_service.fire.estimated_forecast import EstimatedForecasts
 from mission_service.fire.setup import landscape_of, weather_of
 
 
-def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> None:
+def test_the_estimate_is_shown_and_a_correction_reduces_its_uncertainty_nearby() -> None:
     scenario = load_scenario("burn")
     assert scenario.burn is not None
     landscape = landscape_of(scenario)

@@ -195,7 +195,7 @@ def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
         assert not [at_s for at_s in times_s(lines, kind) if began_s < at_s < began_s + 30.0], kind
 
 
-def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fly) -> None:
+def test_an_unanswered_proposal_is_withdrawn_and_an_operator_request_is_kept(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
     first = flight.state_view.missions["hawk"].proposed

@@ -228,7 +228,7 @@ def test_nothing_flies_in_a_scenario_without_vehicles(
     assert result.stderr.count("\n") == 1
 
 
-def test_info_tells_of_good_files_and_ends_well(tmp_path: Path) -> None:
+def test_info_reports_good_files_and_exits_with_zero(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     words = (f"fuel={site / 'fuel.tif'}", f"elevation={site / 'dem.tif'}")
     for files in ((str(site / "fuel.tif"),), (str(site / "lit.geojson"),), words):
@@ -362,7 +362,9 @@ def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
     assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in told.stderr
 
 
-def test_a_folder_that_cannot_be_written_to_is_told_before_the_fire_burns(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_to_is_reported_before_the_simulation(
+    tmp_path: Path,
+) -> None:
     scenario = write_scenario(write_site(tmp_path))
     told = call("fire", "run", str(scenario), "-o", "/proc")
     assert told.exit_code == 1

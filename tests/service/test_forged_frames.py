@@ -217,7 +217,7 @@ def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
-def test_who_takes_over_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
+def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with process(run.arguments, run.log) as run.daemon:
         with mock(run.port, tmp_path / "mock1.log"):

@@ -45,7 +45,7 @@ def test_a_virtual_agent_begins_a_radius_ahead_of_its_uav() -> None:
     assert intention.orbit_radius_m == -150.0
 
 
-def test_it_begins_anew_when_its_uav_is_too_far_away() -> None:
+def test_it_starts_again_when_its_uav_is_too_far_away() -> None:
     agent = agent_of()
     agent.step(own_at(0.0, -1000.0, -1000.0))
     agent.agent_m = (-1000.0, -1000.0 + SETTINGS.restart_m + 1.0)
@@ -62,7 +62,7 @@ def test_it_moves_towards_the_fire_and_never_faster_than_it_may() -> None:
     assert before_m - SETTINGS.agent_speed_m_s * 0.5 - 1e-6 <= after_m < before_m
 
 
-def test_it_tells_its_state_twice_a_second_and_what_it_saw_at_once() -> None:
+def test_it_sends_its_state_twice_a_second_and_its_observations_at_once() -> None:
     agent = agent_of(avoidance="none")
     said = []
     for tick in range(40):
@@ -101,7 +101,7 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
     assert east_of(True, True) == east_of(False, False)
 
 
-def test_who_is_silent_for_ten_seconds_is_not_reckoned_with() -> None:
+def test_a_peer_that_is_silent_for_ten_seconds_is_not_counted() -> None:
     agent = agent_of()
     agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
     assert len(agent.peers.rows(9_900_000)) == 1

@@ -334,7 +334,7 @@ def test_one_order_is_under_way_at_a_time_and_a_refused_one_comes_again(land: La
     assert 4.5 <= at_s - (flight.at_s - 10.0) <= 5.5
 
 
-def test_speeds_keep_to_the_airframe_and_are_told_again_in_another_mode(land: Landscape) -> None:
+def test_speeds_keep_to_the_airframe_and_are_sent_again_in_another_mode(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.max_airspeed_m_s=21")
     flight.orbiting()
     flight.means(-800.0, 0.0, airspeed_m_s=24.0)
@@ -399,7 +399,9 @@ def test_a_broken_upload_does_not_end_an_orbit(land: Landscape) -> None:
     assert len(times_s(flight.for_s(10.0), UploadMission)) == 1
 
 
-def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Landscape) -> None:
+def test_a_pilot_with_manual_control_has_it_until_it_is_back_in_its_mission(
+    land: Landscape,
+) -> None:
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
@@ -414,7 +416,7 @@ def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Lands
     assert times_s(flight.for_s(1.0), Orbit) != []
 
 
-def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape) -> None:
+def test_others_receive_the_motion_of_a_vehicle_under_manual_control(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
@@ -440,7 +442,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
 
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
-def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
+def test_the_circle_of_a_turning_vehicle_is_measured(turn_rad_s: float) -> None:
     def at(time_s: float) -> ObservedMotion:
         course = 1.0 + turn_rad_s * time_s
         place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
@@ -452,7 +454,7 @@ def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
     assert radius_m == pytest.approx(-200.0 if turn_rad_s > 0 else 200.0, rel=0.01)
 
 
-def test_who_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
+def test_a_vehicle_that_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
     still: ObservedMotion = (0.0, 10.0, 20.0, 0.2, 0.0)
     assert expected_orbit(still, (1.0, 10.0, 20.0, 0.0, 0.1), 150.0) == (10.0, 20.0, -150.0)
     ahead = expected_orbit((0.0, 0.0, 0.0, 15.0, 0.0), (1.0, 15.0, 0.0, 15.0, 0.1), 150.0)
@@ -472,7 +474,7 @@ def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape)
     assert [type(command) for _, command in flight.for_s(4.0)] == [Orbit, ChangeSpeed]
 
 
-def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_otherwise(
+def test_others_use_the_last_state_of_a_lost_vehicle_until_a_newer_report(
     land: Landscape,
 ) -> None:
     flight = Flight(land)
@@ -529,7 +531,7 @@ def test_it_is_led_home_in_time_and_comes_back_after_a_new_start(land: Landscape
     assert of(flight.at(300.0, later_s=60.0), Orbit)
 
 
-def test_what_it_sees_measures_and_says_reaches_agents(land: Landscape) -> None:
+def test_observations_measurements_and_states_reach_agents(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
     cols = land.shape[1]

@@ -105,7 +105,7 @@ ALL_KINDS: tuple[AnyMessage, ...] = (
 
 
 @needs_mosquitto
-def test_all_kinds_reach_the_others_and_nobody_hears_itself(broker: Mosquitto) -> None:
+def test_all_kinds_reach_the_others_and_no_peer_receives_its_own(broker: Mosquitto) -> None:
     async def talk() -> None:
         async with talking(broker.port, "hawk", "kite", "wren") as (hawk, kite, wren):
             await until(lambda: all(one.exchange.connected for one in (hawk, kite, wren)))
@@ -120,7 +120,7 @@ def test_all_kinds_reach_the_others_and_nobody_hears_itself(broker: Mosquitto) -
 
 
 @needs_mosquitto
-def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) -> None:
+def test_impossible_messages_are_left_out_and_reported_once(broker: Mosquitto) -> None:
     async def talk() -> None:
         async with (
             talking(broker.port, "kite") as (kite,),
@@ -142,7 +142,7 @@ def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) 
 
 
 @needs_mosquitto
-def test_mission_time_is_the_latest_there_is_and_who_joins_is_told_at_once(
+def test_mission_time_is_the_latest_there_is_and_a_joining_peer_gets_it_at_once(
     broker: Mosquitto,
 ) -> None:
     async def talk() -> None:
@@ -236,7 +236,7 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
     asyncio.run(talk())
 
 
-def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
+def test_a_slow_peer_receives_only_the_newest_state_of_each() -> None:
     inbox = Inbox(3, newest=OVERTAKEN)
     for at_us in range(50):
         for name in ("hawk", "kite"):

@@ -60,7 +60,7 @@ def test_centres_on_an_edge_are_in_view() -> None:
 
 
 @given(VIEWS)
-def test_a_look_tells_what_differs_from_what_is_known(
+def test_an_observation_gives_the_differences_from_the_map(
     view: tuple[float, float, float, float, float],
 ) -> None:
     arrival_s = np.hypot(X - 100.0, Y - 550.0)

@@ -66,7 +66,7 @@ def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
     ]
 
 
-def test_wind_and_modes_are_told_with_mission_time() -> None:
+def test_wind_and_modes_are_reported_with_mission_time() -> None:
     client = Client(bridge.Wind(7, 45.04, 6.001), bridge.ModeChanged(8, 5, True, "return"))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
     assert list(gateway.events(9)) == [
@@ -141,18 +141,18 @@ def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> 
     return found
 
 
-def test_who_is_slower_than_the_others_stays_with_them() -> None:
+def test_a_vehicle_slower_than_the_others_stays_with_them() -> None:
     # Two simulators at 4 and 3.9 times real time; found with ArduCopter 13 s behind PX4.
     found = behind_s({"hawk": 4.0, "swift": 3.9}, 300)
     assert max(found) < 2.5
     assert found[-1] >= 0.0
 
 
-def test_who_was_only_delayed_is_not_set_forward() -> None:
+def test_a_vehicle_that_was_only_delayed_is_not_set_forward() -> None:
     assert set(behind_s({"hawk": 1.0, "swift": 1.0}, 60, delay=range(20, 45))) == {0.0}
 
 
-def test_who_joined_while_another_was_not_heard_is_seen_by_it() -> None:
+def test_a_vehicle_that_joined_while_another_was_lost_is_seen_by_it() -> None:
     clock = MissionClock(0, wall=False)
     hawk, swift = Client(), Client()
     gateways = Gateway("hawk", hawk, clock), Gateway("swift", swift, clock)
@@ -210,7 +210,7 @@ def test_states_of_trouble_are_the_cores_events() -> None:
     ]
 
 
-def test_states_are_told_anew_with_the_mission_that_is_read_back() -> None:
+def test_states_are_reported_again_with_the_mission_that_is_read_back() -> None:
     """After writing to a full disk began to work again: nothing before is known."""
     plane = stack_named("px4", "plane")
     client = Client(bridge.Connected(1, plane), bridge.SystemState(2, "critical"))

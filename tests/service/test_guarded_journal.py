@@ -176,7 +176,7 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
     assert verify(path).difference is None
 
 
-def test_what_people_say_is_on_the_disk_before_they_are_answered(
+def test_operator_events_are_on_the_disk_before_they_are_answered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "journal.jsonl"

@@ -58,7 +58,7 @@ def think(
     return choose_orbit(at_s, OWN, wanted, AdoptedOrbit(HERE), others, rules)
 
 
-def test_alone_what_is_wanted_is_flown() -> None:
+def test_a_single_vehicle_flies_its_desired_course() -> None:
     wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
     choice = think(wanted, NOBODY)
     assert choice.orbit == wanted
@@ -66,7 +66,7 @@ def test_alone_what_is_wanted_is_flown() -> None:
     assert choice.clear_s == RULES.horizon_s
 
 
-def test_what_is_hardly_other_is_not_adopted_and_nobody_thinks_all_the_time() -> None:
+def test_small_changes_are_not_adopted_and_no_vehicle_replans_all_the_time() -> None:
     assert think(IntendedOrbit(0.5, 0.5, -150.0, 17.6), NOBODY).orbit == HERE
     held = choose_orbit(100.0, OWN, HERE, AdoptedOrbit(HERE), NOBODY, RULES)
     wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
@@ -74,7 +74,7 @@ def test_what_is_hardly_other_is_not_adopted_and_nobody_thinks_all_the_time() ->
     assert choose_orbit(100.5, OWN, wanted, held, NOBODY, RULES).orbit == wanted
 
 
-def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
+def test_an_orbit_next_to_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
     wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     turns = np.arange(16) * RULES.turn_s + 1.5
     in_phase = [think(wanted, on_orbit(270.0, 0.0), at_s) for at_s in turns]
@@ -84,7 +84,7 @@ def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -
     assert any(choice.in_conflict for choice in opposite)
 
 
-def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
+def test_near_ones_take_turns_and_a_turn_needs_a_new_message() -> None:
     wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     seconds = np.arange(64) * RULES.turn_s + 1.5
     other = on_orbit(160.0, 0.0)
@@ -133,7 +133,7 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_nobody_meets_anybody_and_all_arrive(name: str) -> None:
+def test_no_vehicles_meet_and_all_arrive(name: str) -> None:
     world, until_s = WORLDS[name]
     without = fly(world, "none", until_s)
     outcome = fly(world, "intent", until_s)

@@ -171,7 +171,7 @@ def test_the_damped_rule_is_as_far_below_circling_as_the_papers() -> None:
 
 
 @pytest.mark.long
-def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
+def test_the_command_prints_json_with_figures_and_the_same_each_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(islam_hu, "ALPHAS", (0.0, 1.0))

@@ -144,7 +144,7 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
         assert of == {}
 
 
-def test_what_was_refused_most_is_told_once() -> None:
+def test_the_most_frequent_refusal_is_reported_once() -> None:
     assert refusal(Counts(good=9, wrong=265, unsigned=2), "udpin:h:1") == (
         "refused 265 frames with a wrong signature on udpin:h:1; is the key the vehicle's?"
     )
@@ -158,7 +158,7 @@ def test_what_was_refused_most_is_told_once() -> None:
     assert "no signing key is given" in silent.announcements(Counts(), True)[0]
 
 
-def test_a_vehicle_whose_clock_is_ahead_is_told_of() -> None:
+def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
     key = Key(bytes(range(32)))
     ours = Signing(key, Timestamps(lambda: 1_800_000_000_000_000))
     theirs = Signing(key, Timestamps(lambda: 1_800_000_090_000_000))
@@ -222,7 +222,7 @@ def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
     assert holds_no_key(tlog)
 
 
-def test_a_vehicle_that_does_not_do_as_told_is_named(
+def test_a_vehicle_that_ignores_its_commands_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mission_service.cli.signing_setup.TIMING", TransferTiming(200_000, 2))
@@ -241,7 +241,7 @@ def test_a_vehicle_that_does_not_do_as_told_is_named(
         assert "no autopilot was accepted" in off.stderr
 
 
-def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
+def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
     tmp_path: Path,
 ) -> None:
     """One vehicle with its key through MAVSDK, one with it natively, one with another key."""

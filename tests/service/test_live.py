@@ -134,7 +134,7 @@ def test_a_vehicle_that_never_answers_is_named(
         assert daemon.wait(timeout=PATIENCE_S) == 0
 
 
-def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
+def test_a_port_in_use_is_reported_and_an_earlier_journal_survives(
     tmp_path: Path, daemon_arguments: tuple[int, list[str]]
 ) -> None:
     port, arguments = daemon_arguments
@@ -151,7 +151,7 @@ def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
     assert journal.read_text(encoding="utf-8") == "an earlier run\n"
 
 
-def test_a_recording_in_which_vehicles_look_alike_is_told_of(tmp_path: Path) -> None:
+def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) -> None:
     log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
     ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]

@@ -83,7 +83,7 @@ def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_mocks_listen_tell_of_themselves_and_end_cleanly(
+def test_mocks_listen_report_themselves_and_end_cleanly(
     number: signal.Signals, tmp_path: Path
 ) -> None:
     port = free_port()
@@ -112,7 +112,7 @@ def test_mocks_listen_tell_of_themselves_and_end_cleanly(
     assert told[0]["link"] == f"udpin:127.0.0.1:{port}"
 
 
-def test_it_does_not_outlive_who_has_the_other_end_of_its_standard_input() -> None:
+def test_it_does_not_outlive_the_process_at_the_other_end_of_its_standard_input() -> None:
     command = [*CLI, "mock", "--until-eof", "--link", f"udpout:127.0.0.1:{free_port()}"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as mock:
         assert mock.stdin is not None

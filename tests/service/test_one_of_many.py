@@ -91,7 +91,7 @@ def state_of(state: State, sender: str, north_m: float) -> State:
     )  # fmt: skip
 
 
-def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None:
+def test_messages_of_its_agent_are_commands_and_those_of_others_events() -> None:
     crane = Flown()
     said = crane.flies(9)
     states = [message for message in said if isinstance(message, State)]
@@ -132,11 +132,11 @@ def test_each_has_its_time_to_take_off() -> None:
     assert started_at_s == pytest.approx(2 * TAKEOFF_EVERY_S, abs=2.0)  # it is the third
 
 
-def test_who_talks_to_nobody_says_nothing() -> None:
+def test_an_agent_without_peers_sends_nothing() -> None:
     assert Flown(peer_messaging=False).flies(9, 10, 11) == []
 
 
-def test_cells_of_another_map_are_left_out_and_told_once() -> None:
+def test_cells_of_another_map_are_left_out_and_reported_once() -> None:
     crane = Flown()
     wrong = FireUpdate(9 * S, "eagle", (10**9,))
     (told,) = crane.hears(9, wrong)
@@ -145,7 +145,7 @@ def test_cells_of_another_map_are_left_out_and_told_once() -> None:
     assert crane.hears(10, wrong) == []
 
 
-def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> None:
+def test_a_journal_holds_messages_sent_and_received_and_replays(tmp_path: Path) -> None:
     crane = Flown()
     fresh = Core(crane.scenario, landscape_of(crane.scenario))
     path = tmp_path / "journal.jsonl"
@@ -166,7 +166,7 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
     assert (result.difference, result.cut_at_line) == (None, None)
 
 
-def test_orders_to_all_go_to_the_vehicle_flown_here() -> None:
+def test_orders_to_all_go_to_the_local_vehicle() -> None:
     crane, ann = Flown(), ("ann", "desk")
     crane.flies(9)
     for event in (
@@ -202,7 +202,7 @@ def test_only_its_own_vehicle_is_flown() -> None:
         (["--vehicle", "dodo"], "--vehicle dodo"),
     ],
 )
-def test_the_command_says_what_is_wrong_with_its_flags(
+def test_the_command_reports_what_is_wrong_with_its_flags(
     tmp_path: Path, flags: list[str], words: str
 ) -> None:
     result = CliRunner().invoke(main, ["run", "virtual-agents", "--out", str(tmp_path), *flags])
@@ -211,7 +211,7 @@ def test_the_command_says_what_is_wrong_with_its_flags(
     assert not list(tmp_path.iterdir())
 
 
-def test_who_joins_late_joins_at_the_latest_time_there_is() -> None:
+def test_a_late_peer_joins_at_the_latest_time_there_is() -> None:
     clock = MissionClock(0, wall=False)
     clock.others_passed(600 * S, 0)
     assert clock.now_us == 0  # a process is on its own time until its vehicle tells one
@@ -220,7 +220,7 @@ def test_who_joins_late_joins_at_the_latest_time_there_is() -> None:
     assert told.at_us == clock.now_us == 600 * S
 
 
-def test_who_is_behind_the_others_catches_up() -> None:
+def test_a_peer_that_is_behind_the_others_catches_up() -> None:
     clock = MissionClock(0, wall=False)
     client = Client()
     gateway = Gateway("crane", client, clock)

@@ -90,7 +90,7 @@ def test_hold_resume_return_and_abort_are_obeyed_and_replay(fly: Fly) -> None:
     flight.over()
 
 
-def test_a_hold_is_told_again_until_the_autopilot_says_yes(fly: Fly) -> None:
+def test_a_hold_is_sent_again_until_the_autopilot_accepts(fly: Fly) -> None:
     flight = fly("link.loss=0.4")
     flight.run(400.0)
     flight.tell(Aborted(flight.now_us, "", ""))
@@ -134,7 +134,7 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     assert len(seen) == 3 * len(flight.scenario.vehicles)
 
 
-def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
+def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     burned = np.argwhere(flight.sim.world.fire.burned())
@@ -160,7 +160,7 @@ def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight.over()
 
 
-def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
+def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
     first = flight.state_view.missions["hawk"].proposed
@@ -198,7 +198,7 @@ def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
     assert len(commands(said, StartMission)) == 1
 
 
-def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
+def test_settings_are_passed_to_planners_that_have_them(fly: Fly) -> None:
     flight = fly()
     said = flight.tell(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
     assert said == ["settings by ann: alpha = 2.5, dwell_s = 50"]

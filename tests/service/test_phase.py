@@ -71,7 +71,7 @@ def test_phases_without_a_mean_go_by_the_lowest_key() -> None:
     assert ahead(0.0, *others, key=1) == pytest.approx(0.0)
 
 
-def test_news_is_carried_on_and_who_is_not_on_its_orbit_does_not_count() -> None:
+def test_states_are_extrapolated_and_a_vehicle_off_its_orbit_does_not_count() -> None:
     assert ahead(0.0, row(0.0, age_s=2.0)) == pytest.approx(-0.2)
     assert ahead(0.0, row(1.0, at_m=500.0), row(0.5, 300.0)) == pytest.approx(-0.5)
     assert ahead(0.0, row(1.0, 5000.0), row(0.5, 300.0)) == pytest.approx(-0.5)  # out of range

@@ -68,7 +68,7 @@ def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
     assert state_view.cleared[0].cleared_at_us == 7
 
 
-def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
+def test_announcements_are_bounded_and_numbered(state_view: StateView) -> None:
     for _ in range(MAX_ANNOUNCEMENTS + 10):
         state_view.apply(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
     assert len(state_view.announcements) == MAX_ANNOUNCEMENTS
@@ -103,7 +103,7 @@ def test_pairs_too_near_are_found() -> None:
     assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
 
 
-def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateView) -> None:
+def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) -> None:
     health_monitor = HealthMonitor(state_view, 30.0, 200_000)
     state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
     health_monitor.check(0)

@@ -123,7 +123,7 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     assert np.abs(off[10:]).max() < 0.15
 
 
-def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
+def test_the_factor_adapts_to_a_fire_slower_than_the_model() -> None:
     fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
     estimate = FrontEstimate(

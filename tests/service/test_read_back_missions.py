@@ -213,7 +213,7 @@ def test_a_hold_and_a_return_that_never_left_are_ordered_again(flight: Flight) -
     assert kind in kinds(flight.after_resumed())
 
 
-def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
+def test_a_mission_of_another_sender_is_replaced_and_so_is_an_unreadable_one(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flight.fly(60.0)
@@ -241,7 +241,7 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     assert (held.mission_id, held.items) == (0, None)
 
 
-def test_one_that_came_down_unseen_waits_for_a_start_and_says_so(flight: Flight) -> None:
+def test_one_that_landed_unobserved_waits_for_a_start_and_announces_it(flight: Flight) -> None:
     flight.fly(60.0)
     flight.keep_state()
     flight.simulation.rigs[0].mock.reboot(flight.simulation.link_us)
@@ -274,7 +274,9 @@ def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
         assert not any(isinstance(each, Orbit | UploadMission) for each in mine[:first]), name
 
 
-def test_who_is_resumed_in_a_formation_is_started_when_its_mission_is_known(tmp_path: Path) -> None:
+def test_a_resumed_formation_member_is_started_when_its_mission_is_read_back(
+    tmp_path: Path,
+) -> None:
     scenario = flying(load_scenario("virtual-agents"))
     scenario = at_once(scenario.model_copy(update={"vehicles": scenario.vehicles[:2]}))
     flight = Flight(tmp_path, scenario)

@@ -114,7 +114,7 @@ def test_wind_makes_the_way_home_longer(land: Landscape) -> None:
     assert returns(flight.at(150.0, later_s=705.0))
 
 
-def test_wind_told_on_the_ground_is_not_believed(land: Landscape) -> None:
+def test_wind_reported_on_the_ground_is_ignored(land: Landscape) -> None:
     flight = Flight(land)
     flight.mode("hold", armed=False)
     flight.tell(WindMeasured(flight.at_us, "hawk", 0.7, 0.0))
@@ -164,7 +164,7 @@ def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
     assert flight.planner.places == places + 1
 
 
-def test_one_on_its_way_home_when_it_is_first_heard_is_left_alone(land: Landscape) -> None:
+def test_one_on_its_way_home_when_it_is_discovered_is_left_alone(land: Landscape) -> None:
     scenario = load_scenario("default")
     core, home = Core(scenario, land), scenario.vehicles[0]
     at_us = round(scenario.deploy_at_s * 1e6)

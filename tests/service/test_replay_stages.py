@@ -272,7 +272,7 @@ def test_cells_on_the_edge_of_fire_or_footprint_may_differ(
 
 
 @pytest.mark.parametrize("scheme", ["devs8", "anyangle", "probabilistic"])
-def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
+def test_the_fire_is_rebuilt_to_the_last_cell_with_all_operator_events(
     tmp_path: Path, scheme: str
 ) -> None:
     def told(simulation: Simulation) -> None:
@@ -299,7 +299,7 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
 # Planner and core ---------------------------------------------------------------------------------
 
 
-def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
+def test_planners_alone_receive_the_operator_events(tmp_path: Path) -> None:
     def told(simulation: Simulation) -> None:
         orders = (
             *(("hold", 30.0), ("resume", 60.0), ("return", 20.0), ("resume", 20.0)),

@@ -187,7 +187,7 @@ def read_header(state: bytes) -> dict[str, Any]:
     return found
 
 
-def test_a_kill_between_two_segments_leaves_what_can_be_gone_on_with(
+def test_a_kill_between_two_segments_leaves_a_journal_that_can_be_continued(
     kept: Kept, tmp_path: Path
 ) -> None:
     path = kept.again(tmp_path)

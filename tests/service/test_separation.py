@@ -74,7 +74,7 @@ def test_of_any_two_exactly_one_gives_way() -> None:
         assert gives_way(a, b, own_comes_later=True) != gives_way(b, a, own_comes_later=False)
 
 
-def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() -> None:
+def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_passed() -> None:
     own = fix(0, 0, 0, 15)
     (place,) = place_aside(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
     assert place[0] == pytest.approx(400.0)
@@ -86,7 +86,7 @@ def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() 
     assert has_passed(own, fix(0, -310, 0, -15), SEPARATION_M, TURN_M)
 
 
-def test_a_scenario_gives_each_vehicle_a_layer_unless_it_says_its_altitude() -> None:
+def test_a_scenario_gives_each_vehicle_a_layer_unless_it_sets_an_altitude() -> None:
     team = load_scenario("team", ("mission.layer_m=50", "vehicles.2.altitude_agl_m=120"))
     assert [vehicle.altitude_agl_m for vehicle in team.vehicles] == [150, 200, 120, 300]
 

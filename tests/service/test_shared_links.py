@@ -54,7 +54,7 @@ def flown(run: Run, name: str) -> bool:
         ((), ""),
     ],
 )
-def test_vehicles_that_cannot_share_a_link_are_told_of_in_one_line(
+def test_vehicles_that_cannot_share_a_link_are_reported_in_one_line(
     sets: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("KEY", "k" * 32)

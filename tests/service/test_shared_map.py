@@ -53,7 +53,7 @@ def exchange(maps: list[SharedMap], from_us: int, max_s: float) -> float:
     return math.inf
 
 
-def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
+def test_an_observation_is_sent_once_with_its_time_and_received_by_others() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     quiet(one)
     assert [found.tolist() for found in one.add_view(cells(7, 8), cells(9), 100)] == [[7, 8], []]
@@ -68,14 +68,14 @@ def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
     assert of_type(other.messages(600), FireUpdate) == [FireUpdate(500, "other", (), (7,))]
 
 
-def test_the_map_from_before_the_mission_is_known_and_no_news() -> None:
+def test_the_map_from_before_the_mission_is_given_and_not_sent() -> None:
     shared = SharedMap("one", SHAPE)
     shared.set_initial(cells(3, 4), 0)
     assert fire_of(shared) == [3, 4]
     assert not of_type(shared.messages(0), FireUpdate)
 
 
-def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
+def test_the_later_observation_wins_in_whatever_order_it_is_received() -> None:
     burns, cleared = FireUpdate(100, "x", (5,)), FireUpdate(200, "y", (), (5,))
     again = FireUpdate(300, "x", (5,))
     for order, expected in (
@@ -92,7 +92,7 @@ def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
         assert fire_of(shared) == expected, order
 
 
-def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> None:
+def test_of_a_cell_that_is_twice_in_one_message_only_the_end_counts() -> None:
     shared = SharedMap("one", SHAPE)
     shared.set_initial(cells(5, 6), 0)
     runs = ((5, 1, 10, False), (5, 1, 20, True), (6, 1, 10, False), (7, 1, 30, True))
@@ -104,7 +104,7 @@ def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> No
     assert 6 in off
 
 
-def test_what_one_sees_itself_is_later_than_all_it_heard_whatever_the_clocks_say() -> None:
+def test_an_own_observation_is_later_than_all_received_whatever_the_clocks_show() -> None:
     shared = SharedMap("one", SHAPE)
     quiet(shared)
     shared.on_message(FireUpdate(9_000, "ahead", (5, 6)))
@@ -138,7 +138,7 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
     assert np.array_equal(shared.fire, shared.stamps % 2 == 1)
 
 
-def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
+def test_a_peer_that_lacks_a_cell_or_two_gets_just_these() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared in (one, other):
         shared.set_initial(np.arange(400), 0)
@@ -158,7 +158,7 @@ def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
 
-def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is_newer() -> None:
+def test_where_each_lacks_much_of_a_tile_one_sends_it_whole_and_the_other_the_newer_cells() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared, new in ((one, (400, 401, 402, 403)), (other, (405, 406, 407, 409))):
         shared.set_initial(np.arange(400), 0)
@@ -176,7 +176,7 @@ def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is
     assert sum(run[1] for message in differences for run in message.cells) == of_whole + 4
 
 
-def test_nobody_says_what_another_said_meanwhile() -> None:
+def test_no_peer_sends_what_another_sent_meanwhile() -> None:
     team = [SharedMap(f"uav{k}", SHAPE) for k in range(9)]
     for shared in team:
         shared.set_initial(np.arange(100), 0)
@@ -199,7 +199,7 @@ def test_nobody_says_what_another_said_meanwhile() -> None:
     assert fire_of(lacks) == [*range(100), 200]
 
 
-def test_who_comes_without_a_map_gets_it_at_once() -> None:
+def test_a_peer_that_joins_without_a_map_gets_it_at_once() -> None:
     rng = np.random.default_rng(3)
     team = [SharedMap(f"uav{k}", (500, 500)) for k in range(8)]
     rows, cols = np.divmod(np.arange(250_000), 500)
@@ -215,7 +215,7 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
     assert team[0].fire.sum() == 3400
 
 
-def test_fire_goes_from_neighbour_to_neighbour_where_not_all_hear_all() -> None:
+def test_fire_is_passed_from_neighbour_to_neighbour_where_not_all_receive_all() -> None:
     line = [SharedMap(f"uav{k}", SHAPE) for k in range(5)]
     quiet(*line)
     line[0].add_view(cells(*range(100, 110)), NONE, S)
@@ -260,7 +260,7 @@ def test_a_large_difference_goes_in_several_messages_bounded_in_size_and_rate() 
     assert max(sum(of_a_second) for of_a_second in sizes.values()) < 25_000
 
 
-def test_more_tiles_than_fit_a_digest_are_said_in_turns() -> None:
+def test_more_tiles_than_fit_a_digest_are_sent_in_turns() -> None:
     shape = (300, 300)  # 361 tiles
     one, other = SharedMap("one", shape), SharedMap("other", shape)
     for shared in (one, other):
@@ -352,7 +352,7 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
 
 
 @pytest.mark.parametrize(("count", "max_bytes_s"), [(8, 300), (32, 120)])
-def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
+def test_a_uav_sends_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
     """With as much fire as in the paper's experiments and 30 % of messages lost."""
     rng = np.random.default_rng(4)
     rows, cols = np.divmod(np.arange(250_000), 500)
@@ -395,7 +395,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -
         Digest(5, "x", (), 7, 6),
     ],
 )
-def test_what_is_not_on_the_map_is_an_error_that_says_whose_it_is(message: MapMessage) -> None:
+def test_an_item_off_the_map_is_an_error_that_names_its_owner(message: MapMessage) -> None:
     shared = SharedMap("one", SHAPE)
     with pytest.raises(MissionServiceError, match=r"x: .* not on the map of 40 x 50 cells"):
         shared.on_message(message)

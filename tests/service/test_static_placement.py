@@ -242,7 +242,7 @@ def test_others_without_a_virtual_agent_do_not_count() -> None:
     assert goal(nowhere, nowhere) == goal(np.empty(0), np.empty(0)) is not None
 
 
-def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
+def test_a_standing_vehicle_does_not_give_way_to_one_that_passes() -> None:
     maps = maps_of(ellipse(330.0, 330.0))
     team = Team(4, 0.0)
     for _ in team.fly(maps, 400.0):

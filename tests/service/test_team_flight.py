@@ -123,7 +123,7 @@ def test_the_first_lap_is_shared(run: Run) -> None:
     assert began < 4500.0
 
 
-def test_the_death_of_one_is_told_and_the_others_fly_without_it_from_their_next_decision_on(
+def test_the_loss_of_one_is_announced_and_the_others_fly_without_it_from_their_next_decision_on(
     run: Run,
 ) -> None:
     assert any(line.startswith("swift: no heartbeat") for line in run.said)

@@ -78,7 +78,7 @@ def lap(team: Team) -> float:
     return fly(team, "b", 360, 175, 1000.0)
 
 
-def test_what_one_has_seen_all_know() -> None:
+def test_an_observation_of_one_reaches_all() -> None:
     team = team_of(Told(), "a", "b")
     fly(team, "a", 0, 90, 1000.0)
     assert np.isfinite(team.map.outer[:90]).all()
@@ -150,7 +150,9 @@ def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() ->
     assert [int(fleet.cell[0]) for fleet in rule.fleets[-2:]] == [15, 14]
 
 
-def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_is_in_view() -> None:
+def test_a_departed_vehicle_is_out_of_the_fleet_at_the_next_decision_until_the_front_is_in_view() -> (
+    None
+):
     rule = Told()
     team = team_of(rule, "a", "b")
     at_s = lap(team)

@@ -44,7 +44,7 @@ def test_fires_have_the_sizes_of_table_2(experiment: object) -> None:
     assert np.mean(sizes) == pytest.approx(one.paper_final_cells, rel=0.06)
 
 
-def test_eight_uavs_cover_all_and_know_the_fire(eight: Flight) -> None:
+def test_eight_uavs_cover_all_and_estimate_the_fire(eight: Flight) -> None:
     assert eight.at_end("va_coverage", 60.0) >= 0.99
     assert eight.at_end("uav_coverage", 60.0) >= 0.99
     assert eight.at_end("efficiency", 60.0) >= 0.99

@@ -73,7 +73,7 @@ def test_with_the_journals_own_settings_it_is_the_same_flight_again(
     assert verify(again).differing == []
 
 
-def test_another_planner_flies_otherwise_and_both_are_told(run: Path, tmp_path: Path) -> None:
+def test_another_planner_flies_otherwise_and_both_are_reported(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("planner=predictive", "dwell_s=90", "baseline_s=300")
     result = call(str(run), "--what-if", *words, "--out", str(out), "--json")
@@ -114,7 +114,7 @@ def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path)
         assert ["recorded", "what-if"] in rows
 
 
-def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
+def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     scenario = flying(load_scenario("default", CHANGES))
     record, world = simulate(scenario, path, "", crew=script().due)
@@ -127,7 +127,7 @@ def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
+def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
     small = ("landscape.rows=120", "landscape.cols=120", "duration_s=150")
     path = tmp_path / "journal.jsonl"
     simulate(flying(load_scenario("burn", small)), path, "")
@@ -138,7 +138,7 @@ def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
     assert "a simulated crew says GO, watches and approves the plans" in found.notes
 
 
-def test_approvals_and_restarts_are_not_told_again() -> None:
+def test_approvals_and_restarts_are_not_submitted_again() -> None:
     who = (1, *ANN)
     kept: list[AnyOperatorEvent] = [
         Aborted(*who),
@@ -174,7 +174,7 @@ def test_approvals_and_restarts_are_not_told_again() -> None:
         (("alpha=1",), "1: cannot be read", 1),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(
+def test_invalid_input_is_reported_in_one_line(
     run: Path, tmp_path: Path, arguments: tuple[str, ...], words: str, code: int
 ) -> None:
     where = {"OUT": str(tmp_path), "RUN": str(run.parent)}

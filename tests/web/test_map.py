@@ -187,7 +187,7 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
     assert (told["from_deg"], told["speed_m_s"], told["by"]) == (270, 10, "boss")
 
 
-def test_planner_settings_are_told(desktop: tuple[Page, Seen], fire: Service) -> None:
+def test_planner_settings_are_submitted(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
     page.click("#tab-planner")
     page.fill("#planner-alpha", "1.7")
@@ -290,7 +290,7 @@ def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
     page.goto("about:blank")  # what nobody looks at need not be drawn
 
 
-def test_who_may_only_look_is_told_why(chromium: Browser, fire: Service) -> None:
+def test_a_user_with_read_only_access_sees_the_reason(chromium: Browser, fire: Service) -> None:
     with page_of(chromium, fire.address, fire.looker, (1024, 700)) as (page, _):
         for name in ("Burned", "Undo"):
             button = page.get_by_role("button", name=name, exact=True)
