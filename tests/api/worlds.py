@@ -32,14 +32,19 @@ ANY = HttpSection(listen="127.0.0.1:0")
 
 @dataclass
 class World:
-    """A simulation and its hub; ``told`` is what the desk made of requests."""
+    """A simulation and its run context; ``submitted`` are the events made from requests."""
 
     simulation: Simulation
     context: RunContext
-    told: list[AnyOperatorEvent] = field(default_factory=list)
+    submitted: list[AnyOperatorEvent] = field(default_factory=list)
+
+    @property
+    def told(self) -> list[AnyOperatorEvent]:
+        """``submitted`` under the name that benchmarks/api_fuzz.py reads."""
+        return self.submitted
 
     def fly(self, until_s: float) -> None:
-        """Go on until mission time has come so far, and say that there is announcements."""
+        """Go on until mission time has come so far, and signal the announcements."""
         self.simulation.run(until_s)
         self.simulation.world.advance(self.simulation.clock.now_us)
         self.context.ring()
@@ -63,13 +68,13 @@ def world_in(out: Path, scenario: Scenario) -> World:
         scenario, journal, landscape, lambda at, core: [], state_view=state_view
     )
     service, clock = simulation.service, simulation.clock
-    told: list[AnyOperatorEvent] = []
+    submitted: list[AnyOperatorEvent] = []
 
-    def tell(event: AnyOperatorEvent) -> list[str]:
-        told.append(event)
+    def submit(event: AnyOperatorEvent) -> list[str]:
+        submitted.append(event)
         before = len(service.record.announcements)
         service.submit(event, simulation.link_us)
-        return [said.text for _, said in service.record.announcements[before:]]
+        return [message.text for _, message in service.record.announcements[before:]]
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
@@ -87,7 +92,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         accepted_in(scenario),
     )
     area = None if burn is not None else burned_ha
-    request_handler = RequestHandler(tell, service.status, lambda: clock.now_us, scope, area)
+    request_handler = RequestHandler(submit, service.status, lambda: clock.now_us, scope, area)
     settings = ServiceSection(http=HttpSection())
     context = RunContext(
         scenario,
@@ -99,7 +104,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         {},
         out / "journal.jsonl",
     )
-    return World(simulation, context, told)
+    return World(simulation, context, submitted)
 
 
 @dataclass
@@ -115,12 +120,12 @@ class Served:
 
 
 def served(world: World, named: bool = False, page: Path = Path("no page")) -> Served:
-    """``named``: each token is somebody's own."""
+    """``named``: each token belongs to one user."""
     secret = {name: new_token() for name in (*ROLES, "all")}
     roles: dict[str, frozenset[Role]] = {role: frozenset([role]) for role in ROLES}
     roles["all"] = frozenset(ROLES)
-    known = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
-    tokens = Tokens(known)
+    users = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
+    tokens = Tokens(users)
     tokens.named = named
     world.context.ring()  # a bell of its own for each event loop
     app = app_of(world.context, tokens, page)
@@ -135,7 +140,7 @@ def client(app: Application, **keywords: Any) -> httpx.AsyncClient:
 
 @dataclass(frozen=True)
 class Call:
-    """A request that is right but for who asks."""
+    """A request that is valid but for its user."""
 
     method: str
     path: str
@@ -154,8 +159,8 @@ def calls(app: Application) -> list[Call]:
         for name, value in (("name", "hawk"), ("z", "1"), ("x", "0"), ("y", "0")):
             path = path.replace(f"{{{name}}}", value)
         for method in sorted(route.methods or ()):
-            told = (route.openapi_extra or {}).get("requestBody", {}).get("content", {})
-            body = told.get("application/json", {}).get("example")
+            content = (route.openapi_extra or {}).get("requestBody", {}).get("content", {})
+            body = content.get("application/json", {}).get("example")
             found.append(Call(method, path, role_of(route), body))
     return found
 

@@ -27,7 +27,7 @@ def signed(words: str) -> bytes:
 
 
 def of_another_dialect(payload: bytes) -> bytes:
-    """A frame whose message no dialect here knows, so that its checksum cannot be checked."""
+    """A frame whose message no installed dialect has, so that its checksum cannot be checked."""
     return (
         bytes((0xFD, len(payload), 0, 0, 7, 1, 1))
         + (60_999).to_bytes(3, "little")

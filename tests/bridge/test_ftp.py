@@ -130,7 +130,7 @@ def test_a_link_cut_at_any_message_leaves_the_old_mission_or_the_new_one() -> No
         assert bench.held() == (NEW if result.outcome == "accepted" else OLD) or (
             result.outcome == "unknown" and bench.held() == NEW
         )
-        # Anybody's next opening closes the dead session and applies what is in it.
+        # The next opening by any client closes the dead session and applies what is in it.
         bench.idle(4.0)
         assert bench.ask(Packet(5, 77, ftp.OPEN_TO_READ, 20, data=b"@MISSION/mission.dat"))
         if result.outcome == "unknown":

@@ -11,7 +11,16 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME
-from tests.bridge.mock_talk import COPTER, HERE, PLANE, PX4, brief, each_stack, player_of, upload
+from tests.bridge.mock_exchange import (
+    COPTER,
+    PLANE,
+    PX4,
+    WAYPOINT,
+    brief,
+    each_stack,
+    player_of,
+    upload,
+)
 from tests.bridge.test_mock_physics import PX4_COPTER, Flown, M, flown
 
 UP = takeoff(*HOME[:2], 340.0)
@@ -82,8 +91,8 @@ def test_servo_outputs_are_sent_over_the_link() -> None:
     mock.handle_timer(0)
     for minute in range(80):  # beyond 2**32 microseconds
         mock.handle_timer(60_000_000 * minute)
-    heard = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
-    servos = [m for m in heard if m.get_type() == "SERVO_OUTPUT_RAW"]
+    received = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
+    servos = [m for m in received if m.get_type() == "SERVO_OUTPUT_RAW"]
     assert (servos[-1].servo9_raw, servos[-1].servo10_raw) == (0, 1234)
 
 
@@ -244,8 +253,8 @@ def test_what_the_checks_let_through_is_taken(stack: Stack) -> None:
     dos = (183, 181, 216, 112, 114) if ardupilot else (187,)
     commands = (*dos, 211, 42600, 189, 177, 178, 93)
     items = [replace(do(number, 1.0, 1.0), frame=2) for number in commands]
-    placed = [replace(HERE, command=number) for number in (19, 31, 21)]
+    placed = [replace(WAYPOINT, command=number) for number in (19, 31, 21)]
     if ardupilot:
-        placed.append(replace(HERE, command=18, param1=1.0))
-    said = upload(player, (HERE, *placed, *items, HERE))
-    assert brief(said)[-1] == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)
+        placed.append(replace(WAYPOINT, command=18, param1=1.0))
+    replies = upload(player, (WAYPOINT, *placed, *items, WAYPOINT))
+    assert brief(replies)[-1] == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)

@@ -21,7 +21,7 @@ from autopilot_bridge.mock.kinematics import (
 )
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, mock_of
-from tests.bridge.mock_talk import COPTER, PLANE, PX4, each_stack
+from tests.bridge.mock_exchange import COPTER, PLANE, PX4, each_stack
 
 PX4_COPTER = stack_named("px4", "copter")
 WEST = Wind(270.0, 6.0)

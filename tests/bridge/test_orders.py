@@ -1,4 +1,4 @@
-"""Orders in flight, each stack's own way; what is refused is told in words."""
+"""Orders in flight, each stack's own way; a refusal is reported as text."""
 
 import itertools
 import math
@@ -86,8 +86,8 @@ def mode(pair: Pair) -> str:
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_takeoff_ends_at_the_height_asked_for(stack: Stack, loss: float) -> None:
     pair = airborne(stack, loss=loss)
-    here = pair.of(Position)[-1]
-    assert here.altitude_relative_m == pytest.approx(60.0, abs=2.0)
+    position = pair.of(Position)[-1]
+    assert position.altitude_relative_m == pytest.approx(60.0, abs=2.0)
     assert pair.client.armed
 
 
@@ -159,9 +159,9 @@ def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
     accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
     pair.run_for(15.0)
     accepted(pair, pair.client.command("hold", pair.now_us))
-    here = pair.of(Position)[-1]
+    position = pair.of(Position)[-1]
     pair.run_for(60.0)
-    assert max(distances_m(pair, (here.lat_deg, here.lon_deg))) < 170.0
+    assert max(distances_m(pair, (position.lat_deg, position.lon_deg))) < 170.0
     assert mode(pair) == "hold"
 
 
@@ -200,8 +200,8 @@ def test_speed_is_changed_in_flight(stack: Stack) -> None:
     accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
     accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(30.0)
-    here = pair.of(Position)[-1]
-    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    position = pair.of(Position)[-1]
+    ground_m_s = math.hypot(position.velocity_north_m_s, position.velocity_east_m_s)
     assert ground_m_s == pytest.approx(11.0, abs=0.1)
 
 
@@ -212,8 +212,8 @@ def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
     pair.run_for(80.0)
     accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(15.0)
-    here = pair.of(Position)[-1]
-    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    position = pair.of(Position)[-1]
+    ground_m_s = math.hypot(position.velocity_north_m_s, position.velocity_east_m_s)
     assert ground_m_s == pytest.approx(11.0, abs=0.3)
     flown_m = 90.0 + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
     assert max(abs(distance - flown_m) for distance in distances_m(pair, PLACE, last=40)) < 4.0
@@ -309,7 +309,7 @@ def test_modes_have_names_and_numbers() -> None:
             assert stack.mode_name(number) == name
         numbers = {stack.mode_name(number) for _, number in stack.modes}
         assert numbers <= {name for name, _ in stack.modes}
-    assert PX4.mode_name(50593792) == "hold"  # as its heartbeat tells on the ground
+    assert PX4.mode_name(50593792) == "hold"  # as its heartbeat reports on the ground
     assert PLANE.mode_name(99) == "mode 99"
 
 

@@ -196,7 +196,7 @@ def recorded() -> list[Any]:
         for case in ABOUT_ITEMS
         if (TRANSCRIPTS / name / f"{case}.jsonl").is_file()
     ]
-    return found or [pytest.param("", "", marks=pytest.mark.skip(reason="no transcripts here"))]
+    return found or [pytest.param("", "", marks=pytest.mark.skip(reason="no transcripts"))]
 
 
 @pytest.mark.parametrize(("name", "case"), recorded())

@@ -1,4 +1,4 @@
-"""Signed links: what is believed, what is counted, what never gets into a log."""
+"""Signed links: what is accepted, what is counted, what never gets into a log."""
 
 import asyncio
 import base64
@@ -32,7 +32,15 @@ from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import (
+    Peer,
+    clock_us,
+    free_port,
+    receive_exactly,
+    run,
+    text,
+    udp_socket,
+)
 from tests.patience import PATIENCE_S
 
 NOW_US = 1_790_000_000_000_000
@@ -100,8 +108,8 @@ def test_every_change_of_a_signed_frame_is_noticed() -> None:
             changed = bytearray(frame)
             changed[place] ^= 1 << bit
             ours = signing()
-            believed = [f for f in frames_of(bytes(changed)) if ours.accepts(f)]
-            assert believed == [], (place, bit)
+            accepted = [f for f in frames_of(bytes(changed)) if ours.accepts(f)]
+            assert accepted == [], (place, bit)
             assert ours.accepts(frame)  # and the forgery has moved nothing
 
 
@@ -243,17 +251,17 @@ def test_a_connection_signs_all_and_accepts_only_what_verifies(tmp_path: Path) -
     path = tmp_path / "flight.tlog"
 
     async def exchange() -> list[bytes]:
-        port, ear, ours = free_port(), Ear(), signing()
+        port, peer, ours = free_port(), Peer(), signing()
         with Tlog(path, lambda: NOW_US) as tlog:
             async with Connection(
-                f"udpin:127.0.0.1:{port}", ear, clock_us, tlog=tlog, signing=ours, link_id=5
+                f"udpin:127.0.0.1:{port}", peer, clock_us, tlog=tlog, signing=ours, link_id=5
             ) as connection:
                 with udp_socket() as vehicle:
                     for frame in (text("unsigned"), by_pymavlink("wrong", NOW, OTHER_KEY)):
                         vehicle.sendto(frame, ("127.0.0.1", port))
                     vehicle.sendto(by_pymavlink("genuine", NOW), ("127.0.0.1", port))
-                    await heard(connection, ear, "genuine")
-                    ear.to_say = [text("one"), text("two")]
+                    await receive_exactly(connection, peer, "genuine")
+                    peer.outgoing = [text("one"), text("two")]
                     connection.flush()
                     assert ours.counts == Counts(good=1, unsigned=1, wrong=1)
                     return [await asyncio.to_thread(vehicle.recv, 999) for _ in range(2)]
@@ -270,15 +278,15 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
 
     async def exchange() -> list[bytes]:
-        port, ear = free_port(), Ear()
+        port, peer = free_port(), Peer()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", port))
             vehicle.settimeout(PATIENCE_S)
             with Tlog(path, lambda: NOW_US) as tlog:
                 link = f"udpout:127.0.0.1:{port}"
-                async with Connection(link, ear, clock_us, tlog=tlog) as connection:
+                async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                     connection.set_up_signing((255, 190), (1, 1), KEY, NOW_US, signing())
-                    ear.to_say = [text("signed from now on")]
+                    peer.outgoing = [text("signed from now on")]
                     connection.flush()
                     return [await asyncio.to_thread(vehicle.recv, 999) for _ in range(3)]
 
@@ -292,8 +300,8 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
     assert b"signed from now on" in path.read_bytes()
 
 
-class TextEar(Ear):
-    """Hears texts and nothing else."""
+class TextPeer(Peer):
+    """Receives texts and nothing else."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         for frame in frames_of(data):
@@ -306,12 +314,12 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
     frame = Codec(254, 190).encode(mavlink.MAVLink_setup_signing_message(1, 1, KEY.secret, NOW))
 
     async def exchange() -> None:
-        port, ear = free_port(), TextEar()
+        port, peer = free_port(), TextPeer()
         with Tlog(path, lambda: NOW_US) as tlog, udp_socket() as other:
             link = f"udpin:127.0.0.1:{port}"
-            async with Connection(link, ear, clock_us, tlog=tlog) as connection:
+            async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                 other.sendto(text("a") + frame + text("b"), ("127.0.0.1", port))
-                await heard(connection, ear, "a", "b")
+                await receive_exactly(connection, peer, "a", "b")
 
     run(exchange)
     assert KEY.secret[:16] not in path.read_bytes()

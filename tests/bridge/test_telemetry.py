@@ -39,7 +39,7 @@ FLIGHTS = Path("/work/shared/data/flights")
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
 
 
-def told(message: Any) -> Any:
+def event_of(message: Any) -> Any:
     """The one event of a message."""
     (event,) = Telemetry().events(message, 7)
     return event
@@ -47,8 +47,8 @@ def told(message: Any) -> Any:
 
 @pytest.mark.parametrize("from_deg", [0.0, 45.0, 120.0, 240.0, 359.0])
 def test_both_stacks_report_the_same_wind(from_deg: float) -> None:
-    arduplane = told(telemetry_source.wind(from_deg, 6.0))
-    px4 = told(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
+    arduplane = event_of(telemetry_source.wind(from_deg, 6.0))
+    px4 = event_of(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
     for event in (arduplane, px4):
         off_deg = (event.from_deg - from_deg + 180.0) % 360.0 - 180.0
         assert off_deg == pytest.approx(0.0, abs=1e-4)
@@ -57,13 +57,15 @@ def test_both_stacks_report_the_same_wind(from_deg: float) -> None:
 
 def test_a_south_wind_blows_north() -> None:
     message = mavlink.MAVLink_wind_cov_message(1, 5.0, 0.0, 0.0, 0.1, 0.1, 300.0, 0.0, 0.0)
-    assert told(message) == Wind(7, 180.0, 5.0)
-    # As ArduPlane told it in a simulated wind of 5 m/s from 240 degrees.
-    assert told(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(238.48)
+    assert event_of(message) == Wind(7, 180.0, 5.0)
+    # As ArduPlane sent it in a simulated wind of 5 m/s from 240 degrees.
+    assert event_of(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(
+        238.48
+    )
 
 
 def test_no_estimate_of_the_wind_is_not_a_calm() -> None:
-    # As ArduCopter 4.6.2 told it all through a flight in 6 m/s.
+    # As ArduCopter 4.6.2 sent it all through a flight in 6 m/s.
     assert Telemetry().events(mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0), 7) == []
 
 
@@ -75,7 +77,7 @@ def test_a_place_without_a_fix_is_no_place(place: tuple[int, int]) -> None:
 
 
 def test_attitude_is_in_degrees_and_yaw_from_0_to_360() -> None:
-    event = told(mavlink.MAVLink_attitude_message(1000, 0.5, -0.25, -math.pi / 2, 0, 0, 0))
+    event = event_of(mavlink.MAVLink_attitude_message(1000, 0.5, -0.25, -math.pi / 2, 0, 0, 0))
     assert (event.boot_us, event.yaw_deg) == (1_000_000, pytest.approx(270.0))
     assert (event.roll_deg, event.pitch_deg) == pytest.approx((28.6479, -14.3239), abs=1e-3)
 
@@ -99,7 +101,7 @@ def test_batteries_add_up_their_cells() -> None:
 
 
 def test_unhealthy_sensors_are_reported_by_name() -> None:
-    # As ArduPlane told it on the ground before its EKF was ready, and PX4 without a receiver.
+    # As ArduPlane sent it on the ground before its EKF was ready, and PX4 without a receiver.
     words = {(306282559, 51478591): ("terrain", "prearm check"), (65536, 0): ("rc receiver",)}
     for (enabled, healthy), expected in words.items():
         message = mavlink.MAVLink_sys_status_message(
@@ -171,7 +173,7 @@ def test_arducopter_is_asked_again_after_a_restart() -> None:
     pair = Pair(mock_of(COPTER))
     pair.run_for(10.0)
     pair.mock.reboot(pair.now_us)
-    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # something tells of it
+    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # it is sent already
     pair.run_for(4.5)
     assert len(pair.of(Rebooted)) == 1
     before = len(pair.of(Position))

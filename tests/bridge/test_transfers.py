@@ -50,7 +50,7 @@ def kept(items: Items, stack: Stack) -> tuple[MissionItem, ...]:
 
 
 def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
-    """By items, which this is about, unless told otherwise."""
+    """By items, which this is about, unless given otherwise."""
     return pair.client.upload(items, pair.now_us, by_file=by_file, **more)
 
 
@@ -175,7 +175,7 @@ class Watched(MemoryLink):
 
 
 def agrees(result: TransferResult, old: Items, new: Items, now: Items, stack: Stack) -> bool:
-    """Whether what a result says of the vehicle is what the vehicle holds."""
+    """Whether a result states what the vehicle holds."""
     match result.holds:
         case "the new one":
             return now == new
@@ -184,8 +184,8 @@ def agrees(result: TransferResult, old: Items, new: Items, now: Items, stack: St
         case "one of both":
             return result.outcome != "accepted" and now in (old, new)
         case "a mixture":
-            told = result.outcome in ("failed", "rejected") and result.items == now
-            return told and set(now) <= {*old, *new}
+            reported = result.outcome in ("failed", "rejected") and result.items == now
+            return reported and set(now) <= {*old, *new}
         case _:
             return result.outcome in ("unknown", "failed", "rejected") and not stack.atomic_upload
 
@@ -228,7 +228,7 @@ def test_over_a_bad_link_an_upload_ends_and_reports_what_the_vehicle_holds(hundr
 
 def test_over_those_bad_links_every_kind_of_message_was_lost() -> None:
     if not LOST:
-        pytest.skip("the schedules ran elsewhere")
+        pytest.skip("the schedules ran with another backend")
     assert {
         "MISSION_COUNT",
         "MISSION_REQUEST",

@@ -34,7 +34,7 @@ def estimator(flags: int) -> Any:
     return mavlink.MAVLink_estimator_status_message(1, flags, 0, 0, 0, 0, 0, 0, 1.0, 1.0)
 
 
-def told(*messages: Any) -> list[Any]:
+def events_of(*messages: Any) -> list[Any]:
     telemetry = Telemetry()
     return [event for message in messages for event in telemetry.events(message, 7)]
 
@@ -79,13 +79,13 @@ def test_a_state_without_a_name_is_reported_by_its_number() -> None:
 def test_landing_is_reported_on_change() -> None:
     states = [mavlink.MAVLink_extended_sys_state_message(0, state) for state in (1, 1, 3, 2, 4, 1)]
     words = ["on ground", "takeoff", "in air", "landing", "on ground"]
-    assert told(*states) == [LandedState(7, word) for word in words]
+    assert events_of(*states) == [LandedState(7, word) for word in words]
 
 
 def test_a_breach_is_reported_with_the_fence_that_was_breached() -> None:
     fence = mavlink.MAVLink_fence_status_message
     messages = [fence(0, 0, 0, 0), fence(1, 1, 3, 900), fence(1, 1, 2, 900), fence(0, 1, 0, 900)]
-    assert told(*messages) == [
+    assert events_of(*messages) == [
         FenceStatus(7, False, ""),
         FenceStatus(7, True, "boundary"),
         FenceStatus(7, True, "highest altitude"),
@@ -96,7 +96,7 @@ def test_a_breach_is_reported_with_the_fence_that_was_breached() -> None:
 @pytest.mark.parametrize("message", [ekf, estimator])
 def test_a_lost_position_is_reported_at_once_and_its_return_when_it_lasts(message: Any) -> None:
     messages = [ALL_WELL, LOST, LOST, *[ALL_WELL] * 4, LOST, *[ALL_WELL] * 5]
-    assert told(*map(message, messages)) == [
+    assert events_of(*map(message, messages)) == [
         EstimatorStatus(7, True, ()),
         EstimatorStatus(7, False, ("position lost",)),
         EstimatorStatus(7, True, ()),
@@ -106,25 +106,29 @@ def test_a_lost_position_is_reported_at_once_and_its_return_when_it_lasts(messag
 @pytest.mark.parametrize(("message", "glitch"), [(ekf, 1 << 15), (estimator, 1 << 10)])
 def test_one_sample_of_a_glitch_is_none(message: Any, glitch: int) -> None:
     flapping = [ALL_WELL, ALL_WELL | glitch] * 10
-    assert told(*map(message, flapping)) == [EstimatorStatus(7, True, ())]
+    assert events_of(*map(message, flapping)) == [EstimatorStatus(7, True, ())]
     lasting = [ALL_WELL, ALL_WELL | glitch, ALL_WELL | glitch, *flapping]
-    found = told(*map(message, lasting))
+    found = events_of(*map(message, lasting))
     assert [event.problems for event in found] == [(), ("satellite position glitch",)]
 
 
 def test_constant_position_counts_for_ardupilot_and_not_for_px4_when_standing() -> None:
     still = ALL_WELL | mavlink.EKF_CONST_POS_MODE
-    assert told(ekf(still)) == [EstimatorStatus(7, False, ("constant position mode",))]
-    assert told(estimator(still)) == [EstimatorStatus(7, True, ())]
+    assert events_of(ekf(still)) == [EstimatorStatus(7, False, ("constant position mode",))]
+    assert events_of(estimator(still)) == [EstimatorStatus(7, True, ())]
 
 
 def test_px4_without_satellites_reports_so_before_it_gives_up_its_position() -> None:
     dead_reckoning = ALL_WELL & ~mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
-    assert told(estimator(dead_reckoning)) == [EstimatorStatus(7, False, ("satellites not used",))]
+    assert events_of(estimator(dead_reckoning)) == [
+        EstimatorStatus(7, False, ("satellites not used",))
+    ]
 
 
 def test_before_it_has_begun_an_estimate_has_one_problem() -> None:
-    assert told(ekf(mavlink.EKF_UNINITIALIZED)) == [EstimatorStatus(7, False, ("not initialised",))]
+    assert events_of(ekf(mavlink.EKF_UNINITIALIZED)) == [
+        EstimatorStatus(7, False, ("not initialised",))
+    ]
 
 
 def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float = 60.0) -> Pair:
@@ -169,7 +173,7 @@ def test_a_fence_breach_is_reported_within_two_seconds(stack: str, mode: str) ->
     assert states(pair, FenceStatus) == fence
     if stack == "ardupilot":
         assert pair.of(FenceStatus)[0].at_us / SECOND <= 42.0
-    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat does not tell
+    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat has no such state
     assert [state.state for state in pair.of(SystemState)][2:] == critical
 
 

@@ -120,9 +120,9 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
     got = bytearray()
 
     async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(b"<event/>" * 100)  # of others, which nobody here wants
+        writer.write(b"<event/>" * 100)  # of others, which the client ignores
         got.extend(await reader.readuntil(b"</event>"))
-        writer.close()  # and it is gone
+        writer.close()  # and it is closed
 
     async def look() -> None:
         with socket.socket() as sock:

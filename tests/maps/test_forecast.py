@@ -74,7 +74,7 @@ def test_forecasts_leave_the_fire_as_it_is() -> None:
 
 
 def test_chance_is_not_foreseen() -> None:
-    """The daemon's fire draws from its seed: a forecast that did too would know the truth."""
+    """The daemon's fire draws from its seed: a forecast that did too would be exact."""
 
     def made() -> ProbabilisticFire:
         rng = np.random.default_rng(2)
@@ -130,7 +130,7 @@ def test_perturbations_have_the_documented_sizes() -> None:
 
 
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody asks: nothing. The same again: nothing. Changed by people, or old: once."""
+    """No request: nothing. The same again: nothing. Changed by operators, or old: once."""
     copies = []
     copy = AnyAngleFire.copy
 

@@ -1,4 +1,4 @@
-"""Who is let in to the desk over MQTT."""
+"""Which MQTT commands reach the request handler."""
 
 import json
 from typing import Any
@@ -51,9 +51,9 @@ class RunInterface:
         self, name: str, payload: bytes | None = None, retained: bool = False, **more: Any
     ) -> Reply | None:
         if payload is None:
-            said = {"id": "1", "by": "anna", "sent_at_unix_us": self.unix_us} | more
+            request = {"id": "1", "by": "anna", "sent_at_unix_us": self.unix_us} | more
             payload = json.dumps(
-                {key: value for key, value in said.items() if value != ...}
+                {key: value for key, value in request.items() if value != ...}
             ).encode()
         return self.keeper.accept(name, payload, retained, 7, self.now_s, self.unix_us)
 
@@ -86,7 +86,7 @@ def test_all_requests_there_are_were_thought_of() -> None:
 
 
 def test_no_operator_is_present_by_a_message() -> None:
-    """An approval ends when nothing is heard of its station; a broker is nobody's station."""
+    """An approval ends without heartbeats of its station; a broker is no station."""
     run_interface = RunInterface()
     for station in ("firing-boss", ""):
         run_interface.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)

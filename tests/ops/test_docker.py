@@ -1,4 +1,4 @@
-"""What runs in containers and under systemd, as far as files tell. No engine is needed."""
+"""Containers and systemd units, checked by their files. No engine is needed."""
 
 import re
 import tomllib
@@ -66,10 +66,10 @@ def test_what_services_run_is_a_command_with_these_options(name: str) -> None:
     from mission_service.cli.main import main
 
     command, *words = SERVICES[name]["command"]
-    told = CliRunner().invoke(main, [command, "--help"]).output
+    output = CliRunner().invoke(main, [command, "--help"]).output
     for word in words:
         if word.startswith("--"):
-            assert word.partition("=")[0] in told
+            assert word.partition("=")[0] in output
     for word in words:
         key = re.match(r"--set=([\w.]+)=", word)
         if key is not None:

@@ -1,4 +1,4 @@
-"""The log: one line each, machine-readable if wanted, and no secret in it."""
+"""The log: one line each, machine-readable if configured, and no secret in it."""
 
 import asyncio
 import contextlib
@@ -70,7 +70,7 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
         raise ValueError(f"bad key {KEY.hex()}")
     except ValueError:
         log.exception("no")
-    # Such as nobody has named:
+    # Secrets that are not configured as such:
     for text in (
         "Authorization: Bearer abc.def-123456",
         "http://127.0.0.1:8765/#token=zzzzzzzzzzzz",
@@ -78,11 +78,11 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
         '{"passwd": "hunter33333"}',
     ):
         log.info(text)
-    said = stream.getvalue()
+    logged = stream.getvalue()
     for secret in (TOKEN, KEY.hex(), "abc.def-123456", "zzzzzzzz", "hunter2", "hunter3"):
-        assert secret not in said
-    assert said.count(hidden.HIDDEN) >= 6
-    assert "Traceback" in said
+        assert secret not in logged
+    assert logged.count(hidden.HIDDEN) >= 6
+    assert "Traceback" in logged
 
 
 def test_the_path_of_a_secret_may_be_logged() -> None:
@@ -110,7 +110,7 @@ def test_announcements_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> No
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     texts = [line["message"] for line in lines]
     assert "hawk: connected (px4 plane)" in texts
-    assert len(texts) == len(set(texts)), "said twice"
+    assert len(texts) == len(set(texts)), "logged twice"
     assert [line["level"] for line in lines if line.get("alarm")] == ["error", "info"]
     assert texts[-2:] == ["hawk: the last word", "alarm link/hawk: cleared"]
 

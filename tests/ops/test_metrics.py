@@ -1,4 +1,4 @@
-"""Figures for Prometheus: what there is, what it says, and that it is written down."""
+"""Figures for Prometheus: names, values and documentation."""
 
 import asyncio
 import json
@@ -90,9 +90,11 @@ def test_names_carry_units_and_have_a_help_text(context: RunContext) -> None:
 def test_every_figure_is_in_the_manual() -> None:
     manual = OPERATIONS.read_text(encoding="utf-8")
     missing = [name for name in FIGURES if f"`{PREFIX}{name}`" not in manual]
-    assert not missing, f"docs/operations.md says nothing of {missing}"
-    told = set(re.findall(rf"`{PREFIX}(\w+)`", manual))
-    assert told <= set(FIGURES), f"docs/operations.md tells of {told - set(FIGURES)}"
+    assert not missing, f"docs/operations.md does not list {missing}"
+    documented = set(re.findall(rf"`{PREFIX}(\w+)`", manual))
+    assert documented <= set(FIGURES), (
+        f"docs/operations.md lists unknown {documented - set(FIGURES)}"
+    )
 
 
 @pytest.mark.parametrize("path", [DASHBOARD, RULES], ids=lambda path: str(path.name))

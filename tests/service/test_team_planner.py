@@ -150,7 +150,7 @@ def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() ->
     assert [int(fleet.cell[0]) for fleet in rule.fleets[-2:]] == [15, 14]
 
 
-def test_a_departed_vehicle_is_out_of_the_fleet_at_the_next_decision_until_the_front_is_in_view() -> (
+def test_a_departed_vehicle_is_out_of_the_fleet_at_the_next_decision_until_it_sees_the_front() -> (
     None
 ):
     rule = Told()

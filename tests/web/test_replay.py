@@ -1,4 +1,4 @@
-"""The page of a replay: it plays, pauses and seeks, and nobody takes it for a live flight."""
+"""The page of a replay: it plays, pauses and seeks, and is marked as a replay."""
 
 import re
 from collections.abc import Iterator
