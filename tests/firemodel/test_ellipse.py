@@ -276,7 +276,7 @@ def test_lines_are_points() -> None:
     )
     np.testing.assert_allclose(found, expected)
     assert line_sources(corners[:1], 5.0, 4.0).tolist() == [[0.0, 0.0, 5.0]]
-    # Late between two sources by s² / (8 r), as line_sources says.
+    # Late between two sources by s² / (8 r), as documented in line_sources.
     spacing_m, r_m = 4.0, 8.0
     fire = EllipseFire(
         [Spread(0.0, 0.1, 0.1, 0.1, 0.0)], line_sources(corners[:2] * 10.0, 0.0, spacing_m)

@@ -1,4 +1,4 @@
-"""A description says what is in a file, and all that is wrong with it at once."""
+"""A description lists the contents of a file and all its problems at once."""
 
 import json
 from pathlib import Path

@@ -446,7 +446,7 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
         read_arrival(undeclared, land, unit="weeks")  # type: ignore[arg-type]
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+@pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
     """LANDFIRE's slope and aspect bands of the Maria fire against Horn's from its elevation."""
     names = ("fuel", "elevation", "slope", "aspect")
@@ -458,7 +458,7 @@ def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
         assert found > 0.99
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+@pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_a_real_lcp_and_its_arrival_times() -> None:
     """FARSITE's flat land; its last cell burns at 419.9 minutes of seven hours."""
     flat = DATA / "farsite_flatland"

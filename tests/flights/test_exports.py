@@ -135,8 +135,10 @@ def test_parquet_holds_back_one_group_of_rows(
 ) -> None:
     monkeypatch.setattr(table_files, "GROUP_ROWS", 12)
     exported(logs, out, "parquet")
-    told = pyarrow.parquet.ParquetFile(out / "positions.parquet").metadata
-    assert [told.row_group(at).num_rows for at in range(told.num_row_groups)] == [12] * 6 + [8]
+    metadata = pyarrow.parquet.ParquetFile(out / "positions.parquet").metadata
+    assert [metadata.row_group(at).num_rows for at in range(metadata.num_row_groups)] == [
+        12
+    ] * 6 + [8]
 
 
 def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:

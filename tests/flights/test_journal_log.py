@@ -1,4 +1,4 @@
-"""A journal as a log: its positions, missions and modes; damage is told and passed over."""
+"""A journal as a log: its positions, missions and modes; damage is reported and skipped."""
 
 from pathlib import Path
 
@@ -46,9 +46,9 @@ def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
         assert any(isinstance(event, ModeChanged) and event.armed for event in mine)
         (connected,) = [event for event in mine if isinstance(event, Connected)]
         assert connected.stack.name == {"hawk": "px4", "kite": "ardupilot"}[name]
-    told = info_of(log)
-    assert [each["name"] for each in told["vehicles"]] == ["hawk", "kite"]
-    assert told["vehicles"][0]["max_speed_m_s"] > 10.0
+    info = info_of(log)
+    assert [each["name"] for each in info["vehicles"]] == ["hawk", "kite"]
+    assert info["vehicles"][0]["max_speed_m_s"] > 10.0
 
 
 def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
@@ -70,11 +70,11 @@ def test_a_changed_byte_costs_its_line_and_is_reported(
     path = tmp_path / "journal.jsonl"
     path.write_bytes(data)
     log = JournalLog(path)
-    told = sum(1 for _ in log.things())
+    count = sum(1 for _ in log.things())
     lines = whole.count(b"\n")
     assert len(log.damage) >= 1
     assert log.damage[0].at_byte <= at < log.damage[0].at_byte + log.damage[0].skipped_bytes
-    assert lines - 6 <= told < lines
+    assert lines - 6 <= count < lines
 
 
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))

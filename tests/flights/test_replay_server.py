@@ -1,4 +1,4 @@
-"""A replay with its doors: what is told, what is refused, how it ends."""
+"""A replay with its interfaces: its messages, its refusals, its end."""
 
 import asyncio
 import json
@@ -72,22 +72,22 @@ def test_the_live_stream_reports_jumps_first(replay: Replay) -> None:
             headers={"authorization": replay.http.headers["authorization"]},
         )
         assert replay_post.status_code == 200
-        told: list[tuple[str, Any]] = []
+        received: list[tuple[str, Any]] = []
         kind = ""
         for line in lines:
             if line.startswith("event: "):
                 kind = line.removeprefix("event: ")
             elif line.startswith("data: "):
-                told.append((kind, json.loads(line.removeprefix("data: "))))
-            if {"replay", "telemetry", "fire", "vehicle"} <= {each for each, _ in told}:
+                received.append((kind, json.loads(line.removeprefix("data: "))))
+            if {"replay", "telemetry", "fire", "vehicle"} <= {each for each, _ in received}:
                 break
     place = next(
         i
-        for i, (kind, data) in enumerate(told)
+        for i, (kind, data) in enumerate(received)
         if data and kind == "replay" and data["jumps"] == jumps + 1
     )
-    assert "telemetry" not in [kind for kind, _ in told[:place]]
-    assert not told[place][1]["seeking"]
+    assert "telemetry" not in [kind for kind, _ in received[:place]]
+    assert not received[place][1]["seeking"]
 
 
 @pytest.mark.parametrize(

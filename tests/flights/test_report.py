@@ -1,4 +1,4 @@
-"""The report: what it says is what happened, on one page that needs nothing else."""
+"""The report: its content is what happened, on one page that needs nothing else."""
 
 import json
 import re
@@ -21,14 +21,14 @@ from mission_service.replay.flights.report_page import write_report
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
-from tests.flights.test_open_loop_replay import beside_level, scenario
+from tests.flights.test_open_loop_replay import level_pairing, scenario
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short flight of the simulator, around the ring of fire."""
     folder = tmp_path_factory.mktemp("run")
-    told = scenario(
+    flown = scenario(
         duration_s=4300.0,
         weather=[{"at_s": 0, "wind_speed_m_s": 2.0, "wind_from_deg": 200}],
         planner={"rule": "islam_hu_damped", "dwell_s": 20.0},
@@ -36,7 +36,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             {"name": "hawk", "home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
         ],
     )
-    simulate(told, folder / "journal.jsonl", "today")
+    simulate(flown, folder / "journal.jsonl", "today")
     return folder
 
 
@@ -70,7 +70,7 @@ def test_estimated_and_true_front_are_compared_as_in_the_paper(run: Path) -> Non
 def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
-    flown = story_with_fire("round", beside_level(flight_of([str(log)])), None, "today")
+    flown = story_with_fire("round", level_pairing(flight_of([str(log)])), None, "today")
     files = write_report(tmp_path, [flown])
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)
@@ -80,8 +80,8 @@ def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) ->
     assert "No decision was sent to a vehicle" in page
     assert "servo 3 opens" in page
     assert "missions sent" not in page  # an open-loop replay sends none
-    (told,) = json.loads((tmp_path / "figures.json").read_text())
-    assert told["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)
+    (figures,) = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)
     for name in files:
         assert (tmp_path / name).stat().st_size > 500
 

@@ -1,4 +1,4 @@
-"""What a team's user is told: what it can keep up with, and how many a wish takes."""
+"""Advice to a team's operator: what it can keep up with, and how many a target requires."""
 
 import numpy as np
 

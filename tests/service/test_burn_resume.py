@@ -1,4 +1,4 @@
-"""A burn goes on after a kill: from a journal cut anywhere, or with a clear word why not."""
+"""A burn goes on after a kill: from a journal cut anywhere, or with a clear error."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -71,25 +71,25 @@ LAND = Landscape(
 )
 
 
-def unfinished(path: Path, told: Scenario, digest: str) -> Unfinished | None:
-    known = Known(told, LAND)
-    known.landscape = digest
-    return unfinished_by(path, known, told)
+def unfinished(path: Path, begun: Scenario, digest: str) -> Unfinished | None:
+    shared = Known(begun, LAND)
+    shared.landscape = digest
+    return unfinished_by(path, shared, begun)
 
 
 def a_core() -> Handle:
-    """Proposes when the list is complete, then drops once a position; counts what it is told."""
+    """Proposes when the list is complete, then drops once a position; counts its events."""
     seen: list[AnyEvent] = []
 
     def handle(event: AnyEvent) -> list[AnyCommand]:
         seen.append(event)
-        told = Announce(NAME, f"{len(seen)}: {type(event).__name__} at {event.at_us}")
+        announced = Announce(NAME, f"{len(seen)}: {type(event).__name__} at {event.at_us}")
         if len(seen) == 5:
-            return [told, ProposePlan(NAME, PLAN, HASH), told]
+            return [announced, ProposePlan(NAME, PLAN, HASH), announced]
         if isinstance(event, Telemetry):
             number = sum(isinstance(each, Telemetry) for each in seen) - 1
-            return [told, drop(number)] if number < 3 else []
-        return [told] if isinstance(event, Approved | Resumed) else []
+            return [announced, drop(number)] if number < 3 else []
+        return [announced] if isinstance(event, Approved | Resumed) else []
 
     return handle
 
@@ -170,8 +170,10 @@ def test_a_journal_cut_anywhere_is_continued(tmp_path: Path) -> None:
     for cut in sorted(place for place in places if header <= place <= len(whole)):
         path.write_bytes(whole[:cut])
         before, lock = went_on(path)
-        told = [line for line in whole[header:cut].split(b"\n")[:-1] if line.startswith(b'{"ev')]
-        assert before == list(EVENTS[: len(told)])
+        events_before = [
+            line for line in whole[header:cut].split(b"\n")[:-1] if line.startswith(b'{"ev')
+        ]
+        assert before == list(EVENTS[: len(events_before)])
         last_us = max((event.at_us for event in before), default=0)
         after = Resumed(last_us + 7_000_000, "service", "", 7.0)
         assert verified(path) == [*before, after]

@@ -46,8 +46,8 @@ def test_the_footprint_has_the_papers_size_and_turns(land: Landscape) -> None:
     seen = {}
     for heading_deg in (0.0, 90.0):
         true_deg = heading_deg + land.grid_convergence_deg
-        told = Telemetry(0, "heron", lat, lon, altitude_m, 300.0, 17.0, 0.0, true_deg)
-        observed = world.observe(told, camera)
+        position = Telemetry(0, "heron", lat, lon, altitude_m, 300.0, 17.0, 0.0, true_deg)
+        observed = world.observe(position, camera)
         assert observed is not None
         inside = np.array([[cell != "." for cell in row] for row in observed.cells])
         seen[heading_deg] = (inside.any(axis=0).sum(), inside.any(axis=1).sum())

@@ -191,5 +191,5 @@ def test_the_path_of_the_token_is_printed_unchanged(
     capsys: pytest.CaptureFixture[str], address: str, words: str
 ) -> None:
     report_address(Path("out"), address)
-    told = capsys.readouterr().err
-    assert told == f"map: http://127.0.0.1:1/ {words}\n"
+    printed = capsys.readouterr().err
+    assert printed == f"map: http://127.0.0.1:1/ {words}\n"

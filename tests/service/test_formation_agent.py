@@ -1,4 +1,4 @@
-"""One UAV's agent: its virtual agent, its orbit, what it says, heat, home."""
+"""One UAV's agent: its virtual agent, its orbit, its messages, heat, home."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ SETTINGS = Settings()
 
 
 def agent_of(name: str = "hawk", **options: object) -> Agent:
-    """An agent that knows of one burning cell in the middle."""
+    """An agent whose map has one burning cell in the middle."""
     return Agent(name, SETTINGS, GRID, np.array([MIDDLE]), 0, **options)  # type: ignore[arg-type]
 
 
@@ -64,11 +64,11 @@ def test_it_moves_towards_the_fire_and_never_faster_than_it_may() -> None:
 
 def test_it_sends_its_state_twice_a_second_and_its_observations_at_once() -> None:
     agent = agent_of(avoidance="none")
-    said = []
+    sent = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -1000.0, -1000.0 + tick))
-        said += agent.messages(tick * 250_000)
-    states = [message for message in said if isinstance(message, State)]
+        sent += agent.messages(tick * 250_000)
+    states = [message for message in sent if isinstance(message, State)]
     assert 20 <= len(states) <= 30
     agent.add_view(np.array([MIDDLE + 1]), np.array([], dtype=np.int64), 10_000_000)
     updates = [m for m in agent.messages(10_000_000) if isinstance(m, FireUpdate)]
@@ -138,11 +138,11 @@ def test_others_go_by_where_its_virtual_agent_is_going() -> None:
         with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0)
     )
     assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
-    said = []
+    sent = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -400.0, 0.0))
-        said += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
-    assert said[-1].goal_x_m is not None
+        sent += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
+    assert sent[-1].goal_x_m is not None
 
 
 def test_it_is_settled_after_a_while_on_one_orbit() -> None:

@@ -65,12 +65,12 @@ def test_an_observation_gives_the_differences_from_the_map(
 ) -> None:
     arrival_s = np.hypot(X - 100.0, Y - 550.0)
     arrival_s[:, 40:] = np.inf
-    known: np.ndarray = np.equal((X // 10 + Y // 20) % 3, 0)
-    burning, unburned = changed_cells(GRID, view, arrival_s, 120.0, known)
-    seen = np.zeros(known.shape, dtype=np.bool_)
+    known_burning: np.ndarray = np.equal((X // 10 + Y // 20) % 3, 0)
+    burning, unburned = changed_cells(GRID, view, arrival_s, 120.0, known_burning)
+    seen = np.zeros(known_burning.shape, dtype=np.bool_)
     seen.ravel()[cells_in_view(GRID, view)] = True
-    assert np.array_equal(burning, np.flatnonzero(seen & ~known & (arrival_s <= 120.0)))
-    assert np.array_equal(unburned, np.flatnonzero(seen & known & (arrival_s > 120.0)))
+    assert np.array_equal(burning, np.flatnonzero(seen & ~known_burning & (arrival_s <= 120.0)))
+    assert np.array_equal(unburned, np.flatnonzero(seen & known_burning & (arrival_s > 120.0)))
 
 
 def test_marking_keeps_when_each_cell_was_seen_last() -> None:

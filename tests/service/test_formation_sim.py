@@ -44,22 +44,19 @@ class Run:
     journal: Path
     record: RunStatistics
     figures: dict[str, Any]
-    said: list[str]
+    announcements: list[str]
 
 
 def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
-    said: list[str] = []
+    announcements: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(
-            f"{announcements.vehicle}: {announcements.text}"
-            for _, announcements in record.announcements
-        )
+        announcements.extend(f"{each.vehicle}: {each.text}" for _, each in record.announcements)
         record.announcements.clear()
 
     record, world = simulate(scenario, path, "2026-01-01", listen)
     listen(record, world)
-    return Run(path, record, figures_of(path, from_s), said)
+    return Run(path, record, figures_of(path, from_s), announcements)
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_eve
 
 
 def test_a_vehicle_that_must_turn_about_turns_the_way_of_the_orbit() -> None:
-    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # wanted near 0: outwards
+    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # the law asks for about 0: outwards
         state = (10.0, 0.0, heading_rad, 17.5)
         anticlockwise = loiter.orbit_step(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
         clockwise = loiter.orbit_step(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
@@ -121,9 +121,9 @@ def test_an_old_state_is_extrapolated_to_now() -> None:
 
 def test_near_ties_between_left_and_right_are_detected() -> None:
     orbit = (0.0, 0.0, -150.0, 0.0, 0.0)
-    wanted_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
+    course_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
     about_rad = math.acos(loiter.ABOUT)
-    assert loiter.at_fork(20.0, 0.0, wanted_rad + about_rad, 17.5, *orbit)
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad - about_rad, 17.5, *orbit)  # left anyway
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad + math.pi, 17.5, *orbit)
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad + 1.0, 17.5, *orbit)
+    assert loiter.at_fork(20.0, 0.0, course_rad + about_rad, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, course_rad - about_rad, 17.5, *orbit)  # left anyway
+    assert not loiter.at_fork(20.0, 0.0, course_rad + math.pi, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, course_rad + 1.0, 17.5, *orbit)

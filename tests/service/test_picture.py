@@ -41,10 +41,10 @@ def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView
     changed = {key for key, version in state_view.changed.items() if version > before}
     assert changed == {"telemetry/hawk"}
     assert then.keys() <= state_view.changed.keys()
-    told = state_view.telemetry["hawk"]
-    assert told.ground_speed_m_s == 5.0
-    assert told.track_deg == pytest.approx(53.1)
-    assert told.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
+    shown = state_view.telemetry["hawk"]
+    assert shown.ground_speed_m_s == 5.0
+    assert shown.track_deg == pytest.approx(53.1)
+    assert shown.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
 
 
 def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
@@ -100,7 +100,7 @@ def test_pairs_too_near_are_found() -> None:
     found = near_pairs(there, 0, 30.0)
     assert list(found) == [("a", "b")]
     assert found["a", "b"] == pytest.approx((20.0**2 + 10.0**2) ** 0.5, abs=0.1)
-    assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
+    assert not near_pairs(there, 10_000_000, 30.0), "old places do not count"
 
 
 def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) -> None:
@@ -126,10 +126,10 @@ def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) ->
     ],
 )
 def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: str) -> None:
-    with pytest.raises(ScenarioError) as told:
+    with pytest.raises(ScenarioError) as error:
         load_run("demo", overrides)
-    assert words in str(told.value)
-    assert "hunter2" not in str(told.value)
+    assert words in str(error.value)
+    assert "hunter2" not in str(error.value)
 
 
 def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:

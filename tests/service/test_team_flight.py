@@ -68,7 +68,7 @@ class Run:
     record: RunStatistics
     world: SimulatedFire
     cores: list[Core]
-    said: list[str] = field(default_factory=list)
+    announcements: list[str] = field(default_factory=list)
 
     @property
     def member(self) -> TeamMember:
@@ -88,20 +88,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         team.rule = Noted()
         return cores[-1]
 
-    said: list[str] = []
+    announcements: list[str] = []
 
     def listen(record: RunStatistics, world: SimulatedFire) -> None:
-        said.extend(
-            f"{announcements.vehicle}: {announcements.text}"
-            for _, announcements in record.announcements
-        )
+        announcements.extend(f"{each.vehicle}: {each.text}" for _, each in record.announcements)
         record.announcements.clear()
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sim, "SimulatedVehicle", Mortal)
         patch.setattr(sim, "Core", core)
         record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", listen)
-    return Run(path, record, world, cores, said)
+    return Run(path, record, world, cores, announcements)
 
 
 def test_all_four_fly_their_missions(run: Run) -> None:
@@ -126,7 +123,7 @@ def test_the_first_lap_is_shared(run: Run) -> None:
 def test_the_loss_of_one_is_announced_and_the_others_fly_without_it_from_their_next_decision_on(
     run: Run,
 ) -> None:
-    assert any(line.startswith("swift: no heartbeat") for line in run.said)
+    assert any(line.startswith("swift: no heartbeat") for line in run.announcements)
     shown = run.cores[0].decision_engine.planners["hawk"]._team.rule.members  # type: ignore[attr-defined]
     before = [members for at_s, members in shown if DIES_S - 30.0 < at_s < DIES_S]
     after = [members for at_s, members in shown if at_s > DIES_S + 4.5]
