@@ -227,7 +227,7 @@ def test_eight_directions_burn_as_much_of_the_ellipse_as_devs_fire(
     assert fire.front(time_s).area / ellipse_m2 == pytest.approx(share, abs=0.01)
 
 
-def test_states_are_known_for_the_past_only() -> None:
+def test_states_are_available_for_the_past_only() -> None:
     fuel = np.ones((41, 41), dtype=np.int16)
     fuel[20, 24] = 98
     fire = Devs8Fire(landscape(fuel), steady(), [MIDDLE, (2, 2, 4000.0)])

@@ -110,7 +110,7 @@ def test_tiles_and_polynomials_change_nothing(
     np.testing.assert_allclose(found, expected, atol=5e-9 * np.abs(error_s).sum())
 
 
-def test_times_known_before_give_the_same() -> None:
+def test_times_computed_before_give_the_same() -> None:
     points = np.random.default_rng(6).uniform(-100.0, 100.0, (500, 2))
     corrected = PaperCorrected(FIRE, observations((*PLACE, 160.0, BURNING)), LENGTH_M)
     simulated_s = FIRE.ignition_time_s(points)

@@ -41,7 +41,7 @@ of_each_scheme = pytest.mark.parametrize("scheme", SCHEMES)
     ("lit_at_s", "lit_s"),
     [(0.0, 600.0), (600.0, 600.0), (350.0, CHANGE_S), (CHANGE_S, CHANGE_S), (699.0, 810.0)],
 )
-def test_it_is_the_same_as_if_known_from_the_start(
+def test_it_is_the_same_as_an_ignition_from_the_start(
     scheme: str, lit_at_s: float, lit_s: float
 ) -> None:
     # Those lit at once in the order in which they draw their chances.

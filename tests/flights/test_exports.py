@@ -233,7 +233,7 @@ def test_only_what_is_asked_for_is_written(logs: list[Path], out: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"tracks.kml", "flight.mcap"}
 
 
-def test_what_is_not_known_is_left_empty() -> None:
+def test_missing_values_are_left_empty() -> None:
     rows = list(Rows("a.tlog", None).of(1, POSITION))
     ((table, row),) = rows
     assert table == "positions"

@@ -166,7 +166,7 @@ def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: st
     assert words in reason
 
 
-def test_an_approval_runs_out_while_the_crew_is_there() -> None:
+def test_an_approval_runs_out_while_the_operators_are_present() -> None:
     later = (
         OperatorHeartbeat(189 * S, "ann", "alpha"),
         fix(190 * S),

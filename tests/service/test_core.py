@@ -229,7 +229,7 @@ def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_again(
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [StartMission]
 
 
-def test_an_autopilot_restarted_after_its_flight_waits_for_its_crew(land: Landscape) -> None:
+def test_an_autopilot_restarted_after_its_flight_waits_for_an_operator(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
     flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     (mission,) = uploads(flight.at_height(0.0))

@@ -194,7 +194,7 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     assert lapsed is not None
     entries = flight.over()
     assert len(commands(entries, UploadMission)) == 1
-    assert len(commands(entries, ProposeMission)) > 3, "what waits too long is proposed anew"
+    assert len(commands(entries, ProposeMission)) > 3, "what waits too long is proposed again"
     assert len(commands(entries, StartMission)) == 1
 
 

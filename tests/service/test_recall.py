@@ -130,7 +130,7 @@ def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
     assert flight.at(150.0, later_s=20.0) == []
 
 
-def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_its_crew(land: Landscape) -> None:
+def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_an_operator(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=300")
     flight.at(150.0, later_s=300.0)
     flight.mode("return")
