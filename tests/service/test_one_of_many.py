@@ -227,7 +227,7 @@ def test_a_peer_that_is_behind_the_others_catches_up() -> None:
     at_us = []
     for second in range(14):
         clock.others_passed((100 + second) * S if second > 2 else 0, second * S)
-        client.receive(at(second))
+        client.report(at(second))
         at_us += [event.at_us for event in gateway.events(second * S)]
     assert at_us[3] == 3 * S
     assert at_us[-1] == pytest.approx(113 * S, abs=1.1 * S)

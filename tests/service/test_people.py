@@ -200,8 +200,8 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
 
 def test_settings_are_passed_to_planners_that_have_them(fly: Fly) -> None:
     flight = fly()
-    entries = flight.submit(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
-    assert entries == ["settings by ann: alpha = 2.5, dwell_s = 50"]
+    messages = flight.submit(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
+    assert messages == ["settings by ann: alpha = 2.5, dwell_s = 50"]
     planner = flight.sim.core.decision_engine.planners["hawk"]
     assert isinstance(planner, PerimeterPlanner)
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)

@@ -206,7 +206,7 @@ class Oracle:
             for each in record.effects
             if event.mode in each.modes or (arms and each.name == "start mission")
         ]
-        if event.mode == "mission":  # flown by what is on board: whoever did so hands it over
+        if event.mode == "mission":  # flown by what is on board: that mode hands it over
             record.judged = "ordered"
             if chosen_by == "pilot":
                 record.home = False
