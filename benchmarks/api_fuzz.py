@@ -69,7 +69,7 @@ def main() -> None:
         began_s = time.monotonic()
         code = asyncio.run(fuzz(world, examples, seed))
         took_s = time.monotonic() - began_s
-        sys.stdout.write(f"{name}: {took_s:.0f} s; {len(world.told)} requests became events\n")
+        sys.stdout.write(f"{name}: {took_s:.0f} s; {len(world.submitted)} requests became events\n")
     sys.exit(code)
 
 

@@ -24,9 +24,9 @@ def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
     assert own_token(tmp_path) == token  # of a restarted service too
     tokens = Tokens.of_run(tmp_path)
-    who = tokens.whose(token)
-    assert who is not None
-    assert who.roles == set(ROLES)
+    user = tokens.whose(token)
+    assert user is not None
+    assert user.roles == set(ROLES)
     assert not tokens.named
     assert tokens.whose(token[:-1]) is None
     assert tokens.whose("") is None
@@ -58,13 +58,15 @@ def test_a_token_that_is_none_or_open_to_all_is_refused(
         ("other = 7", "unknown field"),
     ],
 )
-def test_a_wrong_tokens_file_is_told_in_one_line(tmp_path: Path, text: str, why: str) -> None:
+def test_an_invalid_tokens_file_is_reported_in_one_line(
+    tmp_path: Path, text: str, why: str
+) -> None:
     path = tmp_path / "tokens.toml"
     path.write_text(text)
-    with pytest.raises(MissionServiceError, match=re.escape(why)) as told:
+    with pytest.raises(MissionServiceError, match=re.escape(why)) as error:
         read_tokens(path)
-    assert str(path) in str(told.value)
-    assert "\n" not in str(told.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_a_tokens_file_that_changes_is_read_again(
@@ -74,22 +76,22 @@ def test_a_tokens_file_that_changes_is_read_again(
     anna = added(path, "anna", ("look", "fly"), "north")
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     tokens = Tokens.of_file(path)
-    who = tokens.whose(anna)
-    assert who is not None
-    assert (who.name, who.station, sorted(who.roles)) == ("anna", "north", ["fly", "look"])
-    assert tokens.still(who)
+    user = tokens.whose(anna)
+    assert user is not None
+    assert (user.name, user.station, sorted(user.roles)) == ("anna", "north", ["fly", "look"])
+    assert tokens.still(user)
     ben = added(path, "ben", ("approve",), "")
     assert tokens.whose(ben) is not None
-    # A slip of the pen shuts nobody out, and is told once.
+    # A typing error locks no user out, and is reported once.
     before = path.read_text()
     path.write_text(before + "[[tokens")
     for _ in range(3):
-        assert tokens.whose(anna) == who
+        assert tokens.whose(anna) == user
     assert caplog.text.count("not valid TOML") == 1
     assert anna not in caplog.text
-    # Fewer roles are fewer at once, and who is taken out is out.
+    # Fewer roles apply at once, and a removed user has no access.
     path.write_text(before.replace('["look", "fly"]', '["look"]'))
-    assert not tokens.still(who)
+    assert not tokens.still(user)
     path.write_text(before[before.index("[[tokens]]", 5) :])
     assert tokens.whose(anna) is None
     assert tokens.whose(ben) is not None
@@ -100,7 +102,7 @@ def test_what_people_wrote_in_a_tokens_file_stays(tmp_path: Path) -> None:
     path.write_text("# the crew of July\n" + GOOD.rstrip())
     added(path, "neil", ("look",), "")
     assert path.read_text().startswith("# the crew of July\n" + GOOD)
-    assert [who.name for who in read_tokens(path)] == ["anna", "neil"]
+    assert [user.name for user in read_tokens(path)] == ["anna", "neil"]
     assert [each.name for each in tmp_path.iterdir()] == ["tokens.toml"]
 
 
@@ -116,14 +118,16 @@ def test_the_command_prints_a_token_once_and_keeps_its_sum(tmp_path: Path) -> No
     assert again.exit_code == 1
     assert "has a token for anna already" in again.output
     for wrong in (["token", "x", "--roles", "king"], ["token", "a\nb"], ["token", 'x"y']):
-        told = CliRunner().invoke(main, [*wrong, "--file", str(path)])
-        assert told.exit_code == 1
-        assert told.output.count("\n") == 1
+        result = CliRunner().invoke(main, [*wrong, "--file", str(path)])
+        assert result.exit_code == 1
+        assert result.output.count("\n") == 1
     assert len(read_tokens(path)) == 1
 
 
 @given(st.lists(st.tuples(st.floats(0, 5), st.sampled_from("ab")), max_size=60))
-def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, str]]) -> None:
+def test_no_client_sends_more_requests_than_the_bucket_allows(
+    steps: list[tuple[float, str]],
+) -> None:
     buckets, rate_s, burst = RateLimiter(2.0, 5.0), 2.0, 5.0
     now_s, taken = 0.0, {"a": 0, "b": 0}
     for pause_s, client in steps:
@@ -131,12 +135,12 @@ def test_nobody_asks_more_often_than_the_bucket_allows(steps: list[tuple[float, 
         wait_s = buckets.consume(client, now_s)
         taken[client] += wait_s == 0.0
         assert taken[client] <= burst + rate_s * now_s + 1e-6
-        if wait_s > 0.0:  # it is as long as it says
+        if wait_s > 0.0:  # the announced wait is long enough
             assert buckets.wait_s(client, now_s + wait_s + 1e-9) == 0.0
             assert buckets.wait_s(client, now_s + 0.9 * wait_s) > 0.0
 
 
-def test_buckets_forget_who_asked_longest_ago() -> None:
+def test_buckets_drop_the_client_with_the_oldest_request() -> None:
     buckets = RateLimiter(1.0, 1.0)
     for number in range(3 * MAX_CLIENTS):
         buckets.consume(str(number), 0.0)

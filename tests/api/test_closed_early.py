@@ -32,14 +32,14 @@ def request_bytes(
     return "\r\n".join(lines).encode() + body
 
 
-def close(there: socket.socket) -> None:
-    there.close()
+def close(sock: socket.socket) -> None:
+    sock.close()
 
 
-def reset(there: socket.socket) -> None:
+def reset(sock: socket.socket) -> None:
     """Close with RST: what the kernel still holds for the other side may be dropped."""
-    there.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    there.close()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    sock.close()
 
 
 @pytest.mark.parametrize("leave", [close, reset])
@@ -62,29 +62,29 @@ def test_what_was_sent_whole_is_done_though_the_client_closes_at_once(
     length: int | None,
     kind: type[AnyOperatorEvent],
 ) -> None:
-    before = len(flying.told)
+    before = len(flying.submitted)
 
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:
             sent = request_bytes(service, address[1], path, body, length)
             for number in range(TIMES):
-                there = socket.create_connection(address)
+                sock = socket.create_connection(address)
                 if number % 2:  # the server has the connection before the request
                     await asyncio.sleep(0)
                     await asyncio.sleep(0)
-                there.sendall(sent)
-                leave(there)
-            await until(lambda: len(flying.told) >= before + TIMES)
+                sock.sendall(sent)
+                leave(sock)
+            await until(lambda: len(flying.submitted) >= before + TIMES)
 
     with caplog.at_level(logging.WARNING):
         asyncio.run(go())
-    assert [type(event) for event in flying.told[before:]] == [kind] * TIMES
+    assert [type(event) for event in flying.submitted[before:]] == [kind] * TIMES
     assert caplog.text == ""
 
 
 def test_a_body_in_many_parts_is_read_to_its_end(flying: World) -> None:
-    before = len(flying.told)
+    before = len(flying.submitted)
     body = json.dumps({"by": "ann"}).encode() + b" " * 300_000
 
     async def go() -> None:
@@ -95,16 +95,16 @@ def test_a_body_in_many_parts_is_read_to_its_end(flying: World) -> None:
             writer.write(sent)
             await writer.drain()
             writer.close()  # the rest is written first
-            await until(lambda: len(flying.told) > before)
+            await until(lambda: len(flying.submitted) > before)
             await writer.wait_closed()
 
     asyncio.run(go())
-    assert flying.told[-1].by == "ann"
+    assert flying.submitted[-1].by == "ann"
 
 
 def test_an_abort_takes_no_body(flying: World) -> None:
-    """It is done on its headers, while the connection stays open and says nothing more."""
-    before = len(flying.told)
+    """It is done on its headers, while the connection stays open and nothing more is sent."""
+    before = len(flying.submitted)
 
     async def go() -> None:
         service = served(flying)
@@ -117,33 +117,33 @@ def test_an_abort_takes_no_body(flying: World) -> None:
             writer.close()
 
     asyncio.run(go())
-    assert flying.told[before:] == [Aborted(flying.told[-1].at_us, "ann", "north")]
+    assert flying.submitted[before:] == [Aborted(flying.submitted[-1].at_us, "ann", "north")]
 
 
 def test_half_an_order_is_no_order(flying: World, caplog: pytest.LogCaptureFixture) -> None:
-    before = len(flying.told)
+    before = len(flying.submitted)
 
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:
             for _ in range(TIMES):
-                there = socket.create_connection(address)
-                there.sendall(request_bytes(service, address[1], HOLD_ALL, b"{", 2))
-                reset(there)
-            there = socket.create_connection(address)
-            there.sendall(request_bytes(service, address[1], ABORT))
-            there.close()
-            await until(lambda: len(flying.told) > before)
+                sock = socket.create_connection(address)
+                sock.sendall(request_bytes(service, address[1], HOLD_ALL, b"{", 2))
+                reset(sock)
+            sock = socket.create_connection(address)
+            sock.sendall(request_bytes(service, address[1], ABORT))
+            sock.close()
+            await until(lambda: len(flying.submitted) > before)
 
     with caplog.at_level(logging.WARNING):
         asyncio.run(go())
-    assert [type(event) for event in flying.told[before:]] == [Aborted]
-    assert caplog.text == ""  # who is cut off in the middle fills no log
+    assert [type(event) for event in flying.submitted[before:]] == [Aborted]
+    assert caplog.text == ""  # a client that is cut off fills no log
 
 
 def test_over_tls_too(flying: World, certificate: tuple[Path, Path]) -> None:
     section = HttpSection(tls_certificate=certificate[0], tls_key=certificate[1])
-    before = len(flying.told)
+    before = len(flying.submitted)
 
     async def go() -> None:
         service = served(flying)
@@ -154,16 +154,16 @@ def test_over_tls_too(flying: World, certificate: tuple[Path, Path]) -> None:
                 plain = socket.create_connection(address)
                 # Else the kernel holds the request back until the handshake is acknowledged.
                 plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                there = context.wrap_socket(plain, server_hostname="127.0.0.1")
-                there.sendall(request_bytes(service, address[1], path, b"{}"))
+                sock = context.wrap_socket(plain, server_hostname="127.0.0.1")
+                sock.sendall(request_bytes(service, address[1], path, b"{}"))
                 if orderly:
-                    there.close()
+                    sock.close()
                 else:
-                    reset(there)
+                    reset(sock)
 
             for number in range(TIMES):
                 path = ABORT if number % 3 else HOLD_ALL
                 await asyncio.to_thread(order, path, number % 2 == 0)
-            await until(lambda: len(flying.told) >= before + TIMES)
+            await until(lambda: len(flying.submitted) >= before + TIMES)
 
     asyncio.run(go())

@@ -1,4 +1,4 @@
-"""Crowds without a token: they take nothing from those who have one."""
+"""Crowds of clients without a token take no capacity from clients with one."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ from tests.patience import until
 CROWD = 200
 
 
-async def said(address: tuple[str, int], head: str, body: bytes = b"") -> bytes:
+async def status_line(address: tuple[str, int], head: str, body: bytes = b"") -> bytes:
     """The first line of the answer to one request on a connection of its own."""
     reader, writer = await asyncio.open_connection(*address)
     try:
@@ -41,12 +41,12 @@ def bearing(service: Served, name: str = "all") -> str:
 @contextlib.asynccontextmanager
 async def crowd(address: tuple[str, int], sent: bytes) -> AsyncIterator[list[socket.socket]]:
     """Connections that have sent something and read nothing."""
-    there: list[socket.socket] = []
+    opened: list[socket.socket] = []
     loop = asyncio.get_running_loop()
     try:
         for _ in range(CROWD):
             one = socket.socket()
-            there.append(one)
+            opened.append(one)
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             one.setblocking(False)
             await loop.sock_connect(one, address)
@@ -54,26 +54,28 @@ async def crowd(address: tuple[str, int], sent: bytes) -> AsyncIterator[list[soc
                 await loop.sock_sendall(one, sent)
         for _ in range(100):  # all of it is read, and whatever waits, waits
             await asyncio.sleep(0)
-        yield there
+        yield opened
     finally:
-        for one in there:
+        for one in opened:
             one.close()
 
 
 async def all_get_through(service: Served, address: tuple[str, int], world: World) -> None:
     """What has a token, and whether the service lives."""
-    before = len(world.told)
-    assert await said(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
+    before = len(world.submitted)
+    assert await status_line(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
     look = "GET /api/v1/vehicles HTTP/1.1" + bearing(service, "look")
-    assert await said(address, look) == b"HTTP/1.1 200 OK"
+    assert await status_line(address, look) == b"HTTP/1.1 200 OK"
     hold = "POST /api/v1/vehicles/all/hold HTTP/1.1" + bearing(service)
-    assert await said(address, hold, b"{}") == b"HTTP/1.1 200 OK"
+    assert await status_line(address, hold, b"{}") == b"HTTP/1.1 200 OK"
     abort = "POST /api/v1/abort HTTP/1.1" + bearing(service, "look")
-    assert await said(address, abort) == b"HTTP/1.1 200 OK"
-    assert len(world.told) == before + 2
+    assert await status_line(address, abort) == b"HTTP/1.1 200 OK"
+    assert len(world.submitted) == before + 2
 
 
-def test_who_reads_no_page_takes_no_place_from_others(flying: World, tmp_path: Path) -> None:
+def test_a_client_that_reads_no_page_takes_no_place_from_others(
+    flying: World, tmp_path: Path
+) -> None:
     page = tmp_path / "dist"
     page.mkdir()
     (page / "index.html").write_text("x" * 4_000_000)
@@ -89,22 +91,22 @@ def test_who_reads_no_page_takes_no_place_from_others(flying: World, tmp_path: P
     asyncio.run(go())
 
 
-def test_idle_ones_half_headers_and_slow_bodies_hold_up_nobody(flying: World) -> None:
+def test_idle_connections_half_headers_and_slow_bodies_delay_no_other_client(flying: World) -> None:
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address, contextlib.AsyncExitStack() as stack:
             host = f"Host: 127.0.0.1:{address[1]}\r\n"
             slow = f"POST /api/v1/wind HTTP/1.1\r\n{host}Content-Length: 99\r\n\r\n" + "{"
-            known = slow.replace("\r\n\r\n", bearing(service) + "\r\n\r\n")
+            authenticated = slow.replace("\r\n\r\n", bearing(service) + "\r\n\r\n")
             for sent in ("", "GET /healthz HTTP/1.1\r\nHo", slow):
                 await stack.enter_async_context(crowd(address, sent.encode()))
             await all_get_through(service, address, flying)
             # With slow bodies of a valid token as well, an abort does.
-            await stack.enter_async_context(crowd(address, known.encode()))
+            await stack.enter_async_context(crowd(address, authenticated.encode()))
             abort = "POST /api/v1/abort HTTP/1.1" + bearing(service, "look")
-            assert await said(address, abort) == b"HTTP/1.1 200 OK"
-            assert isinstance(flying.told[-1], Aborted)
-            assert await said(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
+            assert await status_line(address, abort) == b"HTTP/1.1 200 OK"
+            assert isinstance(flying.submitted[-1], Aborted)
+            assert await status_line(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
 
     asyncio.run(go())
 
@@ -116,7 +118,7 @@ def test_without_a_file_left_the_oldest_stranger_goes(
 
     async def go() -> None:
         service = served(flying)
-        async with listened_to(service) as address, crowd(address, b"") as there:
+        async with listened_to(service) as address, crowd(address, b"") as opened:
             loop = asyncio.get_running_loop()
             accept, failures = loop.sock_accept, [0]
 
@@ -128,16 +130,16 @@ def test_without_a_file_left_the_oldest_stranger_goes(
 
             monkeypatch.setattr(loop, "sock_accept", accept_or_fail)
             for _ in range(2):  # the first was accepted by the call that waited
-                assert await said(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
+                assert await status_line(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
             assert failures[0] == 3
-            assert sum(_is_cut(one) for one in there) >= 3
+            assert sum(_is_cut(one) for one in opened) >= 3
 
     asyncio.run(go())
 
 
-def _is_cut(there: socket.socket) -> bool:
+def _is_cut(opened: socket.socket) -> bool:
     try:
-        return there.recv(1) == b""
+        return opened.recv(1) == b""
     except BlockingIOError:
         return False
     except ConnectionError:
@@ -155,8 +157,8 @@ def test_during_a_handshake_too_the_oldest_goes(
 
     async def go() -> None:
         service = served(flying)
-        async with listened_to(service, tls_of(section)) as address, crowd(address, b"") as there:
-            await until(lambda: sum(_is_cut(one) for one in there) >= CROWD - 20)
+        async with listened_to(service, tls_of(section)) as address, crowd(address, b"") as opened:
+            await until(lambda: sum(_is_cut(one) for one in opened) >= CROWD - 20)
 
     asyncio.run(go())
 
@@ -187,7 +189,7 @@ def test_of_too_many_the_oldest_of_the_busiest_address_goes(
         come("1.1.1.1", f"more{number}")
     assert "quiet" not in cut
     came = 6 + 2 + 9
-    assert came - len(cut) == 6  # are left, beside the proven one
+    assert came - len(cut) == 6  # are left, and the authenticated one
     all_of.cut_one()
     assert came - len(cut) == 5
 

@@ -46,13 +46,17 @@ def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyP
         http = client(service.app, headers=service.headers(), timeout=30.0)
 
         def ask(case: Any) -> None:
-            told = case.as_transport_kwargs(base_url="http://127.0.0.1:8765")
-            sent = {key: told[key] for key in ("params", "json", "cookies") if told.get(key)}
-            if "data" in told:
-                sent["content"] = told["data"]
-            headers = {name.lower(): value for name, value in told["headers"].items()}
+            arguments = case.as_transport_kwargs(base_url="http://127.0.0.1:8765")
+            sent = {
+                key: arguments[key] for key in ("params", "json", "cookies") if arguments.get(key)
+            }
+            if "data" in arguments:
+                sent["content"] = arguments["data"]
+            headers = {name.lower(): value for name, value in arguments["headers"].items()}
             headers |= service.headers()  # instead of one that it made up
-            request = http.build_request(told["method"], told["url"], **sent, headers=headers)
+            request = http.build_request(
+                arguments["method"], arguments["url"], **sent, headers=headers
+            )
             response = runner.run(http.send(request))
             case.validate_response(response, checks=CHECKS)
             answers[response.status_code] += 1

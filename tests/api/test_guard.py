@@ -1,4 +1,4 @@
-"""Who may do what, from where, how often: for every route that there is."""
+"""Roles, origins and rate limits of every route."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -70,13 +70,13 @@ def test_every_route_takes_its_role_and_no_other(
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         for call in calls(service.app):
-            nobody = await send(http, call, {})
+            without_token = await send(http, call, {})
             stranger = await send(http, call, {"authorization": "Bearer " + "x" * 43})
             if call.role == "nobody":
-                assert nobody.status_code == 200, call
+                assert without_token.status_code == 200, call
                 assert stranger.status_code == 200, call
                 continue
-            for refused in (nobody, stranger):
+            for refused in (without_token, stranger):
                 assert refused.status_code == 401, call
                 assert refused.headers["www-authenticate"] == "Bearer"
                 assert list(refused.json()) == ["error"]
@@ -96,7 +96,7 @@ def test_looking_changes_nothing_but_by_an_abort(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     generous(monkeypatch)
-    before, lines = len(flying.told), flying.context.journal_path.read_bytes().count(b"\n")
+    before, lines = len(flying.submitted), flying.context.journal_path.read_bytes().count(b"\n")
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         for call in calls(service.app):
@@ -104,13 +104,13 @@ def test_looking_changes_nothing_but_by_an_abort(
                 if call.path != f"{V1}/abort":
                     tried = Call(method, call.path, call.role, call.body)
                     await send(http, tried, service.headers("look"))
-        assert len(flying.told) == before
+        assert len(flying.submitted) == before
         assert flying.context.journal_path.read_bytes().count(b"\n") == lines
         stop = await http.post(f"{V1}/abort", headers=service.headers("look"))
         assert stop.status_code == 200
 
     asked(flying, ask)
-    assert [type(event) for event in flying.told[before:]] == [Aborted]
+    assert [type(event) for event in flying.submitted[before:]] == [Aborted]
 
 
 OTHER_SITES = [
@@ -134,7 +134,7 @@ def test_pages_of_other_sites_get_nothing(
     flying: World, headers: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     generous(monkeypatch)
-    before = len(flying.told)
+    before = len(flying.submitted)
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         for call in [*calls(service.app), Call("GET", "/", "nobody", None)]:
@@ -145,7 +145,7 @@ def test_pages_of_other_sites_get_nothing(
                 assert "access-control-allow-origin" not in answer.headers
 
     asked(flying, ask)
-    assert len(flying.told) == before
+    assert len(flying.submitted) == before
 
 
 @pytest.mark.parametrize(
@@ -203,15 +203,15 @@ def test_every_answer_has_the_headers_that_browsers_obey(flying: World) -> None:
             (f"{V1}/live", all_of),
             (f"{V1}/state", {"host": "evil.example"}),
         ]:
-            told = (await http.get(path, headers=headers)).headers
-            policy = told["content-security-policy"]
+            response = (await http.get(path, headers=headers)).headers
+            policy = response["content-security-policy"]
             assert "frame-ancestors 'none'" in policy
             assert "unsafe" not in policy
             assert "worker-src 'self' blob:" in policy
-            assert told["x-content-type-options"] == "nosniff"
-            assert told["referrer-policy"] == "no-referrer"
-            wanted = "no-store" if path.startswith("/api/") else "no-cache"
-            assert told["cache-control"] == wanted
+            assert response["x-content-type-options"] == "nosniff"
+            assert response["referrer-policy"] == "no-referrer"
+            expected = "no-store" if path.startswith("/api/") else "no-cache"
+            assert response["cache-control"] == expected
 
     asked(flying, ask)
 
@@ -253,8 +253,10 @@ def test_bodies_have_limits(flying: World) -> None:
         path, headers = f"{V1}/wind", service.headers()
         long = await http.post(path, content=parts(MAX_BODY_BYTES), headers=headers)
         assert long.status_code == 413
-        told = await http.post(path, content=b"{}", headers={**headers, "content-length": "1" * 9})
-        assert told.status_code == 413
+        response = await http.post(
+            path, content=b"{}", headers={**headers, "content-length": "1" * 9}
+        )
+        assert response.status_code == 413
         deep = await http.post(path, content=b"[" * 100_000, headers=headers)
         assert deep.status_code == 400
         bad = await http.post(path, content=b'{"speed_m_s": \xff}', headers=headers)
@@ -263,7 +265,7 @@ def test_bodies_have_limits(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_who_asks_too_often_waits_but_never_with_an_abort(flying: World) -> None:
+def test_too_many_requests_wait_but_an_abort_never_does(flying: World) -> None:
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         undo = [
             await http.post(f"{V1}/fire/undo", headers=service.headers("correct"))
@@ -312,15 +314,15 @@ def test_with_too_many_that_read_what_changes_and_health_get_through(
 
 
 @pytest.mark.parametrize("body", [b"", b"{}", b"nonsense", b"[" * 70_000, b'{"by": 7}', b"null"])
-def test_an_abort_is_taken_whatever_it_says(flying: World, body: bytes) -> None:
-    before = len(flying.told)
+def test_an_abort_is_accepted_whatever_its_content(flying: World, body: bytes) -> None:
+    before = len(flying.submitted)
 
     async def ask(service: Served, http: httpx.AsyncClient) -> None:
         stop = await http.post(f"{V1}/abort", content=body, headers=service.headers("look"))
         assert stop.json()["event"] == "Aborted"
 
     asked(flying, ask)
-    assert len(flying.told) == before + 1
+    assert len(flying.submitted) == before + 1
 
 
 def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -> None:
@@ -331,16 +333,16 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
             other = await http.post(path, json={"by": "all"}, headers=headers)
             assert other.status_code == 403
             assert (await http.post(path, json={}, headers=headers)).status_code == 200
-            assert flying.told[-1].by == "correct"
+            assert flying.submitted[-1].by == "correct"
             stop = await http.post(f"{V1}/abort", json={"by": "fly"}, headers=headers)
             assert stop.status_code == 200
-            assert flying.told[-1].by == "correct"
+            assert flying.submitted[-1].by == "correct"
 
     asyncio.run(go())
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
+def test_an_event_has_a_field_for_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
     """The role of a token that is a user's own; without names what takes the role shows it."""
     world = world_in(tmp_path, scenario_of("burn", ()))
     item = world.context.burn()["go_items"][0]  # type: ignore[index]
@@ -359,7 +361,7 @@ def test_an_event_says_whether_its_user_may_approve(tmp_path: Path, named: bool)
                 assert answer.status_code == 200
 
     asyncio.run(go())
-    assert [event.may_approve for event in world.told] == [False, named, True, True]
+    assert [event.may_approve for event in world.submitted] == [False, named, True, True]
 
 
 def test_what_takes_the_role_approve_is_the_same_for_all_interfaces() -> None:

@@ -1,4 +1,4 @@
-"""The live stream: the newest of each, in order, in bounded memory, and an end for who is gone."""
+"""The live stream: the newest of each, in order, in bounded memory, and disconnected clients."""
 
 import asyncio
 import gc
@@ -30,11 +30,11 @@ class Reader:
     """A client of a stream, without a network: it can stop reading, and go away."""
 
     def __init__(self, service: Served, since: int = 0) -> None:
-        who = service.app.api.tokens.whose(service.tokens["look"])
-        assert who is not None
+        user = service.app.api.tokens.whose(service.tokens["look"])
+        assert user is not None
         tokens = service.app.api.tokens
-        self._response = LiveStream(service.app.api.streams, since, lambda: tokens.still(who))
-        self.reads, self.gone = asyncio.Event(), asyncio.Event()
+        self._response = LiveStream(service.app.api.streams, since, lambda: tokens.still(user))
+        self.reads, self.disconnected = asyncio.Event(), asyncio.Event()
         self.reads.set()
         self.batches: list[bytes] = []
         self.ended = False
@@ -44,7 +44,7 @@ class Reader:
         await self._response({"type": "http"}, self._receive, self._send)
 
     async def _receive(self) -> dict[str, str]:
-        await self.gone.wait()
+        await self.disconnected.wait()
         return {"type": "http.disconnect"}
 
     async def _send(self, message: Any) -> None:
@@ -63,7 +63,7 @@ class Reader:
 
 
 def moves(world: World, lat_deg: float) -> None:
-    """A vehicle is somewhere else."""
+    """A vehicle has moved."""
     state_view = world.context.state_view
     before = state_view.telemetry["hawk"]
     fields = {**msgspec.structs.asdict(before), "lat_deg": lat_deg}
@@ -84,11 +84,11 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
         assert numbers == sorted(numbers)
         moves(flying, 36.5)
         await reader.until(2)
-        ((event, number, told),) = events_of(reader.batches[1])
+        ((event, number, position),) = events_of(reader.batches[1])
         assert (event, number) == ("telemetry", flying.context.state_view.version)
-        assert told["lat_deg"] == 36.5
-        assert told == msgspec.to_builtins(flying.context.state_view.telemetry["hawk"])
-        reader.gone.set()
+        assert position["lat_deg"] == 36.5
+        assert position == msgspec.to_builtins(flying.context.state_view.telemetry["hawk"])
+        reader.disconnected.set()
         await reader.task
 
     asyncio.run(go())
@@ -105,16 +105,16 @@ def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World)
             await asyncio.sleep(0.0005)
         reader.reads.set()
         await until(lambda: reader.events[-1][2]["lat_deg"] == 36.099)
-        places = [told["lat_deg"] for _, _, told in reader.events[1:]]
+        places = [position["lat_deg"] for _, _, position in reader.events[1:]]
         assert len(places) <= 3  # the one that was under way, and the newest
         assert places[-1] == 36.099
-        reader.gone.set()
+        reader.disconnected.set()
         await reader.task
 
     asyncio.run(go())
 
 
-def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
+def test_a_reconnected_client_gets_what_it_missed_and_no_line_twice(flying: World) -> None:
     async def go() -> None:
         service, state_view = served(flying), flying.context.state_view
         for word in ("one", "two"):
@@ -127,18 +127,18 @@ def test_who_comes_back_gets_what_it_missed_and_no_line_twice(flying: World) -> 
         (announcements, moved) = reader.events
         assert [line["text"] for line in announcements[2]] == ["three"]
         assert moved[0] == "telemetry"
-        # A service that was started anew counts from the beginning: all is told again.
+        # A restarted service counts from the beginning: all is sent again.
         late = Reader(service, state_view.version + 1000)
         await late.until(1)
         assert len(late.events) > 6
         for each in (reader, late):
-            each.gone.set()
+            each.disconnected.set()
             await each.task
 
     asyncio.run(go())
 
 
-def test_a_silent_stream_is_heard_and_ends_with_its_token(
+def test_a_stream_without_events_sends_keepalives_and_ends_with_its_token(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live_stream, "SENT_EVERY_S", 0.02)
@@ -193,7 +193,7 @@ def test_states_are_encoded_once_for_all(flying: World, monkeypatch: pytest.Monk
         moves(flying, 36.7)
         for reader in readers:
             await reader.until(1)
-            reader.gone.set()
+            reader.disconnected.set()
             await reader.task
 
     asyncio.run(go())
@@ -211,7 +211,7 @@ def test_there_are_so_many_streams_and_no_more(flying: World) -> None:
         assert answer.status_code == 503
         assert "32 live streams" in answer.json()["error"]
         for reader in readers:
-            reader.gone.set()
+            reader.disconnected.set()
             await reader.task
         assert service.app.api.streams.count == 0
 
@@ -242,7 +242,7 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
     assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
 
 
-def test_who_does_not_read_is_cut_off_and_holds_no_memory(
+def test_a_client_that_does_not_read_is_disconnected_and_holds_no_memory(
     standing: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard, "SEND_WITHIN_S", 0.4)
@@ -277,7 +277,7 @@ def test_who_does_not_read_is_cut_off_and_holds_no_memory(
     )  # announcements of 500 lines of 5 kB, and what the transport may hold
 
 
-def test_who_is_gone_is_noticed(flying: World) -> None:
+def test_a_disconnected_client_is_noticed(flying: World) -> None:
     async def go() -> None:
         service = served(flying)
         async with listened_to(service) as address:

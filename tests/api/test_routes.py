@@ -51,7 +51,7 @@ async def got(http: httpx.AsyncClient, path: str, **params: Any) -> Any:
     return answer.json()
 
 
-async def told(http: httpx.AsyncClient, path: str, **body: Any) -> Any:
+async def posted(http: httpx.AsyncClient, path: str, **body: Any) -> Any:
     answer = await http.post(V1 + path, json=body)
     assert answer.status_code == 200, (path, answer.text)
     return answer.json()
@@ -144,14 +144,14 @@ def test_a_preview_changes_nothing_and_a_renewal_is_sent(tmp_path: Path) -> None
     before = world.context.state_view.missions["hawk"].on_board
 
     async def ask(http: httpx.AsyncClient) -> None:
-        preview = await told(http, "/vehicles/hawk/mission/preview")
+        preview = await posted(http, "/vehicles/hawk/mission/preview")
         assert (
             world.context.state_view.missions["hawk"].on_board is before
         )  # asking changes nothing
         assert preview["figures"]["min_height_agl_m"] > 100.0
         assert preview["figures"]["problems"] == []
         assert preview["figures"]["farthest_from_home_m"] > 500.0
-        await told(http, "/vehicles/hawk/mission/renew")
+        await posted(http, "/vehicles/hawk/mission/renew")
         sent = world.context.state_view.missions["hawk"].sending
         for _ in range(2000):
             if sent is not None:
@@ -172,12 +172,12 @@ def test_the_figures_shown_are_those_of_the_mission_that_waits_for_a_word(tmp_pa
     assert waits is not None
 
     async def ask(http: httpx.AsyncClient) -> None:
-        preview = await told(http, "/vehicles/hawk/mission/preview")
+        preview = await posted(http, "/vehicles/hawk/mission/preview")
         assert preview["mission_hash"] == waits.mission_hash
         assert preview["figures"]["items"] == len(waits.items) == len(preview["items"])
         assert preview["figures"]["problems"] == []
         assert preview["difference"]["added"] == len(waits.items)
-        await told(http, "/vehicles/hawk/mission/accept", hash=preview["mission_hash"])
+        await posted(http, "/vehicles/hawk/mission/accept", hash=preview["mission_hash"])
         assert (await got(http, "/vehicles/hawk/mission"))["proposed"] is None
 
     asked(world, ask)
@@ -209,7 +209,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
         assert sum(cell[2] for cell in found["cells"][:half]) == pytest.approx(
             found["importance_back"]
         )
-        # The first cell is where the vehicle is, or beside it.
+        # The first cell is that of the vehicle, or next to it.
         fix = world.context.state_view.telemetry["hawk"]
         away = np.hypot(found["cells"][0][0] - fix.lat_deg, found["cells"][0][1] - fix.lon_deg)
         assert away < 0.01
@@ -239,7 +239,7 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_pictures_are_pictures(flying: World) -> None:
+def test_images_are_images(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         frame = await got(http, "/fire/arrival.json")
         assert len(frame["corners"]) == 4
@@ -262,33 +262,33 @@ def test_pictures_are_pictures(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_what_people_say_becomes_events(tmp_path: Path) -> None:
+def test_operator_requests_become_events(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
     world.fly(3610.0)
     point = {"state": "burning", "shape": "point", "points": [list(CENTRE)]}
 
     async def ask(http: httpx.AsyncClient) -> None:
-        await told(http, "/vehicles/hawk/hold", by="Anna")
-        assert world.told[-1] == OrderGiven(
+        await posted(http, "/vehicles/hawk/hold", by="Anna")
+        assert world.submitted[-1] == OrderGiven(
             world.simulation.clock.now_us, "Anna", "http", "hawk", "hold"
         )
-        await told(http, "/vehicles/all/resume")
-        assert isinstance(world.told[-1], OrderGiven)
-        assert world.told[-1].vehicle == ""
-        await told(http, "/wind", speed_m_s=3.0, from_deg=90.0)
-        assert isinstance(world.told[-1], WindSet)
+        await posted(http, "/vehicles/all/resume")
+        assert isinstance(world.submitted[-1], OrderGiven)
+        assert world.submitted[-1].vehicle == ""
+        await posted(http, "/wind", speed_m_s=3.0, from_deg=90.0)
+        assert isinstance(world.submitted[-1], WindSet)
         assert (await got(http, "/weather"))["wind_set"]["from_deg"] == 90.0
-        corrected = await told(http, "/fire/corrections", **point)
+        corrected = await posted(http, "/fire/corrections", **point)
         assert corrected["event"] == "Corrected"
-        assert isinstance(world.told[-1], Corrected)
+        assert isinstance(world.submitted[-1], Corrected)
         assert len(await got(http, "/fire/corrections")) == 1
-        await told(http, "/fire/undo")
+        await posted(http, "/fire/undo")
         assert await got(http, "/fire/corrections") == []
         answer = await http.patch(f"{V1}/planner", json={"alpha": 1.5})
         assert answer.status_code == 200
-        assert isinstance(world.told[-1], SettingsChanged)
+        assert isinstance(world.submitted[-1], SettingsChanged)
         assert (await got(http, "/planner"))["alpha"] == 1.5
-        said = len(world.told)
+        count_before = len(world.submitted)
         for path, body, why in (
             ("/vehicles/hawk/hold", {"vehicle": "kite"}, "unknown key vehicle"),
             ("/vehicles/hawk/hold", {"do": "abort"}, "unknown key do"),
@@ -299,7 +299,7 @@ def test_what_people_say_becomes_events(tmp_path: Path) -> None:
         ):
             assert why in await refused(http, 422, "POST", path, **body)
         assert "only in a burn" in await refused(http, 409, "POST", "/burn/plan", by="Anna")
-        assert len(world.told) == said
+        assert len(world.submitted) == count_before
 
     asked(world, ask)
 
@@ -314,7 +314,7 @@ def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path)
     async def ask(http: httpx.AsyncClient) -> None:
         before = area()
         drawn = {"state": "burned", "shape": "polygon", "points": SQUARE}
-        told: list[dict[str, float]] = []
+        areas: list[dict[str, float]] = []
         for path, body in (
             ("/fire/corrections", drawn),
             ("/fire/erase", {"lat_deg": SQUARE[0][0], "lon_deg": SQUARE[0][1], "radius_m": 9.0}),
@@ -324,12 +324,12 @@ def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path)
         ):
             answer = await http.post(f"{V1}{path}", json=body)
             assert answer.status_code == 200, answer.text
-            told.append(answer.json())
-            assert told[-1]["burned_ha_before"] == pytest.approx(before)
-            assert told[-1]["burned_ha_after"] == pytest.approx(area())
+            areas.append(answer.json())
+            assert areas[-1]["burned_ha_before"] == pytest.approx(before)
+            assert areas[-1]["burned_ha_after"] == pytest.approx(area())
             before = area()
-        assert told[0]["burned_ha_after"] > told[0]["burned_ha_before"]
-        assert told[3]["burned_ha_after"] == told[0]["burned_ha_before"]
+        assert areas[0]["burned_ha_after"] > areas[0]["burned_ha_before"]
+        assert areas[3]["burned_ha_after"] == areas[0]["burned_ha_before"]
         wind = await http.post(f"{V1}/wind", json={"speed_m_s": 3.0, "from_deg": 200.0})
         assert "burned_ha_before" not in wind.json()
 
@@ -354,7 +354,7 @@ def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
         answer = await http.post(f"{V1}/fire/perimeter", json=drawn)
         assert answer.status_code == 200, answer.text
         assert len(answer.json()["accepted"]) == 1
-        correction = world.told[-1]
+        correction = world.submitted[-1]
         assert isinstance(correction, Corrected)
         assert (correction.state, correction.shape) == ("burning", "polygon")
         assert shapely.Polygon(correction.points).symmetric_difference(
@@ -366,7 +366,7 @@ def test_a_perimeter_that_others_drew_corrects_the_fire(tmp_path: Path) -> None:
         for wrong in (b"", b"\x00" * 100, packed.getvalue(), b'{"type": "Point"}'):
             bad = await http.post(f"{V1}/fire/perimeter", content=wrong)
             assert bad.status_code == 422, wrong
-        assert len(world.told) == 1
+        assert len(world.submitted) == 1
 
     asked(world, ask)
 
@@ -448,13 +448,13 @@ def test_what_cannot_be_written_down_is_not_done_but_an_abort_is(
         hold = await refused(http, 507, "POST", "/vehicles/hawk/hold")
         assert "disk full" in hold
         assert world.context.state_view.vehicles["hawk"].order == ""
-        await told(http, "/abort")
+        await posted(http, "/abort")
         assert "abort" in world.context.state_view.alarms
 
     asked(world, ask)
 
 
-def test_news_are_told_once(flying: World) -> None:
+def test_announcements_are_sent_once(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         flying.context.state_view.announce("hawk", "something")
         announcements = await got(http, "/announcements")
@@ -487,7 +487,7 @@ def test_it_is_ready_when_nothing_is_missing(flying: World) -> None:
     asked(flying, ask)
 
 
-def test_a_defect_is_told_without_its_inside(
+def test_an_internal_error_is_reported_without_details(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(flying.context, "fire", lambda: 1 / 0)
@@ -499,7 +499,7 @@ def test_a_defect_is_told_without_its_inside(
     asked(flying, ask)
 
 
-def test_a_burn_is_planned_and_approved_by_those_who_may(
+def test_a_burn_is_planned_and_approved_by_authorised_users(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
@@ -511,7 +511,7 @@ def test_a_burn_is_planned_and_approved_by_those_who_may(
         burn = await got(http, "/burn")
         assert [station["name"] for station in burn["stations"]] == stations
         for item in items:
-            await told(http, "/burn/go", item=item, station=stations[0], by="Anna")
+            await posted(http, "/burn/go", item=item, station=stations[0], by="Anna")
         assert (await got(http, "/burn"))["open_items"] == []
         assert "no item" in await refused(
             http, 422, "POST", "/burn/go", item="lunch", station=stations[0]
@@ -519,12 +519,12 @@ def test_a_burn_is_planned_and_approved_by_those_who_may(
         assert "unknown station" in await refused(
             http, 422, "POST", "/burn/go", item=items[0], station="pub"
         )
-        await told(http, "/burn/no-go", item=items[0], station=stations[0])
+        await posted(http, "/burn/no-go", item=items[0], station=stations[0])
         assert (await got(http, "/burn"))["open_items"] == [items[0]]
         assert "not in a burn" in await refused(
             http, 409, "PATCH", "/planner", alpha=1.0, station=stations[0]
         )
-        await told(http, "/abort")
+        await posted(http, "/abort")
 
     asked(world, ask)
 

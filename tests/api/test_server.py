@@ -22,7 +22,7 @@ from tests.api.worlds import ANY, World, listened_to, served, stream_of
 from tests.patience import PATIENCE_S, until
 
 
-async def said_to(address: tuple[str, int], *parts: bytes) -> bytes:
+async def response_of(address: tuple[str, int], *parts: bytes) -> bytes:
     """All that is answered until the server closes the connection."""
     reader, writer = await asyncio.open_connection(*address)
     try:
@@ -37,7 +37,7 @@ async def said_to(address: tuple[str, int], *parts: bytes) -> bytes:
         writer.close()
 
 
-def test_a_port_in_use_is_told_in_one_line() -> None:
+def test_a_port_in_use_is_reported_in_one_line() -> None:
     with bound(ANY) as taken:
         port = taken.getsockname()[1]
         with (
@@ -49,7 +49,7 @@ def test_a_port_in_use_is_told_in_one_line() -> None:
         pass
 
 
-def test_a_door_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
+def test_an_interface_makes_its_token_and_serves_until_cancelled(standing: World) -> None:
     async def go() -> None:
         with http_interface(ANY, standing.context.out) as run_interface:
             assert run_interface.address.startswith("http://127.0.0.1:")
@@ -96,7 +96,7 @@ def test_it_ends_without_waiting_for_streams_and_leaves_signals_alone(
     assert asyncio.run(go()) < PATIENCE_S
 
 
-def test_a_stream_that_nobody_reads_does_not_hold_the_end_up(
+def test_a_stream_that_is_not_read_does_not_delay_the_shutdown(
     standing: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def go() -> float:
@@ -129,7 +129,7 @@ def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
                 b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 70_000,
                 b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: -1\r\n\r\n",
             ):
-                answer = await said_to(address, data)
+                answer = await response_of(address, data)
                 assert answer.startswith(b"HTTP/1.1 400 "), data[:40]
                 assert b"nosniff" in answer
                 assert answer.endswith(b"}")
@@ -138,14 +138,14 @@ def test_what_is_no_http_is_answered_like_all_else(flying: World) -> None:
     asyncio.run(go())
 
 
-def test_who_dawdles_over_a_request_is_cut_off(
+def test_a_client_with_a_slow_request_is_disconnected(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "REQUEST_WITHIN_S", 1.0)
 
     async def go() -> None:
         async with listened_to(served(flying)) as address:
-            assert await said_to(address) == b""  # nothing sent, nothing said, closed
+            assert await response_of(address) == b""  # nothing sent, no answer, closed
             reader, writer = await asyncio.open_connection(*address)
             with contextlib.suppress(ConnectionError):
                 async with asyncio.timeout(PATIENCE_S):
@@ -157,7 +157,7 @@ def test_who_dawdles_over_a_request_is_cut_off(
                             break
             assert reader.at_eof() or writer.is_closing() or reader.exception() is not None
             writer.close()
-            # Who has asked once may do so again later.
+            # A client that sent one request may send another later.
             reader, writer = await asyncio.open_connection(*address)
             ask = f"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:{address[1]}\r\n\r\n".encode()
             for _ in range(2):
@@ -171,7 +171,7 @@ def test_who_dawdles_over_a_request_is_cut_off(
     asyncio.run(go())
 
 
-def is_gone(opened: tuple[asyncio.StreamReader, asyncio.StreamWriter]) -> bool:
+def is_disconnected(opened: tuple[asyncio.StreamReader, asyncio.StreamWriter]) -> bool:
     """Whether the server has closed a connection."""
     return opened[0].at_eof() or opened[0].exception() is not None
 
@@ -189,7 +189,7 @@ def test_of_too_many_connections_those_without_a_token_go(
                 "GET", f"{url}/api/v1/live", headers=service.headers()
             ) as reading:
                 idle = [await asyncio.open_connection(*address) for _ in range(30)]
-                await until(lambda: sum(map(bool, map(is_gone, idle))) >= 22)
+                await until(lambda: sum(map(bool, map(is_disconnected, idle))) >= 22)
                 stop = await http.post(f"{url}/api/v1/abort", headers=service.headers("look"))
                 assert stop.status_code == 200  # in reach, however many there are
                 assert reading.status_code == 200
@@ -213,21 +213,21 @@ def test_with_a_certificate_all_is_encrypted(flying: World, certificate: tuple[P
                 assert (await http.get(f"{url}/api/v1/state", headers=own)).status_code == 200
                 plain = {**service.headers(), "origin": url.replace("https", "http")}
                 assert (await http.get(f"{url}/api/v1/state", headers=plain)).status_code == 403
-            assert b"200" not in await said_to(address, b"GET /healthz HTTP/1.1\r\n\r\n")
+            assert b"200" not in await response_of(address, b"GET /healthz HTTP/1.1\r\n\r\n")
 
     asyncio.run(go())
 
 
-def test_a_certificate_that_cannot_be_used_is_told_in_one_line(
+def test_a_certificate_that_cannot_be_used_is_reported_in_one_line(
     tmp_path: Path, certificate: tuple[Path, Path]
 ) -> None:
     wrong = tmp_path / "wrong.pem"
     wrong.write_text("no certificate")
     for pair in ((wrong, wrong), (certificate[0], wrong), (certificate[0], tmp_path / "none")):
         section = HttpSection(tls_certificate=pair[0], tls_key=pair[1])
-        with pytest.raises(MissionServiceError, match="TLS with") as told:
+        with pytest.raises(MissionServiceError, match="TLS with") as error:
             tls_of(section)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(error.value)
 
 
 def test_addresses_are_written_as_browsers_read_them() -> None:

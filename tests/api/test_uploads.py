@@ -56,8 +56,8 @@ def test_a_comb_of_sixty_thousand_teeth_is_taken_thinned(tmp_path: Path) -> None
     (answer,) = sent(world, json.dumps(comb(world, 60_000)).encode())
     assert answer.status_code == 200, answer.text
     assert answer.json()["perimeter"]["properties"]["vertices"] == 60_003
-    (told,) = world.told
-    assert 500 < len(told.points) <= MAX_POINTS  # type: ignore[union-attr]
+    (event,) = world.submitted
+    assert 500 < len(event.points) <= MAX_POINTS  # type: ignore[union-attr]
 
 
 def test_none_of_it_is_read_in_the_process_that_flies(
@@ -80,7 +80,7 @@ def test_none_of_it_is_read_in_the_process_that_flies(
 def test_a_reader_that_dies_or_hangs_is_one_line(
     standing: World, monkeypatch: pytest.MonkeyPatch, does: str, words: str
 ) -> None:
-    before = len(standing.told)
+    before = len(standing.submitted)
     whole = perimeter_routes.WORKER
     monkeypatch.setattr(perimeter_routes, "WORKER", (sys.executable, "-c", does))
     if does is HANGS:
@@ -90,7 +90,7 @@ def test_a_reader_that_dies_or_hangs_is_one_line(
     assert answer.status_code == 422
     assert words in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
-    assert len(standing.told) == before
+    assert len(standing.submitted) == before
     monkeypatch.setattr(perimeter_routes, "WORKER", whole)
     monkeypatch.setattr(perimeter_routes, "WITHIN_S", 120.0)
     (answer,) = sent(standing, drawn)  # and the next is taken

@@ -31,14 +31,14 @@ ANY = HttpSection(listen="127.0.0.1:0")
 
 @dataclass
 class World:
-    """A simulation and its hub; ``told`` is what the desk made of requests."""
+    """A simulation and its run context; ``submitted`` are the events made from requests."""
 
     simulation: Simulation
     context: RunContext
-    told: list[AnyOperatorEvent] = field(default_factory=list)
+    submitted: list[AnyOperatorEvent] = field(default_factory=list)
 
     def fly(self, until_s: float) -> None:
-        """Go on until mission time has come so far, and say that there is announcements."""
+        """Go on until mission time has come so far, and signal the announcements."""
         self.simulation.run(until_s)
         self.simulation.world.advance(self.simulation.clock.now_us)
         self.context.ring()
@@ -59,10 +59,10 @@ def world_in(out: Path, scenario: Scenario) -> World:
     journal = Journal(out / "journal.jsonl", header, durable=True)
     simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
     service, clock = simulation.service, simulation.clock
-    told: list[AnyOperatorEvent] = []
+    submitted: list[AnyOperatorEvent] = []
 
-    def tell(event: AnyOperatorEvent) -> list[str]:
-        told.append(event)
+    def submit(event: AnyOperatorEvent) -> list[str]:
+        submitted.append(event)
         before = service.state_view.announcement_id
         service.submit(event, simulation.link_us)
         return [line.text for line in service.state_view.announcements_after(before)]
@@ -83,7 +83,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         accepted_in(scenario),
     )
     area = None if burn is not None else burned_ha
-    request_handler = RequestHandler(tell, service.status, lambda: clock.now_us, scope, area)
+    request_handler = RequestHandler(submit, service.status, lambda: clock.now_us, scope, area)
     settings = ServiceSection(http=HttpSection())
     context = RunContext(
         scenario,
@@ -94,7 +94,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         {},
         out / "journal.jsonl",
     )
-    return World(simulation, context, told)
+    return World(simulation, context, submitted)
 
 
 @dataclass
@@ -110,12 +110,12 @@ class Served:
 
 
 def served(world: World, named: bool = False, page: Path = Path("no page")) -> Served:
-    """``named``: each token is somebody's own."""
+    """``named``: each token belongs to one user."""
     secret = {name: new_token() for name in (*ROLES, "all")}
     roles: dict[str, frozenset[Role]] = {role: frozenset([role]) for role in ROLES}
     roles["all"] = frozenset(ROLES)
-    known = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
-    tokens = Tokens(known)
+    users = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
+    tokens = Tokens(users)
     tokens.named = named
     world.context.ring()  # a bell of its own for each event loop
     app = app_of(world.context, tokens, page)
@@ -130,7 +130,7 @@ def client(app: Application, **keywords: Any) -> httpx.AsyncClient:
 
 @dataclass(frozen=True)
 class Call:
-    """A request that is right but for who asks."""
+    """A request that is valid but for its user."""
 
     method: str
     path: str
@@ -149,8 +149,8 @@ def calls(app: Application) -> list[Call]:
         for name, value in (("name", "hawk"), ("z", "1"), ("x", "0"), ("y", "0")):
             path = path.replace(f"{{{name}}}", value)
         for method in sorted(route.methods or ()):
-            told = (route.openapi_extra or {}).get("requestBody", {}).get("content", {})
-            body = told.get("application/json", {}).get("example")
+            content = (route.openapi_extra or {}).get("requestBody", {}).get("content", {})
+            body = content.get("application/json", {}).get("example")
             found.append(Call(method, path, role_of(route), body))
     return found
 

@@ -89,7 +89,7 @@ class Bench:
             self._send(transfer.handle_timer(self.now_us))
 
     def idle(self, seconds: float) -> None:
-        """Let time pass with nobody asking anything."""
+        """Let time pass without a request."""
         end_us = self.now_us + round(seconds * SECOND)
         while self.now_us < end_us:
             self.step(None, end_us)

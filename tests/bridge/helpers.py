@@ -20,7 +20,7 @@ SECOND = 1_000_000
 
 
 def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopilot:
-    """A mock; the lines flown here have no landing, so a PX4 plane is set not to ask for one."""
+    """A mock; the lines flown by these tests have no landing, so PX4 planes need none."""
     mock = MockAutopilot(
         stack,
         LocalFrame(HOME[0], HOME[1], HOME[2]),

@@ -41,7 +41,7 @@ def dataflash(messages: Iterable[tuple[Any, ...]]) -> bytes:
     """A .bin file: a name of ``FORMATS`` and its values for each message."""
     numbers = {name: 129 + number for number, name in enumerate(FORMATS)}
     parts = [_described(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
-    parts += [_described(numbers[name], name, *told) for name, told in FORMATS.items()]
+    parts += [_described(numbers[name], name, *columns) for name, columns in FORMATS.items()]
     for name, *values in messages:
         letters = FORMATS[name][0]
         raw = [
@@ -59,8 +59,8 @@ def _struct(letters: str) -> struct.Struct:
 
 def _described(number: int, name: str, letters: str, columns: str) -> bytes:
     texts = (name.encode(), letters.encode(), columns.encode())
-    told = struct.pack("<BB4s16s64s", number, _struct(letters).size + 3, *texts)
-    return b"\xa3\x95\x80" + told
+    packed = struct.pack("<BB4s16s64s", number, _struct(letters).size + 3, *texts)
+    return b"\xa3\x95\x80" + packed
 
 
 TOPICS = {
@@ -127,15 +127,15 @@ def _record(kind: str, body: bytes) -> bytes:
 def bin_flight() -> bytes:
     """A plane takes off and flies to its second item."""
     items = [(0, 16, 36.3, -84.2, 300.0), (1, 22, 36.3, -84.2, 50.0), (2, 16, 36.31, -84.2, 90.0)]
-    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
-    told += [
+    messages: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    messages += [
         ("CMD", 1_000_000, 3, number, command, 0.0, 0.0, 0.0, 0.0, lat, lon, height, 3)
         for number, command, lat, lon, height in items
     ]
-    told += [("MODE", 1_000_100, 10, 10), ("ARM", 1_000_200, 1)]
+    messages += [("MODE", 1_000_100, 10, 10), ("ARM", 1_000_200, 1)]
     for number in range(40):
         at_us = 1_100_000 + 100_000 * number
-        told += [
+        messages += [
             ("IMU", at_us, 0.1, 0.2, 0.3),
             ("GPS", at_us, 0, 3, 100_000 + number * 100, 2445, 10, 300.0, 15.0, 90.0, -2.0, 0.0),
             ("XKF1", at_us, 0, 0.5, 14.5, -2.0, 0.0),
@@ -147,13 +147,13 @@ def bin_flight() -> bytes:
             ("RCOU", at_us, 1500, 1900 if number > 20 else 1100, 1000),
             ("BAT", at_us, 0, 12.5, 3.0, 98),
         ]
-    told += [("MISE", 1_200_000, 3, 1), ("MISE", 4_900_000, 3, 2), ("ARM", 5_300_000, 0)]
-    return dataflash(sorted(told, key=lambda each: each[1]))
+    messages += [("MISE", 1_200_000, 3, 1), ("MISE", 4_900_000, 3, 2), ("ARM", 5_300_000, 0)]
+    return dataflash(sorted(messages, key=lambda each: each[1]))
 
 
 def ulg_flight() -> bytes:
     """A PX4 plane drops something on its way."""
-    told: list[tuple[Any, ...]] = [
+    messages: list[tuple[Any, ...]] = [
         ("L", ord("6"), 1_000_000, "logging\t"),
         ("home_position", 1_000_000, 300.0),
         ("vehicle_status", 1_000_000, 4, 1, 2),
@@ -162,21 +162,21 @@ def ulg_flight() -> bytes:
     ]
     for number in range(40):
         at_us = 2_100_000 + 100_000 * number
-        told += [
+        messages += [
             ("cpuload", at_us, 0.5, 1, 2.0, 3, 4.0),
             ("vehicle_local_position", at_us, 10.0, 5.0, -1.0),
             ("vehicle_attitude", at_us, math.cos(0.5), 0.0, 0.0, math.sin(0.5)),
             ("vehicle_global_position", at_us, 36.3 + number * 1e-4, -84.2, 350.0, True),
             ("wind", at_us, 0.0, -4.0),
         ]
-    told += [
+    messages += [
         ("mission_result", 3_000_000, 7, -1, 0),
         ("mission_result", 5_000_000, 7, 0, 1),
         ("gripper", 5_500_000, 1),
         ("vehicle_global_position", 6_200_000, 0.0, 0.0, 0.0, False),
         ("vehicle_status", 6_300_000, 3, 1, 2),
     ]
-    return ulog(sorted(told, key=lambda each: each[2] if each[0] == "L" else each[1]))
+    return ulog(sorted(messages, key=lambda each: each[2] if each[0] == "L" else each[1]))
 
 
 def round_flight(
@@ -185,12 +185,12 @@ def round_flight(
     """A plane flies round a place at 400 m, 15 m/s: clockwise until it turns back. Drops two."""
     radius_m, speed_m_s, per_deg = 400.0, 15.0, 111_195.0
     items = [(0, 16, lat_deg, lon_deg, 300.0), (1, 16, lat_deg, lon_deg, 100.0)]
-    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
-    told += [
+    messages: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    messages += [
         ("CMD", 1_000_000, 4, number, command, 0.0, 0.0, 0.0, 0.0, lat, lon, height, 3)
         for number, command, lat, lon, height in items
     ]
-    told += [
+    messages += [
         ("CMD", 1_000_000, 4, 2, 183, 3.0, 1900.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3),
         ("CMD", 1_000_000, 4, 3, 16, 0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, 100.0, 3),
         ("MODE", 1_000_100, 10, 10),
@@ -206,9 +206,9 @@ def round_flight(
         lon = lon_deg + east / (per_deg * math.cos(math.radians(lat_deg)))
         height = min(100.0, 5.0 * at_s)
         velocity = (-speed_m_s * math.sin(angle) * way, speed_m_s * math.cos(angle) * way)
-        told += [
+        messages += [
             ("XKF1", at_us, 0, *velocity, 0.0, 0.0),
             ("POS", at_us, lat, lon, 300.0 + height, height, 0.0),
             ("RCOU", at_us, 1500, 1500, 1900 if at_s >= 50.0 else 1100),
         ]
-    return dataflash(sorted(told, key=lambda each: each[1]))
+    return dataflash(sorted(messages, key=lambda each: each[1]))

@@ -13,7 +13,7 @@ HOME = (36.3, -84.2, 300.0)
 
 
 def free_port() -> int:
-    """A UDP port of this machine that nobody uses now."""
+    """A UDP port of this machine that no process uses now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         port: int = sock.getsockname()[1]

@@ -115,7 +115,7 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (BOTH_PX4, bare(201, 3.0), ("refused", "param1"), "give 0, 1, 2"),
     (BOTH_PX4, at(80, 2.0), ("refused", "param1"), "give 0, 3"),
     (BOTH_PX4, bare(80, 4.0), ("refused", "param1"), "give 0, 1, 2"),
-    # Jumps to nowhere.
+    # Jumps without a valid target.
     (ALL, bare(177, 99.0), ("dangerous", "param1"), "no item has that place"),
     (ALL, bare(177, -1.0), ("dangerous", "param1"), "no item has that place"),
     (ALL, bare(177, 0.5), ("dangerous", "param1"), "no item has that place"),
@@ -130,21 +130,21 @@ def named(value: object) -> str | None:
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=named)
 
 
-@pytest.mark.parametrize(("stack", "item", "told", "words"), CASES, ids=named)
-def test_a_bad_item_is_told_once(
-    stack: Stack, item: MissionItem, told: tuple[str, str], words: str
+@pytest.mark.parametrize(("stack", "item", "expected", "words"), CASES, ids=named)
+def test_a_bad_item_is_reported_once(
+    stack: Stack, item: MissionItem, expected: tuple[str, str], words: str
 ) -> None:
     before, *after = takes(stack)
-    found = [p for p in check((before, item, *after), stack) if (p.kind, p.field) == told]
+    found = [p for p in check((before, item, *after), stack) if (p.kind, p.field) == expected]
     (problem,) = found
     assert problem.index == 1
     assert words in str(problem)
     assert str(problem).startswith(f"item 1 {problem.command}: {problem.field} ")
-    assert problem.value == getattr(item, told[1]) or math.isnan(problem.value)
+    assert problem.value == getattr(item, expected[1]) or math.isnan(problem.value)
     assert "\n" not in str(problem)
 
 
-# What looks alike but is well, so that the rules do not say too much.
+# What looks alike but is well, so that the rules do not report too much.
 WELL: list[tuple[tuple[Stack, ...], MissionItem]] = [
     (ALL, at(16, param4=NAN)),
     (ALL, at(16, frame=6)),
@@ -205,7 +205,7 @@ def test_the_longest_mission_counts_the_home_that_is_sent_along(stack: Stack, mo
 
 
 @each_stack
-def test_what_comes_after_an_endless_loiter_is_told(stack: Stack) -> None:
+def test_items_after_an_endless_loiter_are_reported(stack: Stack) -> None:
     mission = (*takes(stack), at(16), bare(211, 1.0))
     assert [(p.kind, p.index) for p in check(mission, stack)] == [("dropped", 4), ("dropped", 5)]
     drops = (bare(211, 1.0), bare(206, 5.0), bare(206, 5.0))
@@ -267,15 +267,15 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
 
 
 @pytest.mark.parametrize(
-    ("stack", "fence", "told", "words"),
+    ("stack", "fence", "expected", "words"),
     [(stack, *rule) for stacks, *rule in FENCES for stack in stacks],
     ids=named,
 )
-def test_a_bad_fence_is_told(
-    stack: Stack, fence: Items, told: tuple[str, int | None, str], words: str
+def test_a_bad_fence_is_reported(
+    stack: Stack, fence: Items, expected: tuple[str, int | None, str], words: str
 ) -> None:
     (problem,) = check(fence, stack, FENCE)
-    assert (problem.kind, problem.index, problem.field) == told
+    assert (problem.kind, problem.index, problem.field) == expected
     assert words in str(problem)
 
 
@@ -287,7 +287,7 @@ def test_a_polygon_of_an_ardupilot_may_have_255_vertices() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stack", "points", "told"),
+    ("stack", "points", "expected"),
     [
         (PLANE, (at(16),), ("refused", "command")),
         (PX4, (at(16),), ("refused", "command")),
@@ -298,9 +298,11 @@ def test_a_polygon_of_an_ardupilot_may_have_255_vertices() -> None:
     ],
     ids=named,
 )
-def test_bad_rally_points_are_told(stack: Stack, points: Items, told: tuple[str, str]) -> None:
+def test_bad_rally_points_are_reported(
+    stack: Stack, points: Items, expected: tuple[str, str]
+) -> None:
     (problem,) = check(points, stack, RALLY)
-    assert (problem.kind, problem.field) == told
+    assert (problem.kind, problem.field) == expected
 
 
 ADAPTED: list[tuple[tuple[Stack, ...], MissionItem, MissionItem]] = [
@@ -313,7 +315,7 @@ ADAPTED: list[tuple[tuple[Stack, ...], MissionItem, MissionItem]] = [
     (BOTH_PX4, bare(211, 1.0, frame=3), bare(211, 1.0)),
     (BOTH_PX4, at(189), bare(189)),
     (BOTH_PX4, at(80, 3.0), at(201, 3.0)),
-    # Nothing equivalent, or nobody knows which: left for check() to tell.
+    # Without an equivalent, or ambiguous: left for check() to report.
     (BOTH_PX4, at(16, frame=10), at(16, frame=10)),
     (BOTH_PX4, bare(183, 9.0, 1900.0), bare(183, 9.0, 1900.0)),
     (BOTH_PX4, at(179, 0.0), at(179, 0.0)),

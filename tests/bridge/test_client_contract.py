@@ -101,50 +101,50 @@ def read_back(items: Items, name: str) -> Items:
 async def flies_and_is_sent_elsewhere(backend: str, name: str) -> None:
     port = free_port()
     with mock_process(port, name, speedup=SPEEDUP):
-        async with station(backend, port) as here:
-            vehicle = here.vehicle
+        async with station(backend, port) as client:
+            vehicle = client.vehicle
             with pytest.raises(BridgeError, match="no autopilot is connected"):
                 vehicle.command("start mission", clock_us())
             with pytest.raises(BridgeError, match="no vehicle command"):
                 vehicle.command("loop", clock_us())
-            connected = await here.next(events.Connected)
+            connected = await client.next(events.Connected)
             assert (connected.stack.name, connected.stack.vehicle) == (name, "plane")
             first, second = short_mission(), short_mission(legs=5)
-            assert (await here.transfer(vehicle.upload(first, clock_us()))).reason == "accepted"
-            read = await here.transfer(vehicle.download(clock_us()))
+            assert (await client.transfer(vehicle.upload(first, clock_us()))).reason == "accepted"
+            read = await client.transfer(vehicle.download(clock_us()))
             assert read.items == read_back(first, name)
-            await here.command("start mission")
-            await here.at_item(2)
-            assert (await here.next(events.Position)).altitude_relative_m > 10.0
+            await client.command("start mission")
+            await client.at_item(2)
+            assert (await client.next(events.Position)).altitude_relative_m > 10.0
 
             newest = vehicle.upload(second, clock_us(), begin="keep", holds_first=True)
-            result = await here.transfer(newest)
+            result = await client.transfer(newest)
             assert (result.outcome, result.holds) == ("accepted", "the new one")
             assert result.items == second
             assert vehicle.stack == connected.stack
-            await here.in_mode(connected.stack.mission_mode)
-            await here.at_item(len(second) - 1)
-            reached = [event.seq for event in here.seen if isinstance(event, events.ItemReached)]
+            await client.in_mode(connected.stack.mission_mode)
+            await client.at_item(len(second) - 1)
+            reached = [event.seq for event in client.seen if isinstance(event, events.ItemReached)]
             assert {1, 4} <= set(reached)
             assert len(reached) == len(set(reached))
 
             refused = replace(second[1], command=34)  # DO_ORBIT is no mission item
-            result = await here.transfer(vehicle.upload((*second, refused), clock_us()))
+            result = await client.transfer(vehicle.upload((*second, refused), clock_us()))
             assert result.outcome == "rejected"
             if name == "px4" or backend == "mavsdk":  # it checks first
                 assert (result.seq, result.holds) == (7, "the old one")
-                read = await here.transfer(vehicle.download(clock_us()))
+                read = await client.transfer(vehicle.download(clock_us()))
                 assert read.items == read_back(second, name)
             if name == "ardupilot" and backend == "mavsdk":  # the list would be empty
-                result = await here.transfer(vehicle.clear(clock_us()))
+                result = await client.transfer(vehicle.clear(clock_us()))
                 assert (result.outcome, result.holds) == ("rejected", "the old one")
-            await here.command("hold")
-            await here.in_mode(connected.stack.hold_mode)
-            await here.command("return")
-            await here.in_mode(connected.stack.rtl_mode)
-            assert (await here.transfer(vehicle.clear(clock_us()))).outcome == "accepted"
-            assert (await here.transfer(vehicle.download(clock_us()))).items == ()
-    times = [event.at_us for event in here.seen]
+            await client.command("hold")
+            await client.in_mode(connected.stack.hold_mode)
+            await client.command("return")
+            await client.in_mode(connected.stack.rtl_mode)
+            assert (await client.transfer(vehicle.clear(clock_us()))).outcome == "accepted"
+            assert (await client.transfer(vehicle.download(clock_us()))).items == ()
+    times = [event.at_us for event in client.seen]
     assert times == sorted(times)
 
 
@@ -159,24 +159,26 @@ def test_two_vehicles_fly_at_once_and_are_sent_elsewhere_in_flight(backend: str)
 async def loses_its_link_and_gets_it_back(backend: str) -> None:
     port, mission = free_port(), short_mission()
     began = 0.0
-    async with station(backend, port) as here:
-        vehicle = here.vehicle
+    async with station(backend, port) as client:
+        vehicle = client.vehicle
         with mock_process(port, "px4", speedup=SPEEDUP):
-            await here.next(events.Connected)
+            await client.next(events.Connected)
             waiting = [vehicle.upload(mission[:length], clock_us()) for length in (2, 3, 4)]
-            ended = [(await here.transfer(number)).outcome for number in waiting[1:]]
+            ended = [(await client.transfer(number)).outcome for number in waiting[1:]]
             assert ended == ["superseded", "accepted"] or ended == ["accepted"] * 2
         number = vehicle.upload(mission, clock_us())
-        lost = await here.next(events.LinkLost)
+        lost = await client.next(events.LinkLost)
         assert lost.silent_us >= 3_000_000
-        result = await here.transfer(number)
+        result = await client.transfer(number)
         expected = {"native": ("failed", "not answer"), "mavsdk": ("unknown", "TIMEOUT")}
         outcome, words = expected[backend]
         assert result.outcome == outcome
         assert words in result.reason
         with mock_process(port, "px4", speedup=SPEEDUP):
-            await here.next(events.LinkRestored)
-            assert (await here.transfer(vehicle.upload(mission, clock_us()))).holds == "the new one"
+            await client.next(events.LinkRestored)
+            assert (
+                await client.transfer(vehicle.upload(mission, clock_us()))
+            ).holds == "the new one"
         vehicle.upload(mission, clock_us())
         await asyncio.sleep(0.2)
         began = time.monotonic()
@@ -184,12 +186,12 @@ async def loses_its_link_and_gets_it_back(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_lost_link_is_told_and_taken_up_again(backend: str) -> None:
+def test_a_lost_link_is_reported_and_taken_up_again(backend: str) -> None:
     run(loses_its_link_and_gets_it_back(backend))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_port_in_use_is_told(backend: str) -> None:
+def test_a_port_in_use_is_reported(backend: str) -> None:
     async def twice() -> None:
         port = free_port()
         async with station(backend, port), station(backend, port):

@@ -1,4 +1,4 @@
-"""Messages the installed dialect knows only in part; ids of plans."""
+"""Messages that the installed dialect has only in part; ids of plans."""
 
 import json
 import math
@@ -33,14 +33,14 @@ def current_message() -> Message:
 
 
 @given(ids, ids, ids)
-def test_mission_current_tells_its_three_ids(mission: int, fence: int, rally: int) -> None:
+def test_mission_current_has_its_three_ids(mission: int, fence: int, rally: int) -> None:
     found = decoded(with_extension(current_message(), mission, fence, rally))
     assert (found.mission_id, found.fence_id, found.rally_points_id) == (mission, fence, rally)
     assert (found.seq, found.total, found.mission_state, found.mission_mode) == (3, 7, 2, 1)
 
 
 @given(ids)
-def test_acknowledgement_and_count_tell_an_id(plan: int) -> None:
+def test_acknowledgement_and_count_have_an_id(plan: int) -> None:
     for message in (
         mavlink.MAVLink_mission_ack_message(255, 190, 0, 0),
         mavlink.MAVLink_mission_count_message(255, 190, 4, 1),
@@ -48,7 +48,7 @@ def test_acknowledgement_and_count_tell_an_id(plan: int) -> None:
         assert decoded(with_extension(message, plan)).opaque_id == plan
 
 
-def test_ids_that_are_not_told_are_zero() -> None:
+def test_ids_that_are_not_sent_are_zero() -> None:
     assert decoded(current_message()).mission_id == 0
     assert decoded(mavlink.MAVLink_mission_ack_message(255, 190, 0, 0)).opaque_id == 0
     old = mavlink.MAVLink_mission_ack_message(255, 190, 0, 0)
@@ -93,9 +93,9 @@ def test_the_mock_gives_the_same_id() -> None:
     for seq, item in enumerate(items):
         mock.receive_data(station.encode(item_message((1, 1), seq, item, seq == 0, 0)), 0)
     mock.handle_timer(SECOND)  # MISSION_CURRENT comes once a second
-    heard = [m for datagram in mock.data_to_send() for m in Codec(9, 9).decode(datagram)]
-    (ack,) = [m for m in heard if m.get_type() == "MISSION_ACK"]
-    current = [m for m in heard if m.get_type() == "MISSION_CURRENT"][-1]
+    received = [m for datagram in mock.data_to_send() for m in Codec(9, 9).decode(datagram)]
+    (ack,) = [m for m in received if m.get_type() == "MISSION_ACK"]
+    current = [m for m in received if m.get_type() == "MISSION_CURRENT"][-1]
     assert ack.opaque_id == current.mission_id == mission_id_of(items, PX4) != 0
 
 
@@ -107,7 +107,7 @@ def item_of_record(fields: dict[str, Any]) -> MissionItem:
 
 
 def uploads_of(path: Path) -> list[tuple[int, int | None]]:
-    """Of each upload PX4 accepted whole: the id it told, and ours of what was sent."""
+    """Of each upload PX4 accepted whole: the id it sent, and ours of what was sent."""
     found: list[tuple[int, int | None]] = []
     items: dict[int, MissionItem] = {}
     count = -1
@@ -131,18 +131,18 @@ def test_px4_itself_gave_the_same_ids(name: str) -> None:
     cases = sorted((FOLDER / name).glob("*.jsonl"))
     found = [pair for case in cases if case.stem != "second_uploader" for pair in uploads_of(case)]
     assert len(found) > 12
-    assert [told for told, _ in found] == [ours for _, ours in found]
+    assert [theirs_id for theirs_id, _ in found] == [ours for _, ours in found]
 
 
 def test_every_message_is_decoded_as_pymavlink_does() -> None:
     sender, theirs = mavlink.MAVLink(None, 7, 8), mavlink.MAVLink(None)
-    for message_id, known in mavlink.mavlink_map.items():
-        size = known.unpacker.size
-        values = known.unpacker.unpack(bytes(number % 120 + 1 for number in range(size)))
-        blank = theirs.decode(bytearray(frame_with(known, bytes(size), sender)))
+    for message_id, message_class in mavlink.mavlink_map.items():
+        size = message_class.unpacker.size
+        values = message_class.unpacker.unpack(bytes(number % 120 + 1 for number in range(size)))
+        blank = theirs.decode(bytearray(frame_with(message_class, bytes(size), sender)))
         assert blank.get_msgId() == message_id
-        for payload in (known.unpacker.pack(*values), b"\x01"):
-            frame = frame_with(known, payload, sender)
+        for payload in (message_class.unpacker.pack(*values), b"\x01"):
+            frame = frame_with(message_class, payload, sender)
             expected = theirs.decode(bytearray(frame))
             (found,) = Codec(255, 190).decode(frame)
             same = {name: getattr(expected, name) for name in expected.get_fieldnames()}
@@ -152,8 +152,8 @@ def test_every_message_is_decoded_as_pymavlink_does() -> None:
             assert found.get_msgbuf() == expected.get_msgbuf()
 
 
-def frame_with(known: Any, payload: bytes, sender: Any) -> bytes:
-    message = known.__new__(known)
-    mavlink.MAVLink_message.__init__(message, known.id, known.msgname)
-    frame: bytes = message._pack(sender, known.crc_extra, payload)
+def frame_with(message_class: Any, payload: bytes, sender: Any) -> bytes:
+    message = message_class.__new__(message_class)
+    mavlink.MAVLink_message.__init__(message, message_class.id, message_class.msgname)
+    frame: bytes = message._pack(sender, message_class.crc_extra, payload)
     return frame

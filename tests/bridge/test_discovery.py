@@ -1,4 +1,4 @@
-"""Vehicles are found on their links, kept apart, lost and heard again."""
+"""Vehicles are found on their links, kept apart, lost and received again."""
 
 import asyncio
 from typing import Any
@@ -142,7 +142,7 @@ def test_the_same_id_on_two_links_is_two_vehicles() -> None:
     assert air.of(SameSystemId) == []
 
 
-def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
+def test_the_same_id_twice_on_one_link_is_reported_and_not_mixed() -> None:
     first, second = mock_of(PX4), mock_of(PX4)
     second.flight.motion.north_m = 5_000.0
     first.handle_timer(0)
@@ -151,11 +151,11 @@ def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
     second.data_to_send()
     air = Air(a_first=[first], a_second=[second, mock_of(COPTER, system_id=2)])
     air.run_for(20.0)
-    (told,) = air.of(SameSystemId)
-    assert (told.kept, told.left_out) == ("first", "second")
-    assert "second is left out: give it another system id or a link of its own" in str(told)
+    (conflict,) = air.of(SameSystemId)
+    assert (conflict.kept, conflict.left_out) == ("first", "second")
+    assert "second is left out: give it another system id or a link of its own" in str(conflict)
     assert all(event.lat_deg == pytest.approx(36.3, abs=1e-4) for event in air.of(Position, 1))
-    assert len(air.of(Connected)) == 2  # the other one behind the second remote is heard
+    assert len(air.of(Connected)) == 2  # the other one behind the second remote is received
 
 
 def test_a_vehicle_may_come_back_from_another_address() -> None:
@@ -172,7 +172,7 @@ def test_a_vehicle_may_come_back_from_another_address() -> None:
     assert len(air.of(Connected)) == 1
 
 
-def test_each_vehicle_is_lost_and_heard_again_for_itself() -> None:
+def test_each_vehicle_is_lost_and_received_again_separately() -> None:
     air = Air(a_1=[mock_of(PX4, system_id=1)], a_2=[mock_of(PLANE, system_id=2)])
     air.run_for(5.0)
     mocks, up, _ = air.remotes["a", "2"]
@@ -200,19 +200,19 @@ def test_orders_go_to_the_vehicle_they_are_for() -> None:
 def test_one_heartbeat_a_second_for_the_whole_link() -> None:
     air = Air(a_1=[mock_of(PX4, system_id=n) for n in range(1, 6)])
     air.run_for(10.0)
-    heard: list[str] = []
-    air.remotes["a", "1"] = (MockGroup([]), Tap(heard), MemoryLink(loss=1.0))
+    names: list[str] = []
+    air.remotes["a", "1"] = (MockGroup([]), Tap(names), MemoryLink(loss=1.0))
     air.run_for(2.0)
-    assert heard.count("HEARTBEAT") == 2
+    assert names.count("HEARTBEAT") == 2
 
 
 class Tap(MemoryLink):
-    def __init__(self, heard: list[str]) -> None:
+    def __init__(self, names: list[str]) -> None:
         super().__init__(loss=1.0)
-        self._heard = heard
+        self._names = names
 
     def send(self, datagram: bytes, now_us: int) -> None:
-        self._heard += [message.get_type() for message in Codec(1, 1).decode(datagram)]
+        self._names += [message.get_type() for message in Codec(1, 1).decode(datagram)]
 
 
 def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
@@ -238,7 +238,7 @@ def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
     assert handled == [5 * SECOND, 9 * SECOND]
 
 
-def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
+def test_two_remotes_of_a_udp_link_are_distinguished() -> None:
     port = free_port()
 
     async def run() -> list[FleetEvent]:
@@ -246,32 +246,32 @@ def test_two_remotes_of_a_udp_link_are_told_apart() -> None:
         events: list[FleetEvent] = []
         mocks = [mock_of(PX4), mock_of(PX4)]
         async with (
-            Connection(f"udpin:127.0.0.1:{port}", link, clock_us, rate=1.0) as here,
+            Connection(f"udpin:127.0.0.1:{port}", link, clock_us, rate=1.0) as connection,
             Connection(f"udpout:127.0.0.1:{port}", mocks[0], clock_us),
             Connection(f"udpout:127.0.0.1:{port}", mocks[1], clock_us),
             asyncio.timeout(PATIENCE_S),
         ):
             while not any(isinstance(event, SameSystemId) for _, event in events):
-                await here.wait()
+                await connection.wait()
                 while (event := link.next_event()) is not None:
                     events.append(event)
         return events
 
-    told = [event for _, event in asyncio.run(run()) if isinstance(event, SameSystemId)]
-    assert told[0].kept != told[0].left_out
-    assert told[0].kept.startswith("127.0.0.1:")
+    reported = [event for _, event in asyncio.run(run()) if isinstance(event, SameSystemId)]
+    assert reported[0].kept != reported[0].left_out
+    assert reported[0].kept.startswith("127.0.0.1:")
 
 
 def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
     port = free_port()
-    heard: dict[int, list[str]] = {1: [], 2: []}
+    received: dict[int, list[str]] = {1: [], 2: []}
 
     class Spy(MockAutopilot):
         def receive_data(self, data: bytes, now_us: int) -> None:
             kinds = [
                 (m.get_type(), getattr(m, "target_system", 0)) for m in Codec(9, 9).decode(data)
             ]
-            heard[self.system_id] += [f"{kind} {system}" for kind, system in kinds]
+            received[self.system_id] += [f"{kind} {system}" for kind, system in kinds]
             super().receive_data(data, now_us)
 
     def spy(system_id: int) -> Spy:
@@ -280,18 +280,18 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
     async def run() -> None:
         link = SharedLink("udp")
         async with (
-            Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as here,
+            Connection(f"udpin:127.0.0.1:{port}", link, clock_us) as connection,
             Connection(f"udpout:127.0.0.1:{port}", spy(1), clock_us),
             Connection(f"udpout:127.0.0.1:{port}", spy(2), clock_us),
             asyncio.timeout(PATIENCE_S),
         ):
-            while min(len(kinds) for kinds in heard.values()) < 8:
-                await here.wait()
+            while min(len(kinds) for kinds in received.values()) < 8:
+                await connection.wait()
 
     asyncio.run(run())
     for system, other in ((1, 2), (2, 1)):
-        assert f"COMMAND_LONG {system}" in heard[system]
-        assert f"COMMAND_LONG {other}" not in heard[system]
+        assert f"COMMAND_LONG {system}" in received[system]
+        assert f"COMMAND_LONG {other}" not in received[system]
 
 
 def test_each_of_250_vehicles_has_its_own_client_and_events() -> None:

@@ -38,13 +38,13 @@ copters = pytest.mark.parametrize("stack", [PX4, ARDUPILOT], ids=lambda stack: s
 RELEASED = {"servo": 1900.0, "gripper": 0.0, "actuator": 1.0}
 
 
-class Heard(MockAutopilot):
+class RecordingMock(MockAutopilot):
     """Notes when each frame came."""
 
-    heard: list[tuple[int, Any]]
+    received: list[tuple[int, Any]]
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        self.heard += [(now_us, message) for message in Codec(1, 1).decode(data)]
+        self.received += [(now_us, message) for message in Codec(1, 1).decode(data)]
         super().receive_data(data, now_us)
 
     def releases(self, dropper: Dropper) -> list[int]:
@@ -52,7 +52,7 @@ class Heard(MockAutopilot):
         number, params = _release_of(dropper)
         return [
             at_us
-            for at_us, message in self.heard
+            for at_us, message in self.received
             if message.get_type() == "COMMAND_LONG"
             and message.command == number
             and message.param2 == pytest.approx(params[1], nan_ok=True)
@@ -65,15 +65,15 @@ def _release_of(dropper: Dropper) -> tuple[int, tuple[float, ...]]:
     return release.command, release.params
 
 
-def listening(stack: Stack) -> Heard:
+def listening(stack: Stack) -> RecordingMock:
     mock = mock_of(stack, airspeed_m_s=8.0)
-    mock.__class__ = Heard
-    assert isinstance(mock, Heard)
-    mock.heard = []
+    mock.__class__ = RecordingMock
+    assert isinstance(mock, RecordingMock)
+    mock.received = []
     return mock
 
 
-def flying(stack: Stack, **link: Any) -> tuple[Pair, Heard]:
+def flying(stack: Stack, **link: Any) -> tuple[Pair, RecordingMock]:
     """A copter on its mission, on a link of a seed."""
     mock = listening(stack)
     seed = link.pop("seed", 3)
@@ -147,7 +147,7 @@ def test_120_a_minute_keep_their_time_on_a_slow_link_with_losses(
         assert event.outcome != "refused" or event.reason == "the link is lost"
     assert sum(map(len, ids_of.values())) == len(pair.of(DropFinished)) == 60
     came = {ordered_us.index(at_us) + 1 for at_us in came_us}
-    assert ids_of["done"] <= came  # none is told as done that did not come
+    assert ids_of["done"] <= came  # none is reported as done that did not arrive
     assert came <= ids_of["done"] | ids_of["unknown"]  # nor as refused that did
     assert len(ids_of["done"]) > 36
     assert let_go(mock, dropper) == len(came_us)  # it was always set back between
@@ -188,9 +188,9 @@ def test_what_is_not_answered_is_unknown_and_never_sent_again(
     pair.up = MemoryLink(loss=1.0)
     drop(pair, dropper)
     pair.run_for(1.6)
-    (told,) = pair.of(DropFinished)
-    assert told.outcome == "unknown"
-    assert "was not acknowledged; it may have fallen" in told.reason
+    (finished,) = pair.of(DropFinished)
+    assert finished.outcome == "unknown"
+    assert "was not acknowledged; it may have fallen" in finished.reason
     pair.up = MemoryLink()
     pair.run_for(20.0)
     assert mock.releases(dropper) == []
@@ -198,7 +198,7 @@ def test_what_is_not_answered_is_unknown_and_never_sent_again(
     assert len(pair.of(DropFinished)) == 1
 
 
-def test_a_refusal_is_told_in_words_and_only_of_the_release() -> None:
+def test_a_refusal_is_reported_as_text_and_only_for_the_release() -> None:
     pair, mock = flying(ARDUPILOT)
     drop(pair, SERVO._replace(number=9))
     pair.run_for(0.1)
@@ -230,9 +230,9 @@ def test_a_drop_is_refused_at_once_while_the_dropper_is_not_set_back() -> None:
     pair.run_for(0.1)
     drop(pair, SERVO)
     pair.run_for(1.0)
-    told = pair.of(DropFinished)
-    assert [event.outcome for event in told] == ["done", "refused"]
-    assert told[1].reason == "late: the dropper was set 0.10 s ago and is not set back yet"
+    finished = pair.of(DropFinished)
+    assert [event.outcome for event in finished] == ["done", "refused"]
+    assert finished[1].reason == "late: the dropper was set 0.10 s ago and is not set back yet"
     assert len(mock.releases(SERVO)) == 1
 
 
@@ -242,8 +242,8 @@ def test_a_drop_over_a_lost_link_is_refused_at_once() -> None:
     pair.run_for(4.5)
     drop(pair, SERVO)
     pair.run_for(0.1)
-    (told,) = pair.of(DropFinished)
-    assert (told.outcome, told.reason) == ("refused", "the link is lost")
+    (finished,) = pair.of(DropFinished)
+    assert (finished.outcome, finished.reason) == ("refused", "the link is lost")
     assert mock.releases(SERVO) == []
 
 
@@ -254,9 +254,9 @@ def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> N
     place = (36.305, -84.198, 380.0) if order == "climb and hold" else ()
     pair.client.command(order, pair.now_us, *place)
     pair.run_for(3.0)
-    (told,) = pair.of(DropFinished)
-    assert told.outcome == "refused"
-    assert told.reason.endswith("took its place")
+    (finished,) = pair.of(DropFinished)
+    assert finished.outcome == "refused"
+    assert finished.reason.endswith("took its place")
     assert mock.releases(SERVO) == []
     assert pair.of(CommandFinished)[-1].accepted
 
@@ -298,8 +298,8 @@ def test_an_actuator_leaves_the_others_as_they_are() -> None:
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_it_leaves_its_mission_climbs_in_place_and_holds(stack: Stack, loss: float) -> None:
     pair, mock = flying(stack, loss=loss, delay_us=100_000)
-    here = pair.of(Position)[-1]
-    place = (here.lat_deg, here.lon_deg, 390.0)
+    position = pair.of(Position)[-1]
+    place = (position.lat_deg, position.lon_deg, 390.0)
     begun = mock.flight.motion
     at_m = (begun.north_m, begun.east_m)
     pair.client.command("climb and hold", pair.now_us, *place)
@@ -334,7 +334,7 @@ def test_it_takes_the_place_of_orders_under_way_and_is_repeated_soon(stack: Stac
 
 
 def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
-    # ArduCopter by items: it holds, takes the items, flies on. Unless told to climb meanwhile.
+    # ArduCopter by items: it holds, takes the items, flies on. Unless ordered to climb meanwhile.
     for after_s in (0.0, 0.03, 0.06, 0.1, 0.2, 0.4):
         pair, mock = flying(ARDUPILOT, delay_us=20_000)
         pair.client.upload(
@@ -383,9 +383,9 @@ def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
             pair.run_for(10.0)
             assert pair.of(CommandFinished)[-1].accepted
         pair.client.command("return", pair.now_us)
-        told = len(pair.of(Position))
+        positions_before = len(pair.of(Position))
         pair.run_for(25.0)
-        heights.append(max(at.altitude_relative_m for at in pair.of(Position)[told:]))
+        heights.append(max(at.altitude_relative_m for at in pair.of(Position)[positions_before:]))
     assert heights == pytest.approx([30.0 if stack is ARDUPILOT else 60.0, 75.0], abs=1.5)
 
 
@@ -415,57 +415,57 @@ def test_after_it_a_new_mission_is_flown_from_its_beginning(stack: Stack) -> Non
     assert pair.now_us > 25 * SECOND
 
 
-def test_px4s_gripper_tells_of_its_movements_as_the_real_one() -> None:
-    # Recorded from PX4 1.17: result and the component it is told to, for a release and a setting
+def test_px4s_gripper_reports_its_movements_like_the_real_one() -> None:
+    # Recorded from PX4 1.17: result and the component it is sent to, for a release and a setting
     # back 0.2 s later, and then a release that the link doubles.
     pair, mock = flying(PX4)
-    heard: list[tuple[int, int]] = []
-    say, number = Codec(255, 190), mavlink.MAV_CMD_DO_GRIPPER
+    received: list[tuple[int, int]] = []
+    codec, number = Codec(255, 190), mavlink.MAV_CMD_DO_GRIPPER
 
     def order(component: int, action: float) -> None:
         message = mavlink.MAVLink_command_long_message(1, 1, number, 0, 1, action, *[0.0] * 5)
         message.from_component = component
-        mock.receive_data(say.encode(message), pair.now_us)
+        mock.receive_data(codec.encode(message), pair.now_us)
         listen()
 
     def listen(seconds: float = 0.0) -> None:
         mock.handle_timer(pair.now_us + round(seconds * SECOND))
         pair.now_us += round(seconds * SECOND)
-        heard.extend(
+        received.extend(
             (message.result, message.target_component)
             for datagram in mock.data_to_send()
-            for message in say.decode(datagram)
+            for message in codec.decode(datagram)
             if message.get_type() == "COMMAND_ACK"
         )
 
     order(27, 0.0)
     listen(0.2)
     order(28, 1.0)
-    assert heard == [(5, 27), (6, 27), (5, 28)]
+    assert received == [(5, 27), (6, 27), (5, 28)]
     listen(1.2)
-    assert heard[3:] == [(0, 28)]
+    assert received[3:] == [(0, 28)]
     order(29, 0.0)
     order(29, 0.0)
     listen(1.2)
-    assert heard[4:] == [(5, 29), (1, 29), (0, 29)]
+    assert received[4:] == [(5, 29), (1, 29), (0, 29)]
     order(30, 0.0)
-    assert heard[7:] == [(0, 30)]
+    assert received[7:] == [(0, 30)]
     assert [value for _, what, _, value in mock.outputs if what == "gripper"] == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("result", [mavlink.MAV_RESULT_TEMPORARILY_REJECTED, 6])
 @pytest.mark.parametrize(("loss", "outcome"), [(0.0, "done"), (1.0, "unknown")])
-def test_what_a_gripper_says_of_doubled_and_ended_releases_is_no_refusal(
+def test_replies_of_a_gripper_to_doubled_and_ended_releases_are_no_refusals(
     result: int, loss: float, outcome: str
 ) -> None:
     pair, mock = flying(PX4, loss=loss)
     drop(pair, GRIPPER)
-    told = mavlink.MAVLink_command_ack_message(211, result, 0, 0, 255, FIRST_COMPONENT + 2)
-    pair.client.receive_data(say_as_vehicle(told), pair.now_us)
+    reply = mavlink.MAVLink_command_ack_message(211, result, 0, 0, 255, FIRST_COMPONENT + 2)
+    pair.client.receive_data(encoded_as_vehicle(reply), pair.now_us)
     pair.run_for(1.6)
     assert outcomes(pair) == [outcome]
     assert let_go(mock, GRIPPER) == (loss == 0.0)
 
 
-def say_as_vehicle(message: Any) -> bytes:
+def encoded_as_vehicle(message: Any) -> bytes:
     return Codec(1, 1).encode(message)

@@ -1,4 +1,4 @@
-"""The face of the package: its names load when used, and each says what it takes and gives."""
+"""The face of the package: its names load when used, with documented arguments and results."""
 
 import inspect
 import subprocess
@@ -27,10 +27,10 @@ def test_what_is_exported_is_documented(name: str) -> None:
     text = inspect.getdoc(exported) or ""
     assert text
     if inspect.isfunction(exported):
-        wanted = {"Args:"}
+        expected = {"Args:"}
         if inspect.signature(exported).return_annotation is not None:
-            wanted.add("Returns:")
-        assert all(section in text for section in wanted), text
+            expected.add("Returns:")
+        assert all(section in text for section in expected), text
     elif name not in ("BridgeError", "Stack", "VehicleClient"):
         arguments = [each for each in inspect.signature(exported).parameters if each != "self"]
         assert "Args:" in text

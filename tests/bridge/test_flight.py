@@ -1,4 +1,4 @@
-"""The mock flies missions; the client hears of it."""
+"""The mock flies missions; the client receives its reports."""
 
 import math
 
@@ -47,10 +47,10 @@ def test_a_mission_is_flown_in_order_and_ends_in_its_loiter(stack: Stack) -> Non
     assert len(last) == 240
     off_m = [
         math.hypot(
-            (here.lat_deg - 36.31) * 111_000.0,
-            (here.lon_deg + 84.19) * 111_320.0 * math.cos(math.radians(36.31)),
+            (position.lat_deg - 36.31) * 111_000.0,
+            (position.lon_deg + 84.19) * 111_320.0 * math.cos(math.radians(36.31)),
         )
-        for here in last[80:]
+        for position in last[80:]
     ]
     if stack.vehicle == "copter":
         assert max(off_m) < 2.0
@@ -59,7 +59,7 @@ def test_a_mission_is_flown_in_order_and_ends_in_its_loiter(stack: Stack) -> Non
         assert max(abs(distance - flown_m) for distance in off_m) < 4.0
         turned = (last[-1].heading_deg - last[-5].heading_deg + 180.0) % 360.0 - 180.0
         assert turned < 0.0  # a negative radius is flown anticlockwise
-    assert all(abs(here.altitude_amsl_m - 420.0) < 1.0 for here in last)
+    assert all(abs(position.altitude_amsl_m - 420.0) < 1.0 for position in last)
 
 
 @each_stack
@@ -93,7 +93,7 @@ def test_hold_stops_a_mission_where_it_is() -> None:
     assert pair.mock.flight.mode == "hold"
 
 
-def test_silence_is_told_within_the_timeout_and_so_is_the_return() -> None:
+def test_a_lost_link_is_reported_within_the_timeout_and_so_is_its_return() -> None:
     pair = flying(stack_named("px4", "plane"))
     pair.mock_alive = False
     pair.run_for(4.0)
@@ -115,12 +115,14 @@ def test_positions_are_true_to_the_ground() -> None:
     pair = flying(stack_named("px4", "plane"))
     pair.run_for(30.0)
     frame, motion = pair.mock.flight.frame, pair.mock.flight.motion
-    here = pair.of(Position)[-1]
-    assert here.lat_deg == pytest.approx(frame.global_position(motion)[0], abs=5e-5)
+    position = pair.of(Position)[-1]
+    assert position.lat_deg == pytest.approx(frame.global_position(motion)[0], abs=5e-5)
     # One degree of latitude at 36.3 N is 110,974 m, one of longitude 89,830 m (WGS84).
     assert frame.north_m_per_deg == pytest.approx(110_974, abs=15)
     assert frame.east_m_per_deg == pytest.approx(89_830, abs=15)
-    assert here.altitude_relative_m == pytest.approx(here.altitude_amsl_m - HOME[2], abs=0.01)
+    assert position.altitude_relative_m == pytest.approx(
+        position.altitude_amsl_m - HOME[2], abs=0.01
+    )
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
@@ -189,7 +191,7 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
             flight = pair.mock.flight
             if flight.mode == "mission":
                 # All that is still to come is of one mission. A plane that got a whole file flies
-                # on to the item it had until it is told where to begin.
+                # on to the item it had until it gets a start item.
                 whole = tuple(flight.items[hidden:])
                 assert whole in whole_ones, frames
                 assert flight.target is not None
@@ -197,9 +199,9 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
             else:
                 assert flight.mode == "hold"
         result = pair.result_of(transfer_id, within_s=60.0)
-        told = {"the old one": (old,), "the new one": (new,), "one of both": (old, new)}
+        expected = {"the old one": (old,), "the new one": (new,), "one of both": (old, new)}
         held = tuple(pair.mock.flight.items[hidden:])
-        assert result.holds not in told or held in told[result.holds], (frames, result)
+        assert result.holds not in expected or held in expected[result.holds], (frames, result)
 
 
 @pytest.mark.parametrize("vehicle", ["plane", "copter"])

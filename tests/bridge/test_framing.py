@@ -27,7 +27,7 @@ def signed(words: str) -> bytes:
 
 
 def of_another_dialect(payload: bytes) -> bytes:
-    """A frame whose message no dialect here knows, so that its checksum cannot be checked."""
+    """A frame whose message no installed dialect has, so that its checksum cannot be checked."""
     return (
         bytes((0xFD, len(payload), 0, 0, 7, 1, 1))
         + (60_999).to_bytes(3, "little")
@@ -89,7 +89,7 @@ def test_a_torn_datagram_is_completed_by_the_next() -> None:
     assert framer.feed_datagram(frame[12:] + text("and another")) == [frame, text("and another")]
 
 
-def test_a_torn_datagram_whose_rest_is_lost_holds_nothing_back() -> None:
+def test_a_torn_datagram_whose_rest_is_lost_delays_nothing() -> None:
     framer = Framer()
     torn = Codec(1, 1).encode(mavlink.MAVLink_statustext_message(6, b"x" * 50))[:20]
     assert framer.feed_datagram(torn) == []
@@ -109,7 +109,7 @@ def test_little_is_kept_of_endless_noise() -> None:
     assert len(framer._rest) <= 280
 
 
-def test_a_frame_nobody_vouches_for_hides_no_good_ones() -> None:
+def test_a_frame_that_cannot_be_checked_hides_no_good_ones() -> None:
     frames = [text("inside"), text("too")]
     claims = of_another_dialect(b"".join(frames))
     assert Framer().feed(claims + text("behind")) == [claims, *frames, text("behind")]

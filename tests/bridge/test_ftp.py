@@ -130,7 +130,7 @@ def test_a_link_cut_at_any_message_leaves_the_old_mission_or_the_new_one() -> No
         assert bench.held() == (NEW if result.outcome == "accepted" else OLD) or (
             result.outcome == "unknown" and bench.held() == NEW
         )
-        # Anybody's next opening closes the dead session and applies what is in it.
+        # The next opening by any client closes the dead session and applies what is in it.
         bench.idle(4.0)
         assert bench.ask(Packet(5, 77, ftp.OPEN_TO_READ, 20, data=b"@MISSION/mission.dat"))
         if result.outcome == "unknown":
@@ -199,7 +199,7 @@ def test_pieces_may_arrive_in_any_order(arrived: list[Packet]) -> None:
     assert bench.held() == NEW
 
 
-def test_how_an_upload_ended_tells_whether_all_was_sent() -> None:
+def test_the_result_of_an_upload_shows_whether_all_was_sent() -> None:
     for after, outcome in ((1, "failed"), (4, "failed"), (7, "failed"), (14, "unknown")):
         counter, bench = [0], holding()
         bench.up, bench.down = Cut(counter, after), Cut(counter, after)

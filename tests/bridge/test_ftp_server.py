@@ -1,4 +1,4 @@
-"""The mock has the habits of ArduPilot's MAVFTP that a client must know of."""
+"""The behaviour of ArduPilot's MAVFTP that matters to a client, in the mock."""
 
 from dataclasses import replace
 

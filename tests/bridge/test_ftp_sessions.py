@@ -104,7 +104,7 @@ def test_an_autopilot_without_ftp_is_a_failure_in_bounded_time() -> None:
     assert bench.now_us - began_us == 2 * SECOND
 
 
-def test_a_reply_to_somebody_else_or_to_another_question_ends_nothing() -> None:
+def test_a_reply_to_another_client_or_to_another_request_ends_nothing() -> None:
     bench = holding()
     upload = upload_of(wire(NEW), session=3)
     (opening,) = upload.start(bench.now_us)
@@ -138,7 +138,7 @@ def test_items_that_would_be_refused_midway_are_not_sent_at_all() -> None:
     assert bench.held() == OLD
 
 
-def test_a_list_that_changes_while_it_is_read_is_told() -> None:
+def test_a_list_that_changes_while_it_is_read_is_reported() -> None:
     bench = holding(line_of(200))
     download = download_of()
     bench.begin(download)
@@ -160,7 +160,7 @@ def test_session_ids_differ_from_one_transfer_to_the_next_and_are_never_zero() -
     assert session == 1
 
 
-def test_what_the_client_cannot_help_it_is_told_beforehand() -> None:
+def test_limits_that_the_client_cannot_change_are_reported_beforehand() -> None:
     assert leaves_old_tail(True, held_items=31, new_items=30)
     assert not leaves_old_tail(True, held_items=31, new_items=31)
     assert not leaves_old_tail(False, held_items=31, new_items=2)

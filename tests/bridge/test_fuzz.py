@@ -25,7 +25,7 @@ def test_a_stream_loses_good_frames_only_to_checksums_that_are_right_by_chance(s
     assert report.failures() == []
 
 
-def test_every_good_datagram_is_heard_at_once() -> None:
+def test_every_good_datagram_is_decoded_at_once() -> None:
     report = Report()
     datagram_part(random.Random(3), 8_000, report)
     assert report.bad == 8_000

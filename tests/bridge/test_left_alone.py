@@ -71,9 +71,9 @@ def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_fi
         run_with_failsafe(pair, after_s)
         assert pair.mock.flight.mode == "rtl", after_s
         (ended,) = pair.of(TransferFinished)
-        told = "its autopilot" in ended.result.reason
-        known_us = pair.now_us - (LONG_S - 1.3) * SECOND  # by a heartbeat
-        assert told or ended.at_us < known_us, (after_s, ended.result)
+        by_autopilot = "its autopilot" in ended.result.reason
+        detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # by a heartbeat
+        assert by_autopilot or ended.at_us < detected_us, (after_s, ended.result)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -190,7 +190,7 @@ def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_late
 
 
 def test_a_failsafe_that_keeps_the_mode_is_not_thrown_out_of_its_landing() -> None:
-    """ArduPlane lands by its mission in failsafe: the mode is the same, its heartbeat tells."""
+    """In failsafe ArduPlane lands by its mission: only the state in its heartbeat changes."""
     pair = flying(ARDUPLANE)
     pair.up = Noting(delay_us=300_000)
     pair.client.upload(line_of(12, first=2), pair.now_us, by_file=False)

@@ -1,4 +1,4 @@
-"""Logs of flights: what they tell, where they are cut off, and where they are damaged."""
+"""Logs of flights: their contents, where they are cut off, and where they are damaged."""
 
 import json
 import math
@@ -93,7 +93,7 @@ def of(entries: list[Entry], kind: type) -> list[Any]:
     return [entry.event for entry in entries if isinstance(entry.event, kind)]
 
 
-def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
+def test_a_tlog_holds_the_events_of_the_client_and_the_missions_of_both_directions(
     recorded: tuple[Path, Pair],
 ) -> None:
     path, pair = recorded
@@ -102,9 +102,9 @@ def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
     assert log.damage == []
     assert {entry.system_id for entry in entries} == {pair.mock.system_id}
     # On one link frames come at once, so its times are the client's, but for the link's number.
-    flown, told = of(entries, Position), pair.of(Position)
-    assert len(flown) == len(told) > 100
-    for mine, client in zip(flown, told, strict=True):
+    flown, reported = of(entries, Position), pair.of(Position)
+    assert len(flown) == len(reported) > 100
+    for mine, client in zip(flown, reported, strict=True):
         assert 0 <= client.at_us + BEGIN_US - mine.at_us < 4
         assert (mine.lat_deg, mine.lon_deg) == (client.lat_deg, client.lon_deg)
     (loaded,) = of(entries, MissionLoaded)
@@ -119,7 +119,7 @@ def test_a_tlog_tells_what_the_client_was_told_and_both_missions_ways(
     assert log.unix_offset_us() == 0
 
 
-def test_a_dataflash_log_tells_the_flight(tmp_path: Path) -> None:
+def test_a_dataflash_log_reproduces_the_flight(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(bin_flight())
     log = open_log(path)
@@ -152,7 +152,7 @@ def test_a_dataflash_log_tells_the_flight(tmp_path: Path) -> None:
     assert offset + 1_100_000 == (315_964_800 + 2445 * 604_800 + 100 - 18) * SECOND
 
 
-def test_a_ulog_tells_the_flight(tmp_path: Path) -> None:
+def test_a_ulog_reproduces_the_flight(tmp_path: Path) -> None:
     path = tmp_path / "flight.ulg"
     path.write_bytes(ulg_flight())
     log = open_log(path)
@@ -282,7 +282,7 @@ def entries_of(path: Path, data: bytes, reader: Callable[[Path], Log]) -> tuple[
 
 
 @pytest.mark.parametrize("piece_bytes", [1 << 19, 700])
-def test_a_log_cut_at_any_byte_tells_all_up_to_there(
+def test_a_log_cut_at_any_byte_is_read_up_to_the_cut(
     written: tuple[Path, bytes, Any], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, data, reader = written
@@ -304,7 +304,7 @@ def test_a_log_cut_at_any_byte_tells_all_up_to_there(
 
 @settings(max_examples=60)
 @given(st.data())
-def test_noise_in_a_log_costs_what_it_covers_and_is_told(
+def test_noise_in_a_log_costs_what_it_covers_and_is_reported(
     written: tuple[Path, bytes, Any], data: st.DataObject
 ) -> None:
     path, good, reader = written
@@ -317,21 +317,21 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_told(
     found, log = entries_of(path, good[:at] + noise + good[behind:], reader)
     assert found[-1] == whole[-1] or log.damage
     texts = [repr(entry) for entry in found]
-    known = {repr(entry) for entry in whole}
+    expected = {repr(entry) for entry in whole}
     # Noise may look like a message where there are no checksums (in a .tlog: a time).
-    assert sum(text not in known for text in texts) <= (4 if reader is TlogLog else 6)
+    assert sum(text not in expected for text in texts) <= (4 if reader is TlogLog else 6)
     assert len(found) >= len(whole) - 40
 
 
-def test_noise_is_told_as_damage(written: tuple[Path, bytes, Any]) -> None:
-    """Seldom it makes something look like a message that is passed over, of another dialect say."""
+def test_noise_is_reported_as_damage(written: tuple[Path, bytes, Any]) -> None:
+    """Seldom noise looks like a message that is skipped, such as one of another dialect."""
     path, good, reader = written
-    chance, told = random.Random(5), 0
+    chance, damaged = random.Random(5), 0
     for _ in range(40):
         at = chance.randrange(len(good) // 3, len(good) - 200)
         _, log = entries_of(path, good[:at] + chance.randbytes(90) + good[at:], reader)
-        told += bool(log.damage)
-    assert told >= 36
+        damaged += bool(log.damage)
+    assert damaged >= 36
 
 
 def test_noise_that_looks_like_a_subscription_ends_no_topic(tmp_path: Path) -> None:
@@ -362,7 +362,7 @@ def _stamp(reader: Any, at_us: int) -> bytes:
     return at_us.to_bytes(8, "big" if reader is TlogLog else "little")
 
 
-def test_a_log_that_begins_anew_is_read_on(written: tuple[Path, bytes, Any]) -> None:
+def test_a_log_that_begins_again_is_read_on(written: tuple[Path, bytes, Any]) -> None:
     path, good, reader = written
     if reader is not TlogLog:
         return  # theirs begin once
@@ -379,10 +379,10 @@ def test_a_log_that_begins_anew_is_read_on(written: tuple[Path, bytes, Any]) -> 
 def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> None:
     """ArduPilot does not log missions that came as files, PX4 no items at all."""
     bin_path, ulg_path = tmp_path / "file.bin", tmp_path / "file.ulg"
-    told: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
-    told += [("MISE", 1_000_000 * n, 9, n) for n in range(1, 6)]
-    told += [("MISE", 7_000_000, 6, 1), ("MISE", 8_000_000, 6, 2), ("MISE", 9_000_000, 6, 1)]
-    bin_path.write_bytes(dataflash(told))
+    messages: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
+    messages += [("MISE", 1_000_000 * n, 9, n) for n in range(1, 6)]
+    messages += [("MISE", 7_000_000, 6, 1), ("MISE", 8_000_000, 6, 2), ("MISE", 9_000_000, 6, 1)]
+    bin_path.write_bytes(dataflash(messages))
     results = [(1, 7, 3), (2, 7, 4), (3, 8, 1), (4, 8, 2), (5, 8, 1)]
     ulg_path.write_bytes(
         ulog(("mission_result", 1_000_000 * at, number, -1, seq) for at, number, seq in results)
@@ -395,15 +395,15 @@ def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> Non
         assert seqs[-2:] in ([1, 0], [2, 1])
 
 
-def test_columns_that_are_missing_are_told_and_passed_over(
+def test_columns_that_are_missing_are_reported_and_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = {**FORMATS, "POS": ("QLfff", "TimeUS,Lng,Alt,RelHomeAlt,RelOriginAlt")}
     monkeypatch.setattr(log_writers, "FORMATS", other)
     path = tmp_path / "other.bin"
-    told: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
-    told += [("POS", 1_000_000, -84.2, 300.0, 0.0, 0.0), ("MODE", 2_000_000, 10, 10)]
-    path.write_bytes(dataflash(told))
+    messages: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
+    messages += [("POS", 1_000_000, -84.2, 300.0, 0.0, 0.0), ("MODE", 2_000_000, 10, 10)]
+    path.write_bytes(dataflash(messages))
     log = open_log(path)
     assert len(of(list(log.entries()), ModeChanged)) == 1
     assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no 'Lat': left out"]
@@ -411,8 +411,8 @@ def test_columns_that_are_missing_are_told_and_passed_over(
 
 def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
     path = tmp_path / "late.bin"
-    told = [("MODE", 1_000_000, 10, 10), ("MSG", 2_000_000, "ArduPlane V4.6.2 (deadbeef)")]
-    path.write_bytes(dataflash([*told, ("ARM", 3_000_000, 1)]))
+    messages = [("MODE", 1_000_000, 10, 10), ("MSG", 2_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    path.write_bytes(dataflash([*messages, ("ARM", 3_000_000, 1)]))
     modes = of(list(open_log(path).entries()), ModeChanged)
     assert [(each.name, each.armed) for each in modes] == [
         ("", False),
@@ -421,7 +421,7 @@ def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
     ]
 
 
-def test_what_is_no_log_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_no_log_is_reported_in_one_line(tmp_path: Path) -> None:
     other = tmp_path / "notes.txt"
     other.write_text("nothing")
     empty = tmp_path / "empty.bin"
@@ -444,12 +444,12 @@ def test_several_logs_are_one_by_time(tmp_path: Path, recorded: tuple[Path, Pair
     flight = tmp_path / "flight.ulg"
     flight.write_bytes(ulg_flight())
     logs = [open_log(flight), open_log(recorded[0])]
-    told = list(merged(logs))
-    assert [each.log for each in told].count(0) == len(list(logs[0].entries()))
-    assert [each.log for each in told].count(1) == len(list(logs[1].entries()))
-    times = [each.at_us for each in told]
+    entries = list(merged(logs))
+    assert [each.log for each in entries].count(0) == len(list(logs[0].entries()))
+    assert [each.log for each in entries].count(1) == len(list(logs[1].entries()))
+    times = [each.at_us for each in entries]
     assert times == sorted(times)
-    assert {each.log for each in told[:60]} == {0, 1}  # they flew at once
+    assert {each.log for each in entries[:60]} == {0, 1}  # they flew at once
     alone = next(merged([logs[0]]))
     assert alone.at_us == alone.entry.event.at_us  # on its own clock
 
@@ -457,7 +457,7 @@ def test_several_logs_are_one_by_time(tmp_path: Path, recorded: tuple[Path, Pair
 # Real flights ---------------------------------------------------------------------------------
 
 
-real = pytest.mark.skipif(not FLIGHTS.exists(), reason="the shared flights are not here")
+real = pytest.mark.skipif(not FLIGHTS.exists(), reason="no shared flights")
 
 
 @real
@@ -465,10 +465,10 @@ real = pytest.mark.skipif(not FLIGHTS.exists(), reason="the shared flights are n
 def test_real_dataflash_logs(name: str) -> None:
     path = FLIGHTS / f"{name}.BIN"
     assert compare_dataflash(path) > 500
-    told = json.loads((FLIGHTS / f"{name}.mission.json").read_text())
+    recorded = json.loads((FLIGHTS / f"{name}.mission.json").read_text())
     loaded = of(list(open_log(path).entries()), MissionLoaded)
-    assert len(loaded) == len(told["missions"])
-    for mine, mission in zip(loaded, told["missions"], strict=True):
+    assert len(loaded) == len(recorded["missions"])
+    for mine, mission in zip(loaded, recorded["missions"], strict=True):
         expected = [(item["command"], item["x"], item["y"], item["z"]) for item in mission["items"]]
         found = [(item.command, item.x, item.y, item.z) for item in mine.items]
         assert found == [pytest.approx(item) for item in expected[1:]]

@@ -46,7 +46,7 @@ class Prompt:
         end = time.monotonic() + within_s
         while words not in self._text[self._seen :]:
             if time.monotonic() > end:
-                pytest.fail(f"MAVProxy did not say {words!r}:\n{self._text[-2000:]}")
+                pytest.fail(f"MAVProxy did not print {words!r}:\n{self._text[-2000:]}")
             time.sleep(0.02)
 
 

@@ -17,30 +17,30 @@ UPLOADS_TRIED = 5
 PROGRESS = events.MissionProgress
 
 
-async def talks_over_tcp() -> None:
+async def transfers_over_tcp() -> None:
     port, mission = free_port(), short_mission(legs=100)
-    async with station("mavsdk", port, "tcpin") as here:
+    async with station("mavsdk", port, "tcpin") as client:
         # In real time: a fast mock repeats requests so soon that a busy MAVSDK ends the transfer.
         with mock_process(port, "ardupilot", speedup=1.0, link="tcp"):
-            await here.next(events.Connected)
+            await client.next(events.Connected)
             for _ in range(UPLOADS_TRIED):
-                sent = here.vehicle.upload(mission, clock_us(), begin=2)
-                if (reason := (await here.transfer(sent)).reason) == "accepted":
+                sent = client.vehicle.upload(mission, clock_us(), begin=2)
+                if (reason := (await client.transfer(sent)).reason) == "accepted":
                     break
                 assert "INVALID_SEQUENCE" in reason  # MAVSDK's word for a request that came twice
             assert reason == "accepted"
-            numbers = [event.current_seq for event in here.seen if isinstance(event, PROGRESS)]
+            numbers = [event.current_seq for event in client.seen if isinstance(event, PROGRESS)]
             assert numbers[-1] == 2
-            read = await here.transfer(here.vehicle.download(clock_us()))
+            read = await client.transfer(client.vehicle.download(clock_us()))
             assert read.items == read_back(mission, "ardupilot")
 
 
 def test_frames_may_come_several_at_once() -> None:
-    run(talks_over_tcp())
+    run(transfers_over_tcp())
 
 
 @pytest.mark.parametrize(
-    ("name", "said", "read", "outcome", "holds"),
+    ("name", "result_name", "read", "outcome", "holds"),
     [
         ("px4", "SUCCESS", "sent", "accepted", "the new one"),
         ("px4", "TIMEOUT", "sent", "accepted", "the new one"),  # only the last answer was lost
@@ -50,11 +50,11 @@ def test_frames_may_come_several_at_once() -> None:
         ("ardupilot", "SUCCESS", "sent", "accepted", "the new one"),
         ("ardupilot", "SUCCESS", "other", "failed", "a mixture"),
         ("ardupilot", "UNSUPPORTED", "other", "rejected", "a mixture"),
-        ("ardupilot", "UNSUPPORTED", None, "rejected", "not known"),
+        ("ardupilot", "UNSUPPORTED", None, "rejected", "unknown"),
     ],
 )
-def test_what_mavsdk_says_is_judged_by_what_is_read_back(
-    name: str, said: str, read: str | None, outcome: str, holds: str
+def test_results_of_mavsdk_are_judged_by_what_is_read_back(
+    name: str, result_name: str, read: str | None, outcome: str, holds: str
 ) -> None:
     stack = stack_named(name, "plane")
     hidden = 1 if stack.item_0_is_home else 0
@@ -63,7 +63,7 @@ def test_what_mavsdk_says_is_judged_by_what_is_read_back(
     moved: tuple[MissionItem, ...] = (*sent[:-1], replace(sent[-1], x=sent[-1].x + 100))
     held = {"sent": sent, "other": moved, None: None}[read]
     shown = None if held is None else tuple(as_read_back(item, stack) for item in held)
-    result = upload_result(stack, hidden, sent, said, shown)
+    result = upload_result(stack, hidden, sent, result_name, shown)
     assert (result.outcome, result.holds) == (outcome, holds)
 
 
@@ -72,7 +72,7 @@ def test_orbits_and_speeds_are_refused_in_words() -> None:
     vehicle.command("orbit", 5, 36.0, -84.0, 500.0, 100.0)
     vehicle.command("change speed", 6, 12.0)
     for command in ("orbit", "change speed"):
-        told = vehicle.next_event()
-        assert isinstance(told, events.CommandFinished)
-        assert (told.name, told.accepted) == (command, False)
-        assert "use backend native" in told.reason
+        finished = vehicle.next_event()
+        assert isinstance(finished, events.CommandFinished)
+        assert (finished.name, finished.accepted) == (command, False)
+        assert "use backend native" in finished.reason

@@ -43,9 +43,9 @@ def kept(items: Items, stack: Stack) -> Items:
 
 def near(pair: Pair, count: int) -> Items:
     """Waypoints ahead, so near that the first are soon passed."""
-    here = pair.client.position
-    assert here is not None
-    place = (here.lat_deg, here.lon_deg)
+    position = pair.client.position
+    assert position is not None
+    place = (position.lat_deg, position.lon_deg)
     return tuple(
         waypoint(place[0] + 0.0006 * at, place[1] + 0.0008 * at, 400.0) for at in range(1, count)
     )
@@ -86,7 +86,7 @@ def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
 
 
 def test_px4_that_passes_over_the_takeoff_is_flying_the_new_mission() -> None:
-    """As seen on PX4 1.17: it told of item 1 alone, was asked for item 0 six times, and the upload
+    """As seen on PX4 1.17: it reported item 1 alone, was asked for item 0 six times, and the upload
     was reported as failed."""
     pair = flying(PX4)
     pair.up = Noting()
@@ -112,7 +112,7 @@ def test_px4_is_asked_to_begin_where_it_holds_the_very_same_mission() -> None:
 
 @pytest.mark.parametrize("loiters", [False, True], ids=["in mission", "in loiter"])
 def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bool) -> None:
-    """Seen on PX4 1.17 in LOITER: acknowledged, "Mission rejected" in its log, told as accepted."""
+    """Seen on PX4 1.17 in LOITER: acknowledged as accepted, "Mission rejected" in its log."""
     pair = flying(PX4)
     if loiters:
         pair.client.command("hold", pair.now_us)
@@ -129,9 +129,9 @@ def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bo
 
 def current(seq: int, plan_id: int = 77, state: int = 3, total: int = 9) -> Message:
     message = mavlink.MAVLink_mission_current_message(seq, total, state, 1)
-    (heard,) = CODEC.decode(CODEC.encode(message))
-    heard.mission_id = plan_id
-    return heard
+    (received,) = CODEC.decode(CODEC.encode(message))
+    received.mission_id = plan_id
+    return received
 
 
 def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> MissionActivation:
@@ -141,10 +141,10 @@ def begun(stack: Stack, seq: int = 0, before: Onboard | None = None) -> MissionA
 
 
 def acknowledged(result: int) -> Message:
-    (heard,) = CODEC.decode(
+    (received,) = CODEC.decode(
         CODEC.encode(mavlink.MAVLink_command_ack_message(224, result, 0, 0, 255, 190))
     )
-    return heard
+    return received
 
 
 def test_the_first_word_of_a_list_may_be_older_than_its_judgement() -> None:
@@ -192,7 +192,7 @@ def test_an_arduplane_that_is_seen_on_its_old_way_is_asked_again() -> None:
 def test_an_arduplane_that_went_on_from_the_first_item_is_not_thrown_back() -> None:
     job = begun(ARDUPLANE, seq=1, before=Onboard(1, None, False))
     job.start(0)
-    job.receive(current(1), 1 * SECOND)  # the old target or the new one: nobody can tell
+    job.receive(current(1), 1 * SECOND)  # the old target or the new one: it cannot be determined
     assert job.result is None
     job.receive(current(2), 1_400_000)
     assert job.result is not None

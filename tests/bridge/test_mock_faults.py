@@ -9,7 +9,7 @@ from autopilot_bridge.mock.serving import MockGroup
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Position, Rebooted, TransferFinished
 from tests.bridge.helpers import Pair, line_of, mock_of
-from tests.bridge.mock_talk import (
+from tests.bridge.mock_exchange import (
     PLANE,
     PX4,
     brief,
@@ -32,7 +32,7 @@ def test_an_item_is_refused_to_order(stack: Stack) -> None:
 
 
 @each_stack
-def test_silence_from_a_message_on_is_a_failure_the_client_tells_of(stack: Stack) -> None:
+def test_silence_from_a_message_on_is_a_failure_that_the_client_reports(stack: Stack) -> None:
     pair = Pair(mock_of(stack))
     pair.run_for(1.0)
     pair.mock.missions.faults.silent_after = 3
@@ -63,10 +63,10 @@ def test_a_reboot_ends_transfers_and_keeps_the_lists(stack: Stack) -> None:
     player = player_of(stack)
     upload(player, line_of(4))
     held = read(player)
-    player.say(count(6))
+    player.send(count(6))
     player.mock.reboot(player.now_us)
     assert brief(player.listen(2.0)) == []
-    assert brief(player.say(item(0, line_of(4)[0]))) == [("MISSION_ACK", 1)]
+    assert brief(player.send(item(0, line_of(4)[0]))) == [("MISSION_ACK", 1)]
     assert read(player) == held
     pair = Pair(mock_of(stack))
     pair.run_for(20.0)
@@ -85,14 +85,14 @@ def test_without_gps_there_are_no_positions() -> None:
     assert len(pair.of(Position)) == before
 
 
-def test_a_low_battery_is_told() -> None:
+def test_a_low_battery_is_reported() -> None:
     mock = mock_of(PX4)
     mock.battery_percent = 7
     mock.handle_timer(0)
     mock.handle_timer(1_000_000)
-    heard = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
-    told = [m.battery_remaining for m in heard if m.get_type() == "SYS_STATUS"]
-    assert told == [7]
+    received = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
+    percents = [m.battery_remaining for m in received if m.get_type() == "SYS_STATUS"]
+    assert percents == [7]
 
 
 def test_the_vehicles_of_a_fleet_share_a_link_and_keep_apart() -> None:
@@ -102,9 +102,9 @@ def test_the_vehicles_of_a_fleet_share_a_link_and_keep_apart() -> None:
         if now_us == 1_500_000:
             clients[1].upload(line_of(3), now_us)
         fleet.handle_timer(now_us)
-        said = fleet.data_to_send()
+        datagrams = fleet.data_to_send()
         for client in clients:
-            for datagram in said:
+            for datagram in datagrams:
                 client.receive_data(datagram, now_us)
             client.handle_timer(now_us)
             for datagram in client.data_to_send():

@@ -13,7 +13,7 @@ from autopilot_bridge.mock.fault_injection import GROUND, SECOND_GROUND, FaultyM
 from autopilot_bridge.mock.fault_kinds import Faults, parse_faults
 from autopilot_bridge.mock.serving import MockGroup
 from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.mock_talk import PLANE, PX4, count, each_stack, item, listing
+from tests.bridge.mock_exchange import PLANE, PX4, count, each_stack, item, listing
 
 SECOND = 1_000_000
 
@@ -46,7 +46,7 @@ def test_faults_are_read() -> None:
         *("gps-loss@1..x", "silent-after=1.5", "delay=inf", "refuse=\u0663:1"),
     ],
 )
-def test_bad_faults_are_told_in_one_line(word: str) -> None:
+def test_bad_faults_are_reported_in_one_line(word: str) -> None:
     with pytest.raises(BridgeError) as failure:
         parse_faults(["reboot@3", word])
     assert str(failure.value).startswith(f"--fault {word!r}: ")
@@ -54,17 +54,17 @@ def test_bad_faults_are_told_in_one_line(word: str) -> None:
 
 
 class Listener:
-    """A ground station that hears all and says what it is told to."""
+    """A ground station that receives all and sends the given messages."""
 
     def __init__(self, faults: Faults, stack: Any = PLANE, seed: int = 0) -> None:
         self.peer = FaultyMock(mock_of(stack), faults, seed)
         self.now_us = 0
-        self.heard: list[tuple[float, Any]] = []
+        self.received: list[tuple[float, Any]] = []
         self._codec = Codec(*GROUND)
         self._decoder = Codec(*GROUND)
         self.run(0.0)
 
-    def say(self, message: Any) -> None:
+    def send(self, message: Any) -> None:
         self.peer.receive_data(self._codec.encode(message), self.now_us)
         self._listen()
 
@@ -78,21 +78,23 @@ class Listener:
     def _listen(self) -> None:
         for datagram in self.peer.data_to_send():
             for message in self._decoder.decode(datagram):
-                self.heard.append((self.now_us / SECOND, message))
+                self.received.append((self.now_us / SECOND, message))
 
     def of(self, name: str) -> list[tuple[float, Any]]:
-        return [(at_s, m) for at_s, m in self.heard if m.get_type() == name]
+        return [(at_s, m) for at_s, m in self.received if m.get_type() == name]
 
     def upload(self, items: tuple[Any, ...]) -> None:
-        """As requests are heard; one that is not answered is asked again."""
-        self.say(count(len(items)))
+        """As requests are received; one that is not answered is asked again."""
+        self.send(count(len(items)))
         answered: set[int] = set()
         for _ in range(1000):
             self.run(self.now_us / SECOND + 0.02)
-            for at_s, message in [x for x in self.heard if x[1].get_type().startswith("MISSION_R")]:
+            for at_s, message in [
+                x for x in self.received if x[1].get_type().startswith("MISSION_R")
+            ]:
                 if message.target_system == GROUND[0] and round(at_s * SECOND) not in answered:
                     answered.add(round(at_s * SECOND))
-                    self.say(item(message.seq, items[message.seq]))
+                    self.send(item(message.seq, items[message.seq]))
             if any(m.target_system == GROUND[0] for _, m in self.of("MISSION_ACK")):
                 return
 
@@ -100,16 +102,16 @@ class Listener:
 def test_a_silence_has_a_beginning_and_an_end() -> None:
     link = Listener(Faults(silence=[(5.0, 12.0)]))
     link.run(8.0)
-    link.say(count(3))  # not heard
+    link.send(count(3))  # not received
     link.run(20.0)
-    times = [at_s for at_s, _ in link.heard]
+    times = [at_s for at_s, _ in link.received]
     assert [at_s for at_s in times if 5.0 <= at_s < 12.0] == []
     assert len([at_s for at_s in times if at_s < 5.0]) > 10
     assert len([at_s for at_s in times if at_s >= 12.0]) > 10
     assert link.of("MISSION_REQUEST") == []
 
 
-def test_without_gps_no_position_is_told_for_a_while() -> None:
+def test_without_gps_no_position_is_reported_for_a_while() -> None:
     link = Listener(Faults(gps_loss=[(4.0, 8.0)]))
     link.run(12.0)
     times = [at_s for at_s, _ in link.of("GLOBAL_POSITION_INT")]
@@ -119,7 +121,7 @@ def test_without_gps_no_position_is_told_for_a_while() -> None:
     assert len([1 for at_s, _ in link.of("HEARTBEAT") if 4.0 < at_s < 8.0]) == 4
 
 
-def test_a_reboot_begins_the_boot_clock_anew() -> None:
+def test_a_reboot_resets_the_boot_clock() -> None:
     link = Listener(Faults(reboot=[6.0]))
     link.peer.mock.flight.armed = True
     link.run(10.0)
@@ -130,7 +132,7 @@ def test_a_reboot_begins_the_boot_clock_anew() -> None:
 
 
 @each_stack
-def test_a_low_battery_is_told_and_acted_on(stack: Any) -> None:
+def test_a_low_battery_is_reported_and_acted_on(stack: Any) -> None:
     link = Listener(Faults(battery_low=[20.0]), stack)
     flight = link.peer.mock.flight
     flight.items = (line_of(4)[0], *line_of(4))
@@ -138,8 +140,8 @@ def test_a_low_battery_is_told_and_acted_on(stack: Any) -> None:
     flight.set_mode("mission", 0.0)
     link.peer.mock.intervals.set(mavlink.MAVLINK_MSG_ID_SYS_STATUS, 1e6)
     link.run(19.0)
-    told = {message.battery_remaining for _, message in link.of("SYS_STATUS")}
-    assert (flight.mode, told) == ("mission", {100})
+    percents = {message.battery_remaining for _, message in link.of("SYS_STATUS")}
+    assert (flight.mode, percents) == ("mission", {100})
     link.run(25.0)
     assert flight.mode == "rtl"
     assert link.of("SYS_STATUS")[-1][1].battery_remaining == 14
@@ -185,7 +187,7 @@ def test_a_second_station_uploads_and_downloads(stack: Any) -> None:
 def test_a_second_station_is_in_the_way_of_the_first() -> None:
     link = Listener(Faults(second_upload=[5.0]), PX4)
     link.run(4.99)
-    link.say(count(3))
+    link.send(count(3))
     link.run(5.02)
     refused = [m for _, m in link.of("MISSION_ACK") if m.target_system == SECOND_GROUND[0]]
     assert [m.type for m in refused][:1] == [1]
@@ -196,23 +198,23 @@ def test_loss_delay_and_duplication_hold_both_ways() -> None:
     doubled, delayed = Listener(Faults(duplication=1.0)), Listener(Faults(delay_s=0.4))
     for link in (plain, lossy, doubled, delayed):
         link.run(60.0)
-    assert 0.4 < len(lossy.heard) / len(plain.heard) < 0.6
-    assert len(doubled.heard) == 2 * len(plain.heard)
-    assert delayed.heard[0][0] == pytest.approx(plain.heard[0][0] + 0.4)
-    delayed.say(listing())
+    assert 0.4 < len(lossy.received) / len(plain.received) < 0.6
+    assert len(doubled.received) == 2 * len(plain.received)
+    assert delayed.received[0][0] == pytest.approx(plain.received[0][0] + 0.4)
+    delayed.send(listing())
     delayed.run(62.0)
     assert delayed.of("MISSION_COUNT")[0][0] == pytest.approx(60.82, abs=0.03)  # there and back
 
 
 def test_the_same_seed_gives_the_same_faults() -> None:
     faults = Faults(loss=0.3, jitter_s=0.5, duplication=0.2)
-    told = []
+    runs = []
     for seed in (1, 1, 2):
         link = Listener(replace(faults), seed=seed)
         link.run(30.0)
-        told.append([(at_s, m.get_type()) for at_s, m in link.heard])
-    assert told[0] == told[1]
-    assert told[0] != told[2]
+        runs.append([(at_s, m.get_type()) for at_s, m in link.received])
+    assert runs[0] == runs[1]
+    assert runs[0] != runs[2]
 
 
 def test_the_client_lives_through_all_of_it() -> None:

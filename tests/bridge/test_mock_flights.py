@@ -1,10 +1,10 @@
-"""What the mock tells of a mission that it flies."""
+"""What the mock reports of a mission that it flies."""
 
 from autopilot_bridge.items import MissionItem, takeoff
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME, line_of
-from tests.bridge.mock_talk import (
+from tests.bridge.mock_exchange import (
     COPTER,
     PLANE,
     PX4,
@@ -22,18 +22,18 @@ DROP = MissionItem(211, 2, 0, 0, 0.0, 1.0, 0.0)
 
 
 def flown(stack: Stack, seconds: float) -> tuple[Player, list[Line]]:
-    """Takeoff, a waypoint, a release, two waypoints and a loiter; what was said meanwhile."""
+    """Takeoff, a waypoint, a release, two waypoints and a loiter; the messages sent meanwhile."""
     player = player_of(stack)
     first, second, *rest = line_of(4)
     home = (first,) if stack.item_0_is_home else ()
     upload(player, (*home, takeoff(*HOME[:2], 330.0), first, DROP, second, *rest))
     mock: MockAutopilot = player.mock
-    player.say(command(400, 1.0))
+    player.send(command(400, 1.0))
     if stack.name == "px4":
-        player.say(command(176, 1.0, 4.0, 4.0))
+        player.send(command(176, 1.0, 4.0, 4.0))
     else:
-        player.say(command(176, 1.0, float(mock.stack.mission_mode)))
-    begun = player.heard
+        player.send(command(176, 1.0, float(mock.stack.mission_mode)))
+    begun = player.received
     return player, begun + player.listen(seconds)
 
 
@@ -41,17 +41,17 @@ def reached(lines: list[Line]) -> list[int]:
     return [line.fields["seq"] for line in lines if line.name == "MISSION_ITEM_REACHED"]
 
 
-def test_px4_tells_a_release_in_place_of_the_waypoint_before_it_and_tells_all_again() -> None:
-    told = reached(flown(PX4, 180.0)[1])
-    assert list(dict.fromkeys(told)) == [0, 2, 3, 4]
-    assert told.count(0) <= 11
-    assert told[-11:] == [4] * 11
+def test_px4_reports_a_release_in_place_of_the_waypoint_before_it_and_reports_all_again() -> None:
+    items = reached(flown(PX4, 180.0)[1])
+    assert list(dict.fromkeys(items)) == [0, 2, 3, 4]
+    assert items.count(0) <= 11
+    assert items[-11:] == [4] * 11
 
 
-def test_ardupilot_tells_waypoints_once_and_names_what_it_begins() -> None:
-    said = flown(PLANE, 180.0)[1]
-    assert reached(said) == [1, 2, 4, 5]
-    assert texts(said) == [
+def test_ardupilot_reports_waypoints_once_and_names_what_it_begins() -> None:
+    lines = flown(PLANE, 180.0)[1]
+    assert reached(lines) == [1, 2, 4, 5]
+    assert texts(lines) == [
         "Mission: 1 Takeoff",
         "Mission: 2 WP",
         "Mission: 3 Gripper",
@@ -64,12 +64,12 @@ def test_ardupilot_tells_waypoints_once_and_names_what_it_begins() -> None:
 
 def test_arducopter_begins_its_item_again_at_every_change() -> None:
     player, _ = flown(COPTER, 0.5)
-    said = player.say(count(4))  # cut from 7
-    assert texts(said) == ["Mission: 1 Takeoff", "Auto mission changed, restarted command"]
+    lines = player.send(count(4))  # cut from 7
+    assert texts(lines) == ["Mission: 1 Takeoff", "Auto mission changed, restarted command"]
     for seq in (0, 1):
-        said = player.say(item(seq, line_of(4, 9)[seq]))
-        assert "Auto mission changed, restarted command" in texts(said)
+        lines = player.send(item(seq, line_of(4, 9)[seq]))
+        assert "Auto mission changed, restarted command" in texts(lines)
     assert player.mock.flight.target is not None
     assert player.mock.flight.target.item.z == 409.0  # the new item, of half a mission
     player, _ = flown(PLANE, 0.5)
-    assert texts(player.say(count(4))) == []
+    assert texts(player.send(count(4))) == []

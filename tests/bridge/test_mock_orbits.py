@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ModeChanged, Position
 from tests.bridge.helpers import Pair
-from tests.bridge.mock_talk import PLANE, PX4
+from tests.bridge.mock_exchange import PLANE, PX4
 from tests.bridge.test_orders import PLACE, accepted, airborne, distances_m, turned_deg
 
 NAN = math.nan
@@ -16,8 +16,8 @@ planes = pytest.mark.parametrize("stack", [PX4, PLANE], ids=lambda stack: stack.
 
 
 def speed_m_s(pair: Pair) -> float:
-    here = pair.of(Position)[-1]
-    return math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    position = pair.of(Position)[-1]
+    return math.hypot(position.velocity_north_m_s, position.velocity_east_m_s)
 
 
 def test_arduplane_circles_wider_than_asked() -> None:
@@ -28,18 +28,18 @@ def test_arduplane_circles_wider_than_asked() -> None:
     assert turned_deg(pair, PLACE) < 0.0
 
 
-def test_a_px4_plane_orbits_where_it_is_by_its_own_radius_if_nothing_is_said() -> None:
+def test_a_px4_plane_orbits_its_own_position_by_its_own_radius_by_default() -> None:
     pair = airborne(PX4)
-    here = pair.of(Position)[-1]
+    position = pair.of(Position)[-1]
     orbit = mavlink.MAVLink_command_int_message(
         1, 1, 0, mavlink.MAV_CMD_DO_ORBIT, 0, 0, NAN, NAN, NAN, NAN, 2**31 - 1, 2**31 - 1, NAN
     )
     pair.client._send(orbit)
     pair.run_for(120.0)
-    there = (here.lat_deg, here.lon_deg)
+    there = (position.lat_deg, position.lon_deg)
     assert distances_m(pair, there)[-1] == pytest.approx(80.0, abs=8.0)  # it moved on meanwhile
     assert turned_deg(pair, there) > 0.0
-    assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(here.altitude_amsl_m, abs=5.0)
+    assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(position.altitude_amsl_m, abs=5.0)
 
 
 @planes

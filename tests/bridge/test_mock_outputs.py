@@ -11,7 +11,16 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME
-from tests.bridge.mock_talk import COPTER, HERE, PLANE, PX4, brief, each_stack, player_of, upload
+from tests.bridge.mock_exchange import (
+    COPTER,
+    PLANE,
+    PX4,
+    WAYPOINT,
+    brief,
+    each_stack,
+    player_of,
+    upload,
+)
 from tests.bridge.test_mock_physics import PX4_COPTER, Flown, M, flown
 
 UP = takeoff(*HOME[:2], 340.0)
@@ -74,7 +83,7 @@ def test_px4_switches_gripper_winch_and_actuators() -> None:
     ]
 
 
-def test_servos_are_told_on_the_wire() -> None:
+def test_servo_outputs_are_sent_over_the_link() -> None:
     flight = flown(COPTER, (UP, north(60), do(183, 10, 1234), HOVER))
     flight.steps(60.0)
     mock = flight.mock
@@ -82,8 +91,8 @@ def test_servos_are_told_on_the_wire() -> None:
     mock.handle_timer(0)
     for minute in range(80):  # beyond 2**32 microseconds
         mock.handle_timer(60_000_000 * minute)
-    heard = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
-    servos = [m for m in heard if m.get_type() == "SERVO_OUTPUT_RAW"]
+    received = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
+    servos = [m for m in received if m.get_type() == "SERVO_OUTPUT_RAW"]
     assert (servos[-1].servo9_raw, servos[-1].servo10_raw) == (0, 1234)
 
 
@@ -140,7 +149,7 @@ def test_jumps_without_a_nav_item_between_them_end() -> None:
 
 
 @copters
-def test_a_copter_stays_as_long_as_the_waypoint_says(stack: Stack) -> None:
+def test_a_copter_stays_for_the_hold_time_of_the_waypoint(stack: Stack) -> None:
     flight = flown(stack, (UP, north(100, param1=8.0), do(211, 1, 0), HOVER))
     there = [m for m in flight.steps(60.0) if abs(m.north_m - 100.0) < 5.0]
     assert 8.0 <= len(there) * 0.125 < 14.0
@@ -149,9 +158,7 @@ def test_a_copter_stays_as_long_as_the_waypoint_says(stack: Stack) -> None:
 
 @each_stack
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_loiter_time_ends_after_its_time_and_turns_as_its_sign_says(
-    stack: Stack, sign: float
-) -> None:
+def test_loiter_time_ends_after_its_time_and_turns_by_its_sign(stack: Stack, sign: float) -> None:
     place = replace(HOVER, command=19, param1=60.0, param3=sign * 100.0)
     flight = flown(stack, (UP, place, do(211, 1, 0), north(100)))
     motions = []
@@ -246,8 +253,8 @@ def test_what_the_checks_let_through_is_taken(stack: Stack) -> None:
     dos = (183, 181, 216, 112, 114) if ardupilot else (187,)
     commands = (*dos, 211, 42600, 189, 177, 178, 93)
     items = [replace(do(number, 1.0, 1.0), frame=2) for number in commands]
-    placed = [replace(HERE, command=number) for number in (19, 31, 21)]
+    placed = [replace(WAYPOINT, command=number) for number in (19, 31, 21)]
     if ardupilot:
-        placed.append(replace(HERE, command=18, param1=1.0))
-    said = upload(player, (HERE, *placed, *items, HERE))
-    assert brief(said)[-1] == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)
+        placed.append(replace(WAYPOINT, command=18, param1=1.0))
+    replies = upload(player, (WAYPOINT, *placed, *items, WAYPOINT))
+    assert brief(replies)[-1] == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)

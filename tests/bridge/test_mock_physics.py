@@ -21,7 +21,7 @@ from autopilot_bridge.mock.kinematics import (
 )
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, mock_of
-from tests.bridge.mock_talk import COPTER, PLANE, PX4, each_stack
+from tests.bridge.mock_exchange import COPTER, PLANE, PX4, each_stack
 
 PX4_COPTER = stack_named("px4", "copter")
 WEST = Wind(270.0, 6.0)
@@ -173,7 +173,7 @@ def test_ardupilot_follows_the_terrain_in_terrain_frames(stack: Stack) -> None:
 
 
 @each_stack
-def test_who_flies_into_the_ground_has_crashed_and_stays_there(stack: Stack) -> None:
+def test_a_vehicle_that_flies_into_the_ground_has_crashed_and_stays_there(stack: Stack) -> None:
     flight = flown(stack, north_then_east(400.0), terrain=hill)
     flight.steps(300.0)
     mock = flight.mock

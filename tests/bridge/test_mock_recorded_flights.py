@@ -13,11 +13,11 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import mock_of
-from tests.bridge.mock_talk import COPTER, PLANE, PX4
+from tests.bridge.mock_exchange import COPTER, PLANE, PX4
 from tests.bridge.test_mock_physics import Flown
 
 FOLDER = Path("/work/shared/data/flights")
-recorded = pytest.mark.skipif(not FOLDER.exists(), reason="recorded flights are not here")
+recorded = pytest.mark.skipif(not FOLDER.exists(), reason="no recorded flights")
 SITL_WIND = Wind(240.0, 5.0)
 
 
@@ -39,9 +39,9 @@ def item_of(fields: dict[str, Any]) -> MissionItem:
 
 
 def legs(times: dict[int, float]) -> dict[tuple[int, int], float]:
-    """Seconds from each item to the next one told."""
-    told = sorted(times)
-    return {(a, b): times[b] - times[a] for a, b in pairwise(told)}
+    """Seconds from each item to the next one reported."""
+    seqs = sorted(times)
+    return {(a, b): times[b] - times[a] for a, b in pairwise(seqs)}
 
 
 @recorded
@@ -63,12 +63,12 @@ def test_legs_take_as_long_as_recorded(
     wind: Wind,
     acceleration: float,
 ) -> None:
-    said = json.loads((FOLDER / f"{name}.mission.json").read_text())
-    items = tuple(item_of(fields) for fields in said["missions"][mission]["items"])
-    heard = messages(FOLDER / f"{name}.tlog")
-    speeds = [m.airspeed for _, m in heard if m.get_type() == "VFR_HUD" and m.airspeed > 3.0]
+    recorded_missions = json.loads((FOLDER / f"{name}.mission.json").read_text())
+    items = tuple(item_of(fields) for fields in recorded_missions["missions"][mission]["items"])
+    received = messages(FOLDER / f"{name}.tlog")
+    speeds = [m.airspeed for _, m in received if m.get_type() == "VFR_HUD" and m.airspeed > 3.0]
     reached: list[dict[int, float]] = [{}]  # of each mission
-    for at_s, message in heard:
+    for at_s, message in received:
         if message.get_type() == "MISSION_ITEM_REACHED":
             if message.seq < max(reached[-1], default=0):
                 reached.append({})
@@ -85,10 +85,10 @@ def test_legs_take_as_long_as_recorded(
         for seq in vehicle.reached:
             flown[seq] = flight.now_s
         vehicle.reached.clear()
-    wanted = {leg: s for leg, s in legs(reached[mission]).items() if leg[0] >= after}
+    expected = {leg: s for leg, s in legs(reached[mission]).items() if leg[0] >= after}
     given = legs(flown)
-    short = [leg for leg in wanted if items[leg[1]].command != 20]  # not the way home
+    short = [leg for leg in expected if items[leg[1]].command != 20]  # not the way home
     assert len(short) >= 5
     assert {leg: given[leg] for leg in short} == pytest.approx(
-        {leg: wanted[leg] for leg in short}, abs=within_s
+        {leg: expected[leg] for leg in short}, abs=within_s
     )

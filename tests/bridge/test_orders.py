@@ -1,4 +1,4 @@
-"""Orders in flight, each stack's own way; what is refused is told in words."""
+"""Orders in flight, each stack's own way; a refusal is reported as text."""
 
 import itertools
 import math
@@ -86,14 +86,14 @@ def mode(pair: Pair) -> str:
 @pytest.mark.parametrize("loss", [0.0, 0.2])
 def test_takeoff_ends_at_the_height_asked_for(stack: Stack, loss: float) -> None:
     pair = airborne(stack, loss=loss)
-    here = pair.of(Position)[-1]
-    assert here.altitude_relative_m == pytest.approx(60.0, abs=2.0)
+    position = pair.of(Position)[-1]
+    assert position.altitude_relative_m == pytest.approx(60.0, abs=2.0)
     assert pair.client.armed
 
 
 @each_stack
 @pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_a_vehicle_goes_where_it_is_told_and_stays(stack: Stack, loss: float) -> None:
+def test_a_vehicle_flies_to_the_commanded_position_and_stays(stack: Stack, loss: float) -> None:
     pair = airborne(stack, loss=loss)
     accepted(pair, pair.client.command("reposition", pair.now_us, *PLACE, 390.0))
     pair.run_for(120.0)
@@ -130,7 +130,7 @@ def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None
     assert turned_deg(pair, there) < 0.0
 
 
-def test_arducopter_says_that_it_has_no_orbit() -> None:
+def test_arducopter_reports_that_it_has_no_orbit() -> None:
     pair = standing(COPTER)
     with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
         pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
@@ -159,9 +159,9 @@ def test_a_hold_ends_a_reposition_where_the_vehicle_is(stack: Stack) -> None:
     accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
     pair.run_for(15.0)
     accepted(pair, pair.client.command("hold", pair.now_us))
-    here = pair.of(Position)[-1]
+    position = pair.of(Position)[-1]
     pair.run_for(60.0)
-    assert max(distances_m(pair, (here.lat_deg, here.lon_deg))) < 170.0
+    assert max(distances_m(pair, (position.lat_deg, position.lon_deg))) < 170.0
     assert mode(pair) == "hold"
 
 
@@ -200,8 +200,8 @@ def test_speed_is_changed_in_flight(stack: Stack) -> None:
     accepted(pair, pair.client.command("reposition", pair.now_us, 36.33, -84.2, 390.0))
     accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(30.0)
-    here = pair.of(Position)[-1]
-    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    position = pair.of(Position)[-1]
+    ground_m_s = math.hypot(position.velocity_north_m_s, position.velocity_east_m_s)
     assert ground_m_s == pytest.approx(11.0, abs=0.1)
 
 
@@ -212,14 +212,14 @@ def test_speed_is_changed_on_an_orbit(stack: Stack) -> None:
     pair.run_for(80.0)
     accepted(pair, pair.client.command("change speed", pair.now_us, 11.0))
     pair.run_for(15.0)
-    here = pair.of(Position)[-1]
-    ground_m_s = math.hypot(here.velocity_north_m_s, here.velocity_east_m_s)
+    position = pair.of(Position)[-1]
+    ground_m_s = math.hypot(position.velocity_north_m_s, position.velocity_east_m_s)
     assert ground_m_s == pytest.approx(11.0, abs=0.3)
     flown_m = 90.0 + (wider_m(stack) if stack.vehicle == "plane" else 0.0)
     assert max(abs(distance - flown_m) for distance in distances_m(pair, PLACE, last=40)) < 4.0
 
 
-def test_a_refusal_is_told_with_its_command_and_result() -> None:
+def test_a_refusal_is_reported_with_its_command_and_result() -> None:
     pair = airborne(PLANE)
     accepted(pair, pair.client.command("hold", pair.now_us))
     ended = outcome(pair, pair.client.command("change speed", pair.now_us, 20.0))
@@ -309,7 +309,7 @@ def test_modes_have_names_and_numbers() -> None:
             assert stack.mode_name(number) == name
         numbers = {stack.mode_name(number) for _, number in stack.modes}
         assert numbers <= {name for name, _ in stack.modes}
-    assert PX4.mode_name(50593792) == "hold"  # as its heartbeat tells on the ground
+    assert PX4.mode_name(50593792) == "hold"  # as its heartbeat reports on the ground
     assert PLANE.mode_name(99) == "mode 99"
 
 
@@ -339,7 +339,7 @@ def test_the_answer_to_another_station_is_not_ours(target: tuple[int, int]) -> N
 
 
 @pytest.mark.parametrize("target", [(255, 190), (0, 0)])
-def test_an_answer_to_us_or_to_nobody_ends_it(target: tuple[int, int]) -> None:
+def test_a_reply_to_us_or_without_a_target_ends_it(target: tuple[int, int]) -> None:
     sequence = begun()
     sequence.receive(ack(0, target), 1)
     assert sequence.outcome == (True, "accepted")
@@ -368,7 +368,7 @@ def test_the_reason_of_a_refusal_may_come_after_it() -> None:
     assert sequence.outcome == (False, "NAV_TAKEOFF failed: Arm: no position")
 
 
-def test_repeats_are_counted_and_a_refusal_then_is_told_with_care() -> None:
+def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> None:
     sequence = begun()
     (again,) = sequence.handle_timer(1_000_000)
     assert again.confirmation == 1

@@ -92,7 +92,7 @@ def test_fractions_are_kept_in_single_precision() -> None:
     assert pair.mock.parameters.value("TKOFF_ALT") == pytest.approx(61.7, rel=1e-6)
 
 
-def test_a_parameter_that_keeps_its_value_is_told() -> None:
+def test_a_parameter_that_keeps_its_value_is_reported() -> None:
     pair = pair_of(PLANE)
     held = pair.mock.parameters._held["TKOFF_ALT"]
 

@@ -234,7 +234,7 @@ class Vehicle:
         return [event for event in self.events if isinstance(event, kind)]
 
     def norths_m(self) -> list[float]:
-        return [round((told.lat_deg - LAT) * 111_320) for told in self.of(Position)]
+        return [round((each.lat_deg - LAT) * 111_320) for each in self.of(Position)]
 
 
 def test_a_place_that_cannot_be_reached_is_not_used() -> None:
@@ -245,8 +245,8 @@ def test_a_place_that_cannot_be_reached_is_not_used() -> None:
     )
     vehicle.fly(5.0)
     assert vehicle.norths_m() == [5 * n for n in range(1, 141)]
-    (told,) = vehicle.of(Implausible)
-    assert (told.kind, "4000 m" in str(told)) == ("jump", True)
+    (event,) = vehicle.of(Implausible)
+    assert (event.kind, "4000 m" in str(event)) == ("jump", True)
     assert not vehicle.of(AlarmEnded)
     vehicle.fly(10.0)
     assert [ended.kind for ended in vehicle.of(AlarmEnded)] == ["jump"]
@@ -267,7 +267,7 @@ def test_a_vehicle_that_stays_where_it_was_moved_to_is_there() -> None:
     assert max(vehicle.norths_m()) == 400
     vehicle.fly(9.0)
     assert max(vehicle.norths_m()) == 9600
-    assert [told.kind for told in vehicle.of(Implausible)] == ["jump", "jump"]
+    assert [event.kind for event in vehicle.of(Implausible)] == ["jump", "jump"]
     assert "used from now on" in str(vehicle.of(Implausible)[1])
 
 
@@ -307,7 +307,7 @@ def test_a_clock_that_was_set_is_used_with_an_alarm() -> None:
     vehicle.boot_us += 3600 * SECOND
     vehicle.fly(10.0)
     assert (len(vehicle.of(ClockChanged)), len(vehicle.of(Rebooted))) == (1, 0)
-    assert [told.kind for told in vehicle.of(Implausible)] == ["clock", "clock"]
+    assert [event.kind for event in vehicle.of(Implausible)] == ["clock", "clock"]
     assert vehicle.norths_m()[-1] == vehicle.north_m
 
 
@@ -315,8 +315,8 @@ def test_a_heartbeat_of_another_make_is_not_its() -> None:
     vehicle = Vehicle()
     vehicle.fly(5.0)
     vehicle.send(heartbeat(False, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA))
-    assert [told.armed for told in vehicle.of(ModeChanged)] == [True]
-    assert [told.kind for told in vehicle.of(Implausible)] == ["value"]
+    assert [event.armed for event in vehicle.of(ModeChanged)] == [True]
+    assert [event.kind for event in vehicle.of(Implausible)] == ["value"]
 
 
 # Values -------------------------------------------------------------------------------------------
@@ -326,10 +326,10 @@ ABSURD = (math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38)
 
 def filled(kind: str, value: float) -> Iterator[tuple[str, Any]]:
     """The message with this value in one float field after another."""
-    known = next(each for each in mavlink.mavlink_map.values() if each.msgname == kind)
-    for field, type_name in zip(known.fieldnames, known.fieldtypes, strict=True):
+    message_class = next(each for each in mavlink.mavlink_map.values() if each.msgname == kind)
+    for field, type_name in zip(message_class.fieldnames, message_class.fieldtypes, strict=True):
         if type_name == "float":
-            message = known(*[0 if n != "text" else b"" for n in known.fieldnames])
+            message = message_class(*[0 if n != "text" else b"" for n in message_class.fieldnames])
             setattr(message, field, value)
             yield field, message
 
@@ -351,11 +351,13 @@ def test_no_value_that_is_not_finite_becomes_an_event(kind: str, value: float) -
 
 @pytest.mark.parametrize("kind", sorted(set(BOUNDS) - {"MISSION_ITEM"}))
 def test_bounds_hold_for_whole_numbers_too(kind: str) -> None:
-    known = next(each for each in mavlink.mavlink_map.values() if each.msgname == kind)
+    message_class = next(each for each in mavlink.mavlink_map.values() if each.msgname == kind)
     for bound in BOUNDS[kind]:
         for value in (bound.least - 1, bound.most + 1):
-            lengths = zip(known.fieldnames, known.array_lengths, strict=True)
-            message = known(*[b"" if n == "text" else [0] * length or 0 for n, length in lengths])
+            lengths = zip(message_class.fieldnames, message_class.array_lengths, strict=True)
+            message = message_class(
+                *[b"" if n == "text" else [0] * length or 0 for n, length in lengths]
+            )
             setattr(message, bound.field, value)
             assert out_of_bounds(message) == f"{kind}.{bound.field} is {value:g}"
 

@@ -24,7 +24,7 @@ TRIES = 4
 
 @contextmanager
 def vehicle(name: str, kind: str = "plane", speedup: float = SPEEDUP) -> Iterator[Any]:
-    """A connection that has heard the mock's heartbeat."""
+    """A connection that has received the mock's heartbeat."""
     with closing(mavutil.mavlink_connection("udpin:127.0.0.1:0")) as connection:
         port = connection.port.getsockname()[1]
         with mock_process(port, name, kind, speedup=speedup):
@@ -32,7 +32,7 @@ def vehicle(name: str, kind: str = "plane", speedup: float = SPEEDUP) -> Iterato
             yield connection
 
 
-def heard(connection: Any, *kinds: str) -> Any:
+def received(connection: Any, *kinds: str) -> Any:
     message = connection.recv_match(type=list(kinds), blocking=True, timeout=TIMEOUT_S)
     assert message is not None, f"no {' or '.join(kinds)}"
     return message
@@ -119,15 +119,15 @@ def start(connection: Any, stack: Stack) -> None:
 
 
 def until_current(connection: Any, seq: int) -> list[int]:
-    """The items told of as current up to this one, each once."""
-    told: list[int] = []
+    """The items reported as current up to this one, each once."""
+    seqs: list[int] = []
     end = time.monotonic() + TRIES * TIMEOUT_S
-    while not told or told[-1] != seq:
-        assert time.monotonic() < end, f"item {seq} was never current, but {told} were"
-        current = heard(connection, "MISSION_CURRENT").seq
-        if not told or told[-1] != current:
-            told.append(current)
-    return told
+    while not seqs or seqs[-1] != seq:
+        assert time.monotonic() < end, f"item {seq} was never current, but {seqs} were"
+        current = received(connection, "MISSION_CURRENT").seq
+        if not seqs or seqs[-1] != current:
+            seqs.append(current)
+    return seqs
 
 
 @pytest.mark.parametrize(
@@ -147,8 +147,8 @@ def test_the_classic_waypoint_loop_uploads_downloads_flies_and_clears(
         assert stack.request_message in asked_at
         assert rows(downloaded(connection))[hidden:] == expected(mission, stack)
         start(connection, stack)
-        told = until_current(connection, len(items) - 1)
-        assert told[-3:] == [len(items) - 3, len(items) - 2, len(items) - 1]
+        seqs = until_current(connection, len(items) - 1)
+        assert seqs[-3:] == [len(items) - 3, len(items) - 2, len(items) - 1]
         connection.waypoint_set_current_send(hidden + 1)
         assert until_current(connection, hidden + 1)
         command, params, _ = stack.set_mode(stack.rtl_mode)

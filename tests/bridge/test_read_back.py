@@ -196,11 +196,11 @@ def recorded() -> list[Any]:
         for case in ABOUT_ITEMS
         if (TRANSCRIPTS / name / f"{case}.jsonl").is_file()
     ]
-    return found or [pytest.param("", "", marks=pytest.mark.skip(reason="no transcripts here"))]
+    return found or [pytest.param("", "", marks=pytest.mark.skip(reason="no transcripts"))]
 
 
 @pytest.mark.parametrize(("name", "case"), recorded())
-def test_the_check_says_what_the_autopilot_said(name: str, case: str) -> None:
+def test_the_check_and_the_autopilot_report_the_same(name: str, case: str) -> None:
     stack = NAMES[name]
     uploads = [each for each in transfers(TRANSCRIPTS / name / f"{case}.jsonl") if each.up]
     assert uploads

@@ -1,4 +1,4 @@
-"""Signed links: what is believed, what is counted, what never gets into a log."""
+"""Signed links: what is accepted, what is counted, what never gets into a log."""
 
 import asyncio
 import base64
@@ -32,7 +32,15 @@ from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import (
+    Peer,
+    clock_us,
+    free_port,
+    receive_exactly,
+    run,
+    text,
+    udp_socket,
+)
 from tests.patience import PATIENCE_S
 
 NOW_US = 1_790_000_000_000_000
@@ -69,7 +77,7 @@ def stamp_of(frame: bytes) -> int:
 # Frames ---------------------------------------------------------------------------------------
 
 
-def test_pymavlink_believes_what_we_sign_and_we_believe_it() -> None:
+def test_pymavlink_accepts_our_signatures_and_we_accept_its() -> None:
     ours = signing()
     vehicle = mavlink.MAVLink(None, 1, 1)
     vehicle.signing.secret_key, vehicle.signing.timestamp = KEY.secret, NOW
@@ -100,12 +108,12 @@ def test_every_change_of_a_signed_frame_is_noticed() -> None:
             changed = bytearray(frame)
             changed[place] ^= 1 << bit
             ours = signing()
-            believed = [f for f in frames_of(bytes(changed)) if ours.accepts(f)]
-            assert believed == [], (place, bit)
+            accepted = [f for f in frames_of(bytes(changed)) if ours.accepts(f)]
+            assert accepted == [], (place, bit)
             assert ours.accepts(frame)  # and the forgery has moved nothing
 
 
-def test_another_key_is_counted_and_not_believed() -> None:
+def test_another_key_is_counted_and_rejected() -> None:
     ours = signing()
     assert not ours.accepts(by_pymavlink("x", NOW, OTHER_KEY))
     assert ours.counts == Counts(wrong=1)
@@ -145,7 +153,7 @@ def test_a_stream_may_begin_a_minute_back_and_no_earlier() -> None:
     assert ours.counts == Counts(old=1)
 
 
-def test_a_forged_frame_from_the_future_locks_nobody_out() -> None:
+def test_a_forged_frame_from_the_future_locks_no_sender_out() -> None:
     """pymavlink stores its timestamp and then refuses every genuine frame."""
     far = NOW + 10**9
     forged = by_pymavlink("forged", far, OTHER_KEY)
@@ -189,7 +197,7 @@ def test_a_crash_costs_less_than_the_lead_receivers_allow(tmp_path: Path) -> Non
     assert Timestamps(clock, file).next() < NOW + 6 * TICKS_PER_S
 
 
-def test_a_clock_before_2015_or_a_spoilt_file_is_told(tmp_path: Path) -> None:
+def test_a_clock_before_2015_or_a_spoilt_file_is_reported(tmp_path: Path) -> None:
     file = tmp_path / "signing"
     with pytest.raises(BridgeError, match="clock stands before 2015"):
         Timestamps(lambda: EPOCH_US - 1, file)
@@ -211,7 +219,7 @@ def test_keys_come_as_digits_base64_or_passphrase() -> None:
 
 
 @pytest.mark.parametrize("bad", ["", "hex:12", "hex:xyz", "base64:!", "base64:AAAA", "0" * 64])
-def test_what_is_no_key_is_told_without_quoting_it(bad: str) -> None:
+def test_an_invalid_key_is_reported_without_quoting_it(bad: str) -> None:
     with pytest.raises(BridgeError, match="signing key: ") as raised:
         key_of(bad)
     assert len(bad) < 8 or bad not in str(raised.value)
@@ -239,21 +247,21 @@ def test_nothing_shows_a_key() -> None:
 # Connections ----------------------------------------------------------------------------------
 
 
-def test_a_connection_signs_all_and_hears_only_what_verifies(tmp_path: Path) -> None:
+def test_a_connection_signs_all_and_accepts_only_what_verifies(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
 
     async def exchange() -> list[bytes]:
-        port, ear, ours = free_port(), Ear(), signing()
+        port, peer, ours = free_port(), Peer(), signing()
         with Tlog(path, lambda: NOW_US) as tlog:
             async with Connection(
-                f"udpin:127.0.0.1:{port}", ear, clock_us, tlog=tlog, signing=ours, link_id=5
+                f"udpin:127.0.0.1:{port}", peer, clock_us, tlog=tlog, signing=ours, link_id=5
             ) as connection:
                 with udp_socket() as vehicle:
                     for frame in (text("unsigned"), by_pymavlink("wrong", NOW, OTHER_KEY)):
                         vehicle.sendto(frame, ("127.0.0.1", port))
                     vehicle.sendto(by_pymavlink("genuine", NOW), ("127.0.0.1", port))
-                    await heard(connection, ear, "genuine")
-                    ear.to_say = [text("one"), text("two")]
+                    await receive_exactly(connection, peer, "genuine")
+                    peer.outgoing = [text("one"), text("two")]
                     connection.flush()
                     assert ours.counts == Counts(good=1, unsigned=1, wrong=1)
                     return [await asyncio.to_thread(vehicle.recv, 999) for _ in range(2)]
@@ -270,15 +278,15 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
 
     async def exchange() -> list[bytes]:
-        port, ear = free_port(), Ear()
+        port, peer = free_port(), Peer()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.bind(("127.0.0.1", port))
             vehicle.settimeout(PATIENCE_S)
             with Tlog(path, lambda: NOW_US) as tlog:
                 link = f"udpout:127.0.0.1:{port}"
-                async with Connection(link, ear, clock_us, tlog=tlog) as connection:
+                async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                     connection.set_up_signing((255, 190), (1, 1), KEY, NOW_US, signing())
-                    ear.to_say = [text("signed from now on")]
+                    peer.outgoing = [text("signed from now on")]
                     connection.flush()
                     return [await asyncio.to_thread(vehicle.recv, 999) for _ in range(3)]
 
@@ -292,8 +300,8 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
     assert b"signed from now on" in path.read_bytes()
 
 
-class TextEar(Ear):
-    """Hears texts and nothing else."""
+class TextPeer(Peer):
+    """Receives texts and nothing else."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         for frame in frames_of(data):
@@ -306,19 +314,19 @@ def test_a_key_that_another_station_sends_is_not_recorded_either(tmp_path: Path)
     frame = Codec(254, 190).encode(mavlink.MAVLink_setup_signing_message(1, 1, KEY.secret, NOW))
 
     async def exchange() -> None:
-        port, ear = free_port(), TextEar()
+        port, peer = free_port(), TextPeer()
         with Tlog(path, lambda: NOW_US) as tlog, udp_socket() as other:
             link = f"udpin:127.0.0.1:{port}"
-            async with Connection(link, ear, clock_us, tlog=tlog) as connection:
+            async with Connection(link, peer, clock_us, tlog=tlog) as connection:
                 other.sendto(text("a") + frame + text("b"), ("127.0.0.1", port))
-                await heard(connection, ear, "a", "b")
+                await receive_exactly(connection, peer, "a", "b")
 
     run(exchange)
     assert KEY.secret[:16] not in path.read_bytes()
 
 
 @pytest.mark.parametrize(("key", "accepted"), [(KEY, True), (OTHER_KEY, False)])
-def test_a_mission_goes_up_between_two_who_share_a_key(key: Key, accepted: bool) -> None:
+def test_a_mission_is_uploaded_between_two_ends_that_share_a_key(key: Key, accepted: bool) -> None:
     mock, client = mock_of(stack_named("px4", "plane")), NativeClient()
 
     async def exchange() -> None:

@@ -19,7 +19,7 @@ Chunk = tuple[bytes, int, int]  # words, id, chunk_seq
 
 
 def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
-    """What a client tells of STATUSTEXTs that arrive so."""
+    """What a client reports of STATUSTEXTs that arrive so."""
     pair = Pair(mock_of(stack_named("px4", "plane")))
     pair.run_for(2.0)
     pair.events.clear()
@@ -34,7 +34,7 @@ def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("chunks", "told"),
+    ("chunks", "expected"),
     [
         ([OTHER], ["Takeoff detected"]),
         ([(FIRST, 7, 0), (LAST, 7, 1)], [WHOLE]),
@@ -63,16 +63,16 @@ def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
         "alike",
     ],
 )
-def test_chunks_become_one_text(chunks: list[Chunk], told: list[str]) -> None:
-    assert texts_of(*chunks) == told
+def test_chunks_become_one_text(chunks: list[Chunk], expected: list[str]) -> None:
+    assert texts_of(*chunks) == expected
 
 
-def test_a_text_whose_end_is_lost_is_told_with_the_next_heartbeat() -> None:
+def test_a_text_whose_end_is_lost_is_reported_with_the_next_heartbeat() -> None:
     assert texts_of((FIRST, 7, 0), then_s=1.5) == [FIRST.decode()]
 
 
 def test_home_is_no_item_that_is_flown() -> None:
-    # ArduPilot tells item 0 until it has a mission.
+    # ArduPilot reports item 0 until it has a mission.
     watch, codec = VehicleMonitor(), Codec(1, 1)
     beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, 3, 0, 0, 4, 3)
 

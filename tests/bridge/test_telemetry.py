@@ -39,16 +39,16 @@ FLIGHTS = Path("/work/shared/data/flights")
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
 
 
-def told(message: Any) -> Any:
+def event_of(message: Any) -> Any:
     """The one event of a message."""
     (event,) = Telemetry().events(message, 7)
     return event
 
 
 @pytest.mark.parametrize("from_deg", [0.0, 45.0, 120.0, 240.0, 359.0])
-def test_both_stacks_tell_the_same_wind(from_deg: float) -> None:
-    arduplane = told(telemetry_source.wind(from_deg, 6.0))
-    px4 = told(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
+def test_both_stacks_report_the_same_wind(from_deg: float) -> None:
+    arduplane = event_of(telemetry_source.wind(from_deg, 6.0))
+    px4 = event_of(telemetry_source.wind_cov(1, from_deg, 6.0, 300.0))
     for event in (arduplane, px4):
         off_deg = (event.from_deg - from_deg + 180.0) % 360.0 - 180.0
         assert off_deg == pytest.approx(0.0, abs=1e-4)
@@ -57,13 +57,15 @@ def test_both_stacks_tell_the_same_wind(from_deg: float) -> None:
 
 def test_a_south_wind_blows_north() -> None:
     message = mavlink.MAVLink_wind_cov_message(1, 5.0, 0.0, 0.0, 0.1, 0.1, 300.0, 0.0, 0.0)
-    assert told(message) == Wind(7, 180.0, 5.0)
-    # As ArduPlane told it in a simulated wind of 5 m/s from 240 degrees.
-    assert told(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(238.48)
+    assert event_of(message) == Wind(7, 180.0, 5.0)
+    # As ArduPlane sent it in a simulated wind of 5 m/s from 240 degrees.
+    assert event_of(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(
+        238.48
+    )
 
 
 def test_no_estimate_of_the_wind_is_not_a_calm() -> None:
-    # As ArduCopter 4.6.2 told it all through a flight in 6 m/s.
+    # As ArduCopter 4.6.2 sent it all through a flight in 6 m/s.
     assert Telemetry().events(mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0), 7) == []
 
 
@@ -75,12 +77,12 @@ def test_a_place_without_a_fix_is_no_place(place: tuple[int, int]) -> None:
 
 
 def test_attitude_is_in_degrees_and_yaw_from_0_to_360() -> None:
-    event = told(mavlink.MAVLink_attitude_message(1000, 0.5, -0.25, -math.pi / 2, 0, 0, 0))
+    event = event_of(mavlink.MAVLink_attitude_message(1000, 0.5, -0.25, -math.pi / 2, 0, 0, 0))
     assert (event.boot_us, event.yaw_deg) == (1_000_000, pytest.approx(270.0))
     assert (event.roll_deg, event.pitch_deg) == pytest.approx((28.6479, -14.3239), abs=1e-3)
 
 
-def test_what_the_autopilot_does_not_know_is_none() -> None:
+def test_values_that_the_autopilot_lacks_are_none() -> None:
     unknown = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0)
     assert battery_of_system(unknown, 7) == Battery(7, 0, None, None, None)
     cells = [65535] * 10
@@ -98,8 +100,8 @@ def test_batteries_add_up_their_cells() -> None:
     assert battery(status, 7) == Battery(7, 0, 66, 12.15, 12.5)
 
 
-def test_what_is_not_healthy_is_told_in_words() -> None:
-    # As ArduPlane told it on the ground before its EKF was ready, and PX4 without a receiver.
+def test_unhealthy_sensors_are_reported_by_name() -> None:
+    # As ArduPlane sent it on the ground before its EKF was ready, and PX4 without a receiver.
     words = {(306282559, 51478591): ("terrain", "prearm check"), (65536, 0): ("rc receiver",)}
     for (enabled, healthy), expected in words.items():
         message = mavlink.MAVLink_sys_status_message(
@@ -119,7 +121,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
     assert len(telemetry.events(at_150, 0)) == 1  # another kind may be behind
 
 
-def test_states_are_told_when_they_change() -> None:
+def test_states_are_reported_when_they_change() -> None:
     telemetry = Telemetry()
     kinds = [
         [type(event).__name__ for event in telemetry.events(message, at)]
@@ -140,7 +142,7 @@ def test_states_are_told_when_they_change() -> None:
 
 @each_stack
 @pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_a_vehicle_tells_all_at_the_rates_asked_for(stack: Stack, loss: float) -> None:
+def test_a_vehicle_reports_all_at_the_requested_rates(stack: Stack, loss: float) -> None:
     mock = mock_of(stack, wind=Breeze(240.0, 5.0))
     pair = Pair(mock, up=MemoryLink(loss=loss, seed=5), down=MemoryLink(loss=loss / 3, seed=6))
     pair.run_for(5.0)
@@ -171,7 +173,7 @@ def test_arducopter_is_asked_again_after_a_restart() -> None:
     pair = Pair(mock_of(COPTER))
     pair.run_for(10.0)
     pair.mock.reboot(pair.now_us)
-    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # something tells of it
+    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # it is sent already
     pair.run_for(4.5)
     assert len(pair.of(Rebooted)) == 1
     before = len(pair.of(Position))
@@ -191,7 +193,7 @@ def test_a_restart_too_short_to_be_missed_is_noticed_by_what_stops() -> None:
     assert len(pair.of(Rebooted)) == 1
 
 
-def test_asking_for_rates_ends_where_nobody_answers() -> None:
+def test_requests_for_rates_end_without_an_answer() -> None:
     pair = Pair(mock_of(PX4))
     asked: list[Any] = []
 
@@ -212,7 +214,7 @@ def test_asking_for_rates_ends_where_nobody_answers() -> None:
     ("name", "wind"),
     [("arduplane_perimeter", (240.0, 5.0)), ("px4_fixedwing_perimeter", (None, 0.0))],
 )
-def test_recorded_flights_tell_their_wind_battery_and_fix(
+def test_recorded_flights_report_their_wind_battery_and_fix(
     name: str, wind: tuple[float | None, float]
 ) -> None:
     codec, telemetry = Codec(255, 190), Telemetry()

@@ -23,7 +23,15 @@ from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.cli.transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
-from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import (
+    Peer,
+    clock_us,
+    free_port,
+    receive_exactly,
+    run,
+    text,
+    udp_socket,
+)
 from tests.patience import PATIENCE_S
 
 BEGIN_US = 1_790_000_000_000_000
@@ -58,16 +66,16 @@ def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Pa
     path = tmp_path / "flight.tlog"
 
     async def exchange(tlog: Tlog) -> None:
-        port, ear = free_port(), Ear()
+        port, peer = free_port(), Peer()
         link = f"udpin:127.0.0.1:{port}"
-        async with Connection(link, ear, clock_us, tlog=tlog) as connection:
-            ear.to_say = [text("to nobody")]  # not sent, so not recorded
+        async with Connection(link, peer, clock_us, tlog=tlog) as connection:
+            peer.outgoing = [text("without a target")]  # not sent, so not recorded
             connection.flush()
             with udp_socket() as other:
                 other.sendto(b"\x00noise" + text("in") + text("and in"), ("127.0.0.1", port))
-                await heard(connection, ear, "in", "and in")
+                await receive_exactly(connection, peer, "in", "and in")
                 answer = Codec(255, 190).encode(mavlink.MAVLink_statustext_message(6, b"out"))
-                ear.to_say = [answer]
+                peer.outgoing = [answer]
                 connection.flush()
 
     with Tlog(path, wall_clock()) as tlog:
@@ -90,7 +98,7 @@ def test_a_recording_is_added_to_and_readable_without_being_closed(tmp_path: Pat
         assert [words for _, _, words in read(path)] == ["one", "two"]
 
 
-def test_a_recording_that_cannot_be_is_told_in_one_line(tmp_path: Path) -> None:
+def test_an_invalid_recording_is_reported_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(BridgeError, match=r"none/flight\.tlog.*No such"):
         Tlog(tmp_path / "none" / "flight.tlog", wall_clock())
     if Path("/dev/full").exists():

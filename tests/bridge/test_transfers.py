@@ -50,7 +50,7 @@ def kept(items: Items, stack: Stack) -> tuple[MissionItem, ...]:
 
 
 def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
-    """By items, which this is about, unless told otherwise."""
+    """By items, which this is about, unless given otherwise."""
     return pair.client.upload(items, pair.now_us, by_file=by_file, **more)
 
 
@@ -73,7 +73,7 @@ def test_an_uploaded_mission_is_held_and_read_back_as_sent(stack: Stack) -> None
 
 
 @each_stack
-def test_a_cleared_mission_is_gone(stack: Stack) -> None:
+def test_a_cleared_mission_is_empty(stack: Stack) -> None:
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(5)))
     assert pair.result_of(pair.client.clear(pair.now_us)).outcome == "accepted"
@@ -175,7 +175,7 @@ class Watched(MemoryLink):
 
 
 def agrees(result: TransferResult, old: Items, new: Items, now: Items, stack: Stack) -> bool:
-    """Whether what a result says of the vehicle is what the vehicle holds."""
+    """Whether a result states what the vehicle holds."""
     match result.holds:
         case "the new one":
             return now == new
@@ -184,8 +184,8 @@ def agrees(result: TransferResult, old: Items, new: Items, now: Items, stack: St
         case "one of both":
             return result.outcome != "accepted" and now in (old, new)
         case "a mixture":
-            told = result.outcome in ("failed", "rejected") and result.items == now
-            return told and set(now) <= {*old, *new}
+            reported = result.outcome in ("failed", "rejected") and result.items == now
+            return reported and set(now) <= {*old, *new}
         case _:
             return result.outcome in ("unknown", "failed", "rejected") and not stack.atomic_upload
 
@@ -194,7 +194,7 @@ LOST: set[str] = set()
 
 
 @pytest.mark.parametrize("hundred", range(10))
-def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred: int) -> None:
+def test_over_a_bad_link_an_upload_ends_and_reports_what_the_vehicle_holds(hundred: int) -> None:
     outcomes = Counter[str]()
     for seed in range(100 * hundred, 100 * hundred + 100):
         rng = Random(seed)
@@ -228,7 +228,7 @@ def test_over_a_bad_link_an_upload_ends_and_tells_what_the_vehicle_holds(hundred
 
 def test_over_those_bad_links_every_kind_of_message_was_lost() -> None:
     if not LOST:
-        pytest.skip("the schedules ran elsewhere")
+        pytest.skip("the schedules ran with another backend")
     assert {
         "MISSION_COUNT",
         "MISSION_REQUEST",
@@ -338,7 +338,7 @@ def test_a_transfer_that_waits_is_cancelled_at_once() -> None:
 
 @each_stack
 @pytest.mark.parametrize(("begin", "expected"), [("restart", 0), ("keep", 3), (2, 2), (99, 5)])
-def test_a_new_mission_begins_where_it_is_told_to(stack: Stack, begin: Any, expected: int) -> None:
+def test_a_new_mission_begins_at_its_start_item(stack: Stack, begin: Any, expected: int) -> None:
     pair = connected(stack)
     pair.result_of(upload(pair, line_of(6), begin=3))
     pair.result_of(upload(pair, line_of(6, first=2), begin=begin))

@@ -14,7 +14,15 @@ import pytest
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.transports import MAX_UNSENT_BYTES
-from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import (
+    Peer,
+    clock_us,
+    free_port,
+    receive_exactly,
+    run,
+    text,
+    udp_socket,
+)
 from tests.patience import PATIENCE_S
 
 NOISE = b"\x00noise\xfd\x40\x00\x01 and \xfe more"
@@ -50,46 +58,46 @@ class Server:
 
 def test_torn_datagrams_of_two_remotes_do_not_spoil_each_other() -> None:
     async def exchange() -> None:
-        port, ear = free_port(), Ear()
+        port, peer = free_port(), Peer()
         link = f"udpin:127.0.0.1:{port}"
-        async with Connection(link, ear, clock_us) as connection:
+        async with Connection(link, peer, clock_us) as connection:
             with udp_socket() as one, udp_socket() as two:
                 where = ("127.0.0.1", port)
                 first, second = text("first of one"), text("second of two")
                 one.sendto(first[:12], where)
                 two.sendto(second[:15], where)
                 one.sendto(first[12:], where)
-                two.sendto(NOISE, where)  # this one's own frame is gone
+                two.sendto(NOISE, where)  # this one's own frame is lost
                 two.sendto(text("third of two"), where)
-                await heard(connection, ear, "first of one", "third of two")
+                await receive_exactly(connection, peer, "first of one", "third of two")
 
     run(exchange)
 
 
 def test_noise_and_frames_in_one_datagram() -> None:
     async def exchange() -> None:
-        port, ear = free_port(), Ear()
-        async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        port, peer = free_port(), Peer()
+        async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one:
                 one.sendto(NOISE + text("a") + NOISE + text("b"), ("127.0.0.1", port))
                 one.sendto(text("c"), ("127.0.0.1", port))
-                await heard(connection, ear, "a", "b", "c")
+                await receive_exactly(connection, peer, "a", "b", "c")
 
     run(exchange)
 
 
-def test_udpin_answers_all_who_send_frames_and_nobody_else() -> None:
+def test_udpin_answers_all_senders_of_frames_and_no_others() -> None:
     async def exchange() -> None:
-        port, ear = free_port(), Ear()
+        port, peer = free_port(), Peer()
         where = ("127.0.0.1", port)
-        async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one, udp_socket() as two, udp_socket() as stranger:
                 one.sendto(text("one"), where)
                 two.sendto(text("two"), where)
                 stranger.sendto(b"GET / HTTP/1.0", where)
                 one.sendto(text("three"), where)
-                await heard(connection, ear, "one", "two", "three")
-                ear.to_say = [text("answer")]
+                await receive_exactly(connection, peer, "one", "two", "three")
+                peer.outgoing = [text("answer")]
                 connection.flush()
                 assert one.recv(300) == two.recv(300) == text("answer")
                 stranger.settimeout(0.1)
@@ -99,33 +107,33 @@ def test_udpin_answers_all_who_send_frames_and_nobody_else() -> None:
     run(exchange)
 
 
-def test_udpout_lives_through_a_port_where_nobody_listens_yet() -> None:
+def test_udpout_survives_a_port_that_is_not_yet_open() -> None:
     async def exchange() -> None:
-        ear = Ear()
+        peer = Peer()
         with udp_socket() as other:
             port = other.getsockname()[1]
-        async with Connection(f"udpout:127.0.0.1:{port}", ear, clock_us) as connection:
+        async with Connection(f"udpout:127.0.0.1:{port}", peer, clock_us) as connection:
             for _ in range(3):
-                ear.to_say = [text("hello?")]
+                peer.outgoing = [text("hello?")]
                 connection.flush()
                 await asyncio.sleep(0.01)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
                 other.bind(("127.0.0.1", port))
                 other.settimeout(PATIENCE_S)
-                ear.to_say = [text("hello")]
+                peer.outgoing = [text("hello")]
                 connection.flush()
                 data, where = other.recvfrom(300)
                 assert data == text("hello")
                 other.sendto(text("here"), where)
-                await heard(connection, ear, "here")
+                await receive_exactly(connection, peer, "here")
 
     run(exchange)
 
 
-def test_a_network_that_is_away_is_silence_but_a_forbidden_address_is_told() -> None:
+def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported() -> None:
     async def exchange() -> None:
-        ear = Ear()
-        async with Connection(f"udpout:127.0.0.1:{free_port()}", ear, clock_us) as connection:
+        peer = Peer()
+        async with Connection(f"udpout:127.0.0.1:{free_port()}", peer, clock_us) as connection:
             await connection.wait()
             wire = connection._transport
             for code in (errno.ENETUNREACH, errno.ECONNREFUSED, errno.EHOSTUNREACH):
@@ -133,8 +141,8 @@ def test_a_network_that_is_away_is_silence_but_a_forbidden_address_is_told() -> 
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(connection.wait(), 0.05)
         # Broadcasting without leave: a mistake in the link, not a lost connection.
-        async with Connection("udpout:255.255.255.255:14550", ear, clock_us) as connection:
-            ear.to_say = [text("to all")]
+        async with Connection("udpout:255.255.255.255:14550", peer, clock_us) as connection:
+            peer.outgoing = [text("to all")]
             connection.flush()
             await connection.wait()
 
@@ -148,13 +156,13 @@ def test_a_burst_waits_in_the_socket_while_the_program_is_busy() -> None:
         pytest.skip("this machine grants no large receive buffers")
 
     async def exchange() -> None:
-        port, ear = free_port(), Ear()
-        async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        port, peer = free_port(), Peer()
+        async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one:
                 names = [str(index) for index in range(1500)]  # the usual buffer holds some 280
                 for name in names:
                     one.sendto(text(name), ("127.0.0.1", port))
-                await heard(connection, ear, *names)
+                await receive_exactly(connection, peer, *names)
 
     run(exchange)
 
@@ -164,16 +172,16 @@ def test_a_burst_waits_in_the_socket_while_the_program_is_busy() -> None:
 
 def test_frames_torn_over_tcp_come_whole() -> None:
     async def exchange() -> None:
-        server, ear = Server(), Ear()
+        server, peer = Server(), Peer()
         await server.come()
-        async with Connection(server.link, ear, clock_us) as connection:
+        async with Connection(server.link, peer, clock_us) as connection:
             _, writer = await server.called()
             for piece in (text("one")[:9], text("one")[9:] + NOISE + text("two")[:1]):
                 writer.write(piece)
                 await writer.drain()
                 await asyncio.sleep(0.02)  # so that each piece is read by itself
             writer.write(text("two")[1:] + text("three" * 9) + bytes(100))
-            await heard(connection, ear, "one", "two", "three" * 9)
+            await receive_exactly(connection, peer, "one", "two", "three" * 9)
             writer.close()
         server.go()
 
@@ -182,18 +190,20 @@ def test_frames_torn_over_tcp_come_whole() -> None:
 
 def test_a_server_that_goes_away_and_comes_back_is_called_again() -> None:
     async def exchange() -> None:
-        server, ear = Server(), Ear()
-        async with Connection(server.link, ear, clock_us) as connection:
-            await asyncio.sleep(0.05)  # nobody there yet
+        server, peer = Server(), Peer()
+        async with Connection(server.link, peer, clock_us) as connection:
+            await asyncio.sleep(0.05)  # no client yet
             await server.come()
             for name in ("first", "second", "third"):
                 reader, writer = await server.called()
                 writer.write(text(name))
-                await heard(connection, ear, *("first", "second", "third")[: len(ear.heard) + 1])
-                ear.to_say = [text("I hear " + name)]
+                await receive_exactly(
+                    connection, peer, *("first", "second", "third")[: len(peer.received) + 1]
+                )
+                peer.outgoing = [text("received " + name)]
                 connection.flush()
-                assert await reader.readexactly(len(text("I hear " + name))) == text(
-                    "I hear " + name
+                assert await reader.readexactly(len(text("received " + name))) == text(
+                    "received " + name
                 )
                 writer.write(text("torn")[:8])  # not to be joined to what comes after
                 await writer.drain()
@@ -201,7 +211,7 @@ def test_a_server_that_goes_away_and_comes_back_is_called_again() -> None:
                 if name == "first":
                     server.go()
                     await asyncio.sleep(0.4)
-                    ear.to_say = [text("lost")]
+                    peer.outgoing = [text("lost")]
                     connection.flush()
                     await server.come()
         server.go()
@@ -211,8 +221,8 @@ def test_a_server_that_goes_away_and_comes_back_is_called_again() -> None:
 
 def test_tcpin_serves_several_and_answers_all() -> None:
     async def exchange() -> None:
-        port, ear = free_port(socket.SOCK_STREAM), Ear()
-        async with Connection(f"tcpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        port, peer = free_port(socket.SOCK_STREAM), Peer()
+        async with Connection(f"tcpin:127.0.0.1:{port}", peer, clock_us) as connection:
             one_in, one = await asyncio.open_connection("127.0.0.1", port)
             two_in, two = await asyncio.open_connection("127.0.0.1", port)
             for writer, piece in (
@@ -224,16 +234,16 @@ def test_tcpin_serves_several_and_answers_all() -> None:
                 await writer.drain()
                 await asyncio.sleep(0.02)
             two.write(text("b")[5:])
-            await heard(connection, ear, "a", "b")
-            ear.to_say = [text("to both")]
+            await receive_exactly(connection, peer, "a", "b")
+            peer.outgoing = [text("to both")]
             connection.flush()
             for reader in (one_in, two_in):
                 assert await reader.readexactly(len(text("to both"))) == text("to both")
             one.close()
             await one.wait_closed()
             two.write(text("c"))
-            await heard(connection, ear, "a", "b", "c")
-            ear.to_say = [text("to you")]
+            await receive_exactly(connection, peer, "a", "b", "c")
+            peer.outgoing = [text("to you")]
             connection.flush()
             assert await two_in.readexactly(len(text("to you"))) == text("to you")
         assert await two_in.read() == b""  # hung up on
@@ -244,14 +254,14 @@ def test_tcpin_serves_several_and_answers_all() -> None:
 
 def test_what_a_remote_does_not_read_is_dropped_in_whole_frames() -> None:
     async def exchange() -> None:
-        port, ear = free_port(socket.SOCK_STREAM), Ear()
+        port, peer = free_port(socket.SOCK_STREAM), Peer()
         frame = text("x" * 50)
-        async with Connection(f"tcpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        async with Connection(f"tcpin:127.0.0.1:{port}", peer, clock_us) as connection:
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(text("hello"))
-            await heard(connection, ear, "hello")
+            await receive_exactly(connection, peer, "hello")
             for _ in range(1000):
-                ear.to_say = [frame] * 300
+                peer.outgoing = [frame] * 300
                 connection.flush()
             (stream,) = connection._transport._streams  # type: ignore[attr-defined]
             waiting = stream.out.get_write_buffer_size()
@@ -268,13 +278,13 @@ def test_what_a_remote_does_not_read_is_dropped_in_whole_frames() -> None:
 
 def test_leaving_does_not_wait_for_a_remote_that_does_not_read() -> None:
     async def exchange() -> None:
-        port, ear = free_port(socket.SOCK_STREAM), Ear()
+        port, peer = free_port(socket.SOCK_STREAM), Peer()
         with contextlib.ExitStack() as stack:
-            async with Connection(f"tcpin:127.0.0.1:{port}", ear, clock_us) as connection:
+            async with Connection(f"tcpin:127.0.0.1:{port}", peer, clock_us) as connection:
                 deaf = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
                 deaf.send(text("hello"))
-                await heard(connection, ear, "hello")
-                ear.to_say = [text("x" * 50)] * 200_000
+                await receive_exactly(connection, peer, "hello")
+                peer.outgoing = [text("x" * 50)] * 200_000
                 connection.flush()
 
     run(exchange)
@@ -283,7 +293,7 @@ def test_leaving_does_not_wait_for_a_remote_that_does_not_read() -> None:
 def test_a_tcp_port_in_use_is_named() -> None:
     async def twice() -> None:
         link = f"tcpin:127.0.0.1:{free_port(socket.SOCK_STREAM)}"
-        async with Connection(link, Ear(), clock_us), Connection(link, Ear(), clock_us):
+        async with Connection(link, Peer(), clock_us), Connection(link, Peer(), clock_us):
             pass
 
     with pytest.raises(BridgeError, match=r"tcpin:127\.0\.0\.1:\d+: .*another program"):
@@ -293,7 +303,7 @@ def test_a_tcp_port_in_use_is_named() -> None:
 @pytest.mark.parametrize("kind", ["tcp", "udpout", "udpin", "tcpin"])
 def test_a_host_that_cannot_be_is_named(kind: str) -> None:
     async def call() -> None:
-        async with Connection(f"{kind}:no..host:5760", Ear(), clock_us):
+        async with Connection(f"{kind}:no..host:5760", Peer(), clock_us):
             pass
 
     with pytest.raises(BridgeError, match=r"no\.\.host") as caught:
@@ -307,14 +317,14 @@ def test_a_host_that_cannot_be_is_named(kind: str) -> None:
 @contextlib.contextmanager
 def line_at(path: Path) -> Iterator[int]:
     """A pseudo-terminal plugged in as ``path``; its other end."""
-    here, there = os.openpty()
+    master, device = os.openpty()
     path.unlink(missing_ok=True)
-    path.symlink_to(os.ttyname(there))
-    os.close(there)
+    path.symlink_to(os.ttyname(device))
+    os.close(device)
     try:
-        yield here
+        yield master
     finally:
-        os.close(here)
+        os.close(master)
 
 
 async def read_exactly(descriptor: int, count: int) -> bytes:
@@ -332,29 +342,29 @@ def test_a_serial_line_carries_frames_both_ways_and_is_opened_again(tmp_path: Pa
     device = tmp_path / "ttyRADIO"
 
     async def exchange() -> None:
-        ear = Ear()
+        peer = Peer()
         with line_at(device) as line:
-            connection = Connection(f"serial:{device}:57600", ear, clock_us)
+            connection = Connection(f"serial:{device}:57600", peer, clock_us)
             await connection.__aenter__()
             every_byte = bytes(range(256))  # nothing may be taken for a control character
             os.write(line, every_byte + text("torn")[:6])
             await asyncio.sleep(0.03)
             os.write(line, text("torn")[6:] + bytes(300))
-            await heard(connection, ear, "torn")
-            said = text("\r\n\x03\x04\x11 raw")
-            ear.to_say = [said]
+            await receive_exactly(connection, peer, "torn")
+            frame = text("\r\n\x03\x04\x11 raw")
+            peer.outgoing = [frame]
             connection.flush()
-            assert await read_exactly(line, len(said)) == said
+            assert await read_exactly(line, len(frame)) == frame
         device.unlink()  # unplugged
         await asyncio.sleep(0.4)
-        ear.to_say = [text("lost")]
+        peer.outgoing = [text("lost")]
         connection.flush()
         with line_at(device) as line:
-            ear.heard.clear()
-            while not ear.heard:  # opening throws away what came before
+            peer.received.clear()
+            while not peer.received:  # opening throws away what came before
                 os.write(line, text("back"))
                 await asyncio.sleep(0.05)
-            assert ear.heard[0] == "back"
+            assert peer.received[0] == "back"
             await connection.__aexit__(None, None, None)
 
     run(exchange)
@@ -364,7 +374,7 @@ def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
     pytest.importorskip("serial")
 
     async def call(link: str) -> None:
-        async with Connection(link, Ear(), clock_us):
+        async with Connection(link, Peer(), clock_us):
             pass
 
     with pytest.raises(BridgeError, match=r"ttyNONE:57600: .*No such file.*plugged") as caught:
@@ -380,18 +390,18 @@ def test_two_programs_do_not_share_a_serial_line(tmp_path: Path) -> None:
     link = f"serial:{tmp_path}/tty:57600"
 
     async def twice() -> None:
-        async with Connection(link, Ear(), clock_us), Connection(link, Ear(), clock_us):
+        async with Connection(link, Peer(), clock_us), Connection(link, Peer(), clock_us):
             pass
 
     with line_at(tmp_path / "tty"), pytest.raises(BridgeError, match="no other program"):
         run(twice)
 
 
-def test_without_pyserial_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyserial_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
 
     async def call() -> None:
-        async with Connection("serial:/dev/ttyACM0:57600", Ear(), clock_us):
+        async with Connection("serial:/dev/ttyACM0:57600", Peer(), clock_us):
             pass
 
     with pytest.raises(BridgeError, match="pip install pyserial"):

@@ -8,7 +8,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.connection import Connection
-from tests.bridge.transport_helpers import Ear, clock_us, free_port, heard, run, text, udp_socket
+from tests.bridge.transport_helpers import (
+    Peer,
+    clock_us,
+    free_port,
+    receive_exactly,
+    run,
+    text,
+    udp_socket,
+)
 from tests.patience import PATIENCE_S
 
 
@@ -34,13 +42,13 @@ def waiting(sock: socket.socket) -> list[bytes]:
 
 def test_each_vehicle_gets_what_is_meant_for_it_and_what_is_for_all() -> None:
     async def exchange() -> list[list[bytes]]:
-        port, ear = free_port(), Ear()
-        async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        port, peer = free_port(), Peer()
+        async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one, udp_socket() as two, udp_socket() as also_two:
                 for sock, system in ((one, 1), (one, 0), (two, 2), (also_two, 2)):
                     sock.sendto(text_of(system, "here"), ("127.0.0.1", port))
-                await heard(connection, ear, *["here"] * 4)
-                ear.to_say = [order(1), order(2), order(0), order(3), text("to all")]
+                await receive_exactly(connection, peer, *["here"] * 4)
+                peer.outgoing = [order(1), order(2), order(0), order(3), text("to all")]
                 connection.flush()
                 return [await asyncio.to_thread(waiting, sock) for sock in (one, two, also_two)]
 
@@ -54,22 +62,22 @@ def test_bursts_of_several_remotes_arrive_whole_and_in_order() -> None:
     words = [f"number {index}" for index in range(400)]
 
     async def exchange() -> list[str]:
-        port, ear = free_port(), Ear()
-        async with Connection(f"udpin:127.0.0.1:{port}", ear, clock_us) as connection:
+        port, peer = free_port(), Peer()
+        async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one, udp_socket() as two:
                 for index, word in enumerate(words):
                     sock = one if index % 2 else two
                     sock.sendto(text_of(index % 2, word), ("127.0.0.1", port))
                 async with asyncio.timeout(PATIENCE_S):
-                    while len(ear.heard) < len(words):
+                    while len(peer.received) < len(words):
                         await connection.wait()
-        return ear.heard
+        return peer.received
 
     assert run(exchange) == words
 
 
-class Alarms(Ear):
-    """Wants to be called at the times it was given."""
+class Alarms(Peer):
+    """Is called at the times it was given."""
 
     def __init__(self, first_us: int) -> None:
         super().__init__()
@@ -88,18 +96,18 @@ class Alarms(Ear):
 def test_a_timer_that_becomes_sooner_is_kept_and_one_that_becomes_later_too() -> None:
     async def exchange() -> list[float]:
         began_us = clock_us()
-        ear = Alarms(began_us + 60_000_000)
-        async with Connection(f"udpin:127.0.0.1:{free_port()}", ear, clock_us) as connection:
+        peer = Alarms(began_us + 60_000_000)
+        async with Connection(f"udpin:127.0.0.1:{free_port()}", peer, clock_us) as connection:
             late_s = []
             for wait_us in (100_000, 250_000):
-                ear.due_us = clock_us() + 50_000
+                peer.due_us = clock_us() + 50_000
                 connection.flush()
-                ear.due_us = due_us = clock_us() + wait_us
+                peer.due_us = due_us = clock_us() + wait_us
                 connection.flush()
                 deadline_s = time.monotonic() + PATIENCE_S
-                while ear.due_us is not None and time.monotonic() < deadline_s:
+                while peer.due_us is not None and time.monotonic() < deadline_s:
                     await connection.wait()
-                late_s.append((ear.called_us[-1] - due_us) / 1e6)
+                late_s.append((peer.called_us[-1] - due_us) / 1e6)
             return late_s
 
     assert all(0.0 <= late_s < PATIENCE_S for late_s in run(exchange))

@@ -34,7 +34,7 @@ def estimator(flags: int) -> Any:
     return mavlink.MAVLink_estimator_status_message(1, flags, 0, 0, 0, 0, 0, 0, 1.0, 1.0)
 
 
-def told(*messages: Any) -> list[Any]:
+def events_of(*messages: Any) -> list[Any]:
     telemetry = Telemetry()
     return [event for message in messages for event in telemetry.events(message, 7)]
 
@@ -48,7 +48,7 @@ def heartbeat(stack: str, state: int, mode: int = 10) -> Any:
     ("number", "word"),
     [(0, "uninit"), (3, "standby"), (4, "active"), (5, "critical"), (8, "flight termination")],
 )
-def test_the_state_of_a_heartbeat_is_told_after_the_vehicle_is_known(
+def test_the_state_of_a_heartbeat_is_reported_after_the_vehicle_is_identified(
     number: int, word: str
 ) -> None:
     events = VehicleMonitor().receive(heartbeat("ardupilot", number), 5)
@@ -56,7 +56,7 @@ def test_the_state_of_a_heartbeat_is_told_after_the_vehicle_is_known(
     assert events[-1] == SystemState(5, word)
 
 
-def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
+def test_states_are_reported_when_they_change_and_again_after_a_restart() -> None:
     watch = VehicleMonitor()
     for state in (4, 4, 5, 5, 4):
         watch.receive(heartbeat("px4", state), 1)
@@ -70,22 +70,22 @@ def test_states_are_told_when_they_change_and_anew_after_a_restart() -> None:
     assert [type(event) for event in fresh] == [ModeChanged, SystemState]
 
 
-def test_a_state_without_a_name_is_told_by_its_number() -> None:
+def test_a_state_without_a_name_is_reported_by_its_number() -> None:
     watch = VehicleMonitor()
     watch.receive(heartbeat("px4", 4), 1)
     assert watch.receive(heartbeat("px4", 77), 2) == [SystemState(2, "state 77")]
 
 
-def test_landing_is_told_on_change() -> None:
+def test_landing_is_reported_on_change() -> None:
     states = [mavlink.MAVLink_extended_sys_state_message(0, state) for state in (1, 1, 3, 2, 4, 1)]
     words = ["on ground", "takeoff", "in air", "landing", "on ground"]
-    assert told(*states) == [LandedState(7, word) for word in words]
+    assert events_of(*states) == [LandedState(7, word) for word in words]
 
 
-def test_a_breach_is_told_with_the_fence_that_was_breached() -> None:
+def test_a_breach_is_reported_with_the_fence_that_was_breached() -> None:
     fence = mavlink.MAVLink_fence_status_message
     messages = [fence(0, 0, 0, 0), fence(1, 1, 3, 900), fence(1, 1, 2, 900), fence(0, 1, 0, 900)]
-    assert told(*messages) == [
+    assert events_of(*messages) == [
         FenceStatus(7, False, ""),
         FenceStatus(7, True, "boundary"),
         FenceStatus(7, True, "highest altitude"),
@@ -94,9 +94,9 @@ def test_a_breach_is_told_with_the_fence_that_was_breached() -> None:
 
 
 @pytest.mark.parametrize("message", [ekf, estimator])
-def test_a_lost_position_is_told_at_once_and_its_return_when_it_lasts(message: Any) -> None:
+def test_a_lost_position_is_reported_at_once_and_its_return_when_it_lasts(message: Any) -> None:
     messages = [ALL_WELL, LOST, LOST, *[ALL_WELL] * 4, LOST, *[ALL_WELL] * 5]
-    assert told(*map(message, messages)) == [
+    assert events_of(*map(message, messages)) == [
         EstimatorStatus(7, True, ()),
         EstimatorStatus(7, False, ("position lost",)),
         EstimatorStatus(7, True, ()),
@@ -106,25 +106,29 @@ def test_a_lost_position_is_told_at_once_and_its_return_when_it_lasts(message: A
 @pytest.mark.parametrize(("message", "glitch"), [(ekf, 1 << 15), (estimator, 1 << 10)])
 def test_one_sample_of_a_glitch_is_none(message: Any, glitch: int) -> None:
     flapping = [ALL_WELL, ALL_WELL | glitch] * 10
-    assert told(*map(message, flapping)) == [EstimatorStatus(7, True, ())]
+    assert events_of(*map(message, flapping)) == [EstimatorStatus(7, True, ())]
     lasting = [ALL_WELL, ALL_WELL | glitch, ALL_WELL | glitch, *flapping]
-    found = told(*map(message, lasting))
+    found = events_of(*map(message, lasting))
     assert [event.problems for event in found] == [(), ("satellite position glitch",)]
 
 
-def test_constant_position_counts_for_ardupilot_and_not_for_px4_which_tells_it_standing() -> None:
+def test_constant_position_counts_for_ardupilot_and_not_for_px4_when_standing() -> None:
     still = ALL_WELL | mavlink.EKF_CONST_POS_MODE
-    assert told(ekf(still)) == [EstimatorStatus(7, False, ("constant position mode",))]
-    assert told(estimator(still)) == [EstimatorStatus(7, True, ())]
+    assert events_of(ekf(still)) == [EstimatorStatus(7, False, ("constant position mode",))]
+    assert events_of(estimator(still)) == [EstimatorStatus(7, True, ())]
 
 
-def test_px4_without_satellites_tells_so_before_it_gives_up_its_position() -> None:
+def test_px4_without_satellites_reports_so_before_it_gives_up_its_position() -> None:
     dead_reckoning = ALL_WELL & ~mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
-    assert told(estimator(dead_reckoning)) == [EstimatorStatus(7, False, ("satellites not used",))]
+    assert events_of(estimator(dead_reckoning)) == [
+        EstimatorStatus(7, False, ("satellites not used",))
+    ]
 
 
 def test_before_it_has_begun_an_estimate_has_one_problem() -> None:
-    assert told(ekf(mavlink.EKF_UNINITIALIZED)) == [EstimatorStatus(7, False, ("not initialised",))]
+    assert events_of(ekf(mavlink.EKF_UNINITIALIZED)) == [
+        EstimatorStatus(7, False, ("not initialised",))
+    ]
 
 
 def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float = 60.0) -> Pair:
@@ -149,7 +153,7 @@ def states(pair: Pair, kind: type) -> list[Any]:
         ("ardupilot", [(4, "Battery 1 is low 10.79V used 4300 mAh")]),
     ],
 )
-def test_a_battery_failsafe_is_told_within_two_seconds(
+def test_a_battery_failsafe_is_reported_within_two_seconds(
     stack: str, texts: list[tuple[int, str]]
 ) -> None:
     pair = flown_with(stack, "battery-low@40", "battery-emergency@50")
@@ -160,7 +164,7 @@ def test_a_battery_failsafe_is_told_within_two_seconds(
 
 
 @pytest.mark.parametrize(("stack", "mode"), [("px4", "hold"), ("ardupilot", "return")])
-def test_a_fence_breach_is_told_within_two_seconds(stack: str, mode: str) -> None:
+def test_a_fence_breach_is_reported_within_two_seconds(stack: str, mode: str) -> None:
     pair = flown_with(stack, "fence-breach@40..50")
     (text,) = [text for text in pair.of(Text) if "ence" in text.text]
     assert 40.0 <= text.at_us / SECOND <= 42.0
@@ -169,11 +173,11 @@ def test_a_fence_breach_is_told_within_two_seconds(stack: str, mode: str) -> Non
     assert states(pair, FenceStatus) == fence
     if stack == "ardupilot":
         assert pair.of(FenceStatus)[0].at_us / SECOND <= 42.0
-    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat does not tell
+    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat has no such state
     assert [state.state for state in pair.of(SystemState)][2:] == critical
 
 
-def test_lost_satellites_are_told_by_both_stacks() -> None:
+def test_lost_satellites_are_reported_by_both_stacks() -> None:
     px4 = flown_with("px4", "gps-loss@40..60", until_s=80.0)
     assert [event.problems for event in px4.of(EstimatorStatus)] == [
         (),
@@ -187,7 +191,7 @@ def test_lost_satellites_are_told_by_both_stacks() -> None:
 
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
-def test_a_copter_that_loses_its_position_tells_that_it_lands(stack: str) -> None:
+def test_a_copter_that_loses_its_position_reports_that_it_lands(stack: str) -> None:
     pair = flown_with(stack, "gps-loss@40", vehicle="copter", until_s=180.0)
     landed = [state.state for state in pair.of(LandedState)]
     assert landed[0] == "on ground"

@@ -9,18 +9,18 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 
 # What differs rightly, and nothing else:
 # - the order between texts, progress and answers: they wait in different queues, so each of the
-#   three is compared by itself; of MISSION_CURRENT what it says, not how often, nor at which
+#   three is compared by itself; of MISSION_CURRENT its content, not how often, nor at which
 #   moment of its second (PX4's two links differ in it too);
-# - how often a question is repeated while nobody answers, by one;
-# - texts of the estimator and of the arming checks, and those link B is told anew when it connects;
+# - how often a question is repeated while there is no answer, by one;
+# - texts of the estimator and the arming checks, and those sent again to link B on connecting;
 # - the running number of a text;
-# - where ArduPilot believes its home to be, centimetres off;
+# - ArduPilot's home position, centimetres off;
 # - the last digit of numbers in single precision.
 # In flight besides:
 # - when a place is reached: the mock flies at its own speed, so what was sent after the autopilot
-#   told of its progress is sent after the mock told of the same;
+#   reported its progress is sent after the mock reported the same;
 # - texts that are not about the mission, and how far off a waypoint was passed;
-# - PX4's second acknowledgement of a change of mode, and how often it tells an item as reached.
+# - PX4's second acknowledgement of a change of mode, and how often it reports an item as reached.
 FLIGHT_TEXTS = ("Mission:", "Flight plan", "Auto mission changed", "No valid mission")
 EXCHANGE = (
     "MISSION_REQUEST",
@@ -52,19 +52,19 @@ class Line:
         return f"{self.at_s:.3f} {self.link} {self.name} {values}"
 
 
-def differences(recorded: list[Line], heard: list[Line], mock: MockAutopilot) -> list[str]:
+def differences(recorded: list[Line], received: list[Line], mock: MockAutopilot) -> list[str]:
     """Where the mock's answers are not the autopilot's."""
     found: list[str] = []
     for link in ("A", "B"):
-        wanted = list(collapsed(exchange(recorded, link)))
-        given = list(collapsed(exchange(heard, link)))
-        found += compared(wanted, given, mock)
+        expected = list(collapsed(exchange(recorded, link)))
+        given = list(collapsed(exchange(received, link)))
+        found += compared(expected, given, mock)
     found += compared(
         [(line, 1) for line in texts(recorded)],
-        [(line, 1) for line in texts(heard)],
+        [(line, 1) for line in texts(received)],
         mock,
     )
-    return found + list(_progress_differs(recorded, heard))
+    return found + list(_progress_differs(recorded, received))
 
 
 def once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
@@ -78,24 +78,24 @@ def once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
     ]
 
 
-def progress_fault(wanted: list[Line], heard: list[Line]) -> str:
-    """Of the progress recorded, once a second and no oftener, what the mock has not told in turn.
+def progress_fault(expected: list[Line], received: list[Line]) -> str:
+    """What the mock has not reported in turn of the recorded progress, once a second at most.
 
-    An item told as reached again, and progress told again, count once.
+    An item reported as reached again, and progress reported again, count once.
     """
     for name in PROGRESS:
-        given = iter(_changes(heard, name))
-        for line in _changes(wanted, name):
+        given = iter(_changes(received, name))
+        for line in _changes(expected, name):
             if not any(ours.fields == line.fields for ours in given):
-                return f"not told in its turn: {line}"
+                return f"not reported in its turn: {line}"
     return ""
 
 
 def _changes(lines: list[Line], name: str) -> list[Line]:
-    said = [line for line in lines if line.name == name]
+    named = [line for line in lines if line.name == name]
     return [
         line
-        for before, line in zip([None, *said], said, strict=False)
+        for before, line in zip([None, *named], named, strict=False)
         if before is None or before.fields != line.fields
     ]
 
@@ -133,14 +133,14 @@ def collapsed(lines: list[Line]) -> Iterator[tuple[Line, int]]:
 
 
 def compared(
-    wanted: list[tuple[Line, int]], given: list[tuple[Line, int]], mock: MockAutopilot
+    expected: list[tuple[Line, int]], given: list[tuple[Line, int]], mock: MockAutopilot
 ) -> list[str]:
-    for index in range(max(len(wanted), len(given))):
-        if index >= len(wanted):
+    for index in range(max(len(expected), len(given))):
+        if index >= len(expected):
             return [f"more than recorded: {given[index][0]}"]
         if index >= len(given):
-            return [f"missing: {wanted[index][0]}"]
-        (ours, often), (theirs, times) = wanted[index], given[index]
+            return [f"missing: {expected[index][0]}"]
+        (ours, often), (theirs, times) = expected[index], given[index]
         if not _same(ours, theirs, mock):
             return [f"recorded: {ours}\n     got: {theirs}"]
         if abs(often - times) > 1:
@@ -148,12 +148,12 @@ def compared(
     return []
 
 
-def _same(wanted: Line, given: Line, mock: MockAutopilot) -> bool:
-    if wanted.name != given.name or wanted.fields.keys() != given.fields.keys():
+def _same(expected: Line, given: Line, mock: MockAutopilot) -> bool:
+    if expected.name != given.name or expected.fields.keys() != given.fields.keys():
         return False
-    passed_over: tuple[str, ...] = RUNNING if wanted.name == "STATUSTEXT" else ()
-    fields = wanted.fields
-    is_item = wanted.name in ("MISSION_ITEM", "MISSION_ITEM_INT")
+    passed_over: tuple[str, ...] = RUNNING if expected.name == "STATUSTEXT" else ()
+    fields = expected.fields
+    is_item = expected.name in ("MISSION_ITEM", "MISSION_ITEM_INT")
     if is_item and mock.stack.item_0_is_home and (fields["seq"], fields["mission_type"]) == (0, 0):
         passed_over = ("x", "y", "z")
     return all(
@@ -163,23 +163,23 @@ def _same(wanted: Line, given: Line, mock: MockAutopilot) -> bool:
     )
 
 
-def _same_value(wanted: Any, given: Any) -> bool:
-    if wanted is None:
+def _same_value(expected: Any, given: Any) -> bool:
+    if expected is None:
         return isinstance(given, float) and math.isnan(given)
-    if isinstance(wanted, float):
-        return math.isclose(wanted, given, rel_tol=SINGLE_PRECISION)
-    return bool(wanted == given)
+    if isinstance(expected, float):
+        return math.isclose(expected, given, rel_tol=SINGLE_PRECISION)
+    return bool(expected == given)
 
 
-def _progress_differs(wanted: list[Line], heard: list[Line]) -> Iterator[str]:
+def _progress_differs(expected: list[Line], received: list[Line]) -> Iterator[str]:
     """Each MISSION_CURRENT recorded, against the mock's own before it and after it."""
-    told = [line for line in heard if line.name == "MISSION_CURRENT"]
-    for line in wanted:
+    current = [line for line in received if line.name == "MISSION_CURRENT"]
+    for line in expected:
         if line.name != "MISSION_CURRENT":
             continue
-        before = [ours for ours in told if 0.0 <= line.at_s + 1e-3 - ours.at_s <= PERIOD_S]
-        after = [ours for ours in told if 0.0 < ours.at_s - line.at_s - 1e-3 <= PERIOD_S]
+        before = [ours for ours in current if 0.0 <= line.at_s + 1e-3 - ours.at_s <= PERIOD_S]
+        after = [ours for ours in current if 0.0 < ours.at_s - line.at_s - 1e-3 <= PERIOD_S]
         near = [*before[-1:], *after[:1]]
-        if told and all(ours.fields != line.fields for ours in near):
+        if current and all(ours.fields != line.fields for ours in near):
             yield f"recorded: {line}\n     got: {' and '.join(map(str, near)) or 'nothing'}"
             return

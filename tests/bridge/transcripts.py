@@ -1,6 +1,6 @@
 """Recorded exchanges with real autopilots, played to the mock in virtual time.
 
-A transcript is JSON lines: see the README beside them. What the client sent is sent again at its
+A transcript is JSON lines: see the README next to them. What the client sent is sent again at its
 time; what the mock answers is compared with what the autopilot answered.
 """
 
@@ -35,7 +35,7 @@ FOLDER = Path("/work/shared/data/transcripts")
 LINKS = {(255, 190): "A", (254, 190): "B"}
 PAUSE_S = 10.0  # longer than any transfer is left open
 
-# The cases in the order of the recording, as the state each one begins with tells; True: the six
+# The cases in the order of the recording, in the order of their initial states; True: the six
 # items of upload_ok were put on board again before it, unrecorded.
 GROUND: tuple[tuple[str, bool], ...] = (
     ("upload_feasibility_rejected", False),
@@ -77,7 +77,7 @@ class Transcript:
 
     meta: dict[str, Any]
     sent: list[tuple[tuple[int, int], Line]] = field(default_factory=list)
-    heard: list[Line] = field(default_factory=list)
+    received: list[Line] = field(default_factory=list)
     end_s: float = 0.0
 
 
@@ -90,7 +90,7 @@ def read_transcript(path: Path) -> Transcript:
         if record["dir"] == "tx":
             transcript.sent.append((tuple(record["src"]), line))
         else:
-            transcript.heard.append(line)
+            transcript.received.append(line)
         transcript.end_s = max(transcript.end_s, record["t"])
     return transcript
 
@@ -111,7 +111,7 @@ _EXTENDED = {
 
 
 def line_of_frame(message: Any, at_s: float) -> Line:
-    """A message of the mock, with the fields the dialect does not know."""
+    """A message of the mock, with the fields that the dialect lacks."""
     fields = message.to_dict()
     name = fields.pop("mavpackettype")
     if name in _EXTENDED:
@@ -124,12 +124,12 @@ def line_of_frame(message: Any, at_s: float) -> Line:
 
 
 class Player:
-    """A mock that is played to, and what it has said."""
+    """A mock that transcripts are played to, and its messages."""
 
     def __init__(self, mock: MockAutopilot) -> None:
         self.mock = mock
         self.now_us = 0
-        self.heard: list[Line] = []
+        self.received: list[Line] = []
         self._began_us = 0
         self._codecs = {source: Codec(*source) for source in LINKS}
         self._decoder = Codec(255, 190)
@@ -143,28 +143,28 @@ class Player:
         self.now_us = until_us
 
     def play(self, transcript: Transcript) -> list[Line]:
-        """Send what the clients sent; returns what the mock said."""
+        """Send what the clients sent; returns the messages of the mock."""
         self._begin()
         for source, line in transcript.sent:
             self.run(self._began_us + round(line.at_s * SECOND))
             self._send(source, message_of(line))
         self.run(self._began_us + round(transcript.end_s * SECOND) + 25_000)
-        return self.heard
+        return self.received
 
     def fly(self, transcript: Transcript) -> list[Line]:
-        """Send what the clients sent, in step with the progress told; returns what was said."""
-        (first, *_) = (line for line in transcript.heard if line.name == "MISSION_CURRENT")
+        """Send what the clients sent, in step with the reported progress; returns the messages."""
+        (first, *_) = (line for line in transcript.received if line.name == "MISSION_CURRENT")
         give_up_us = self.now_us + 200 * SECOND
         while self.mock.stack.item_0_is_home and self.now_us < give_up_us:
             if self.mock.flight.current == first.fields["seq"]:
                 break  # ArduPilot's index outlives the end of the case before
             self.run(self.now_us + SECOND)
-        self.heard = []
+        self.received = []
         self._began_us = self.now_us
         late_us = 0
         so_far: list[Line] = []
         lines: list[tuple[tuple[int, int] | None, Line]] = [*transcript.sent]
-        lines += [(None, line) for line in transcript.heard if line.name in PROGRESS]
+        lines += [(None, line) for line in transcript.received if line.name in PROGRESS]
         for source, line in sorted(lines, key=lambda entry: entry[1].at_s):
             due_us = self._began_us + round(line.at_s * SECOND) + late_us
             if source is not None:
@@ -173,41 +173,41 @@ class Player:
                 continue
             so_far.append(line)
             give_up_us = self.now_us + 200 * SECOND
-            while progress_fault(so_far, self.heard) and self.now_us < give_up_us:
+            while progress_fault(so_far, self.received) and self.now_us < give_up_us:
                 self.run(self.now_us + 50_000)
             late_us = max(self.now_us - self._began_us - round(line.at_s * SECOND), 0)
         end_us = self._began_us + round(transcript.end_s * SECOND) + late_us
         self.run(max(end_us, self.now_us) + SECOND)
-        return self.heard
+        return self.received
 
     def upload(self, items: list[Any]) -> None:
         """An upload as it should be, of MISSION_ITEM_INT messages."""
         self._begin()
         self._send((255, 190), mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
         for _ in range(200 * len(items)):
-            asked = [line for line in self.heard if line.name.startswith("MISSION_REQUEST")]
-            self.heard.clear()
+            asked = [line for line in self.received if line.name.startswith("MISSION_REQUEST")]
+            self.received.clear()
             for line in asked:
                 self._send((255, 190), items[line.fields["seq"]])
             self.run(self.now_us + 1000)
 
-    def say(self, message: Any, source: tuple[int, int] = (255, 190)) -> list[Line]:
-        """Send a message; returns what is said to it within 25 ms."""
-        self.heard = []
+    def send(self, message: Any, source: tuple[int, int] = (255, 190)) -> list[Line]:
+        """Send a message; returns the replies within 25 ms."""
+        self.received = []
         self._send(source, message)
         self.run(self.now_us + 25_000)
-        return self.heard
+        return self.received
 
     def listen(self, seconds: float) -> list[Line]:
-        """What is said in a while."""
-        self.heard = []
+        """The messages of a period."""
+        self.received = []
         self.run(self.now_us + round(seconds * SECOND))
-        return self.heard
+        return self.received
 
     def _begin(self) -> None:
         self.run(self.now_us + round(PAUSE_S * SECOND))
         self._began_us = self.now_us
-        self.heard = []
+        self.received = []
 
     def _send(self, source: tuple[int, int], message: Any) -> None:
         self.mock.receive_data(self._codecs[source].encode(message), self.now_us)
@@ -218,7 +218,7 @@ class Player:
         for datagram in self.mock.data_to_send():
             for message in self._decoder.decode(datagram):
                 if message.get_type() in (*EXCHANGE, *PROGRESS, "STATUSTEXT"):
-                    self.heard.append(line_of_frame(message, at_s))
+                    self.received.append(line_of_frame(message, at_s))
 
 
 def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
@@ -238,7 +238,7 @@ def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
             player.upload(standard)
         transcript = read_transcript(path)
         _set_parameters(mock, transcript)
-        found[case] = differences(transcript.heard, player.play(transcript), mock)
+        found[case] = differences(transcript.received, player.play(transcript), mock)
     return found
 
 
@@ -258,16 +258,16 @@ def play_flights(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for case in FLIGHTS:
         transcript = read_transcript(folder / f"{case}.jsonl")
-        heard = player.fly(transcript)
-        wanted, given = (
-            list(collapsed(exchange(lines, "A"))) for lines in (transcript.heard, heard)
+        received = player.fly(transcript)
+        expected, given = (
+            list(collapsed(exchange(lines, "A"))) for lines in (transcript.received, received)
         )
-        found[case] = compared(once(wanted), once(given), mock)
-        wanted, given = (
+        found[case] = compared(once(expected), once(given), mock)
+        expected, given = (
             [(line, 1) for line in texts(lines) if line.fields["text"].startswith(FLIGHT_TEXTS)]
-            for lines in (transcript.heard, heard)
+            for lines in (transcript.received, received)
         )
-        found[case] += compared(wanted, given, mock)
-        fault = progress_fault(transcript.heard, heard)
+        found[case] += compared(expected, given, mock)
+        fault = progress_fault(transcript.received, received)
         found[case] += [fault] if fault else []
     return found

@@ -31,20 +31,20 @@ def text(words: str) -> bytes:
     return Codec(1, 1).encode(mavlink.MAVLink_statustext_message(6, words.encode()))
 
 
-class Ear:
-    """A peer: what it heard, and what it wants to say."""
+class Peer:
+    """A peer: the texts it received, and the frames it is to send."""
 
     def __init__(self) -> None:
-        self.heard: list[str] = []
-        self.to_say: list[bytes] = []
+        self.received: list[str] = []
+        self.outgoing: list[bytes] = []
         self._codec = Codec(255, 190)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        self.heard += [message.text for message in self._codec.decode(data)]
+        self.received += [message.text for message in self._codec.decode(data)]
 
     def data_to_send(self) -> list[bytes]:
-        said, self.to_say = self.to_say, []
-        return said
+        frames, self.outgoing = self.outgoing, []
+        return frames
 
     def next_timer(self) -> int | None:
         return None
@@ -62,15 +62,15 @@ def run(test: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
     return asyncio.run(bounded())
 
 
-async def heard(connection: Connection, ear: Ear, *expected: str) -> None:
-    """Wait until the peer has heard exactly this."""
+async def receive_exactly(connection: Connection, peer: Peer, *expected: str) -> None:
+    """Wait until the peer has received exactly this."""
     try:
         async with asyncio.timeout(PATIENCE_S):
-            while len(ear.heard) < len(expected):
+            while len(peer.received) < len(expected):
                 await connection.wait()
     except TimeoutError:
         pass
-    assert ear.heard == list(expected)
+    assert peer.received == list(expected)
 
 
 def udp_socket() -> socket.socket:

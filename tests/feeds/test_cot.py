@@ -27,7 +27,7 @@ from tests.patience import PATIENCE_S, until
 UNIX_US = 1_795_304_000_250_000
 
 
-def test_a_vehicle_is_where_it_was_heard_and_grows_stale() -> None:
+def test_a_vehicle_is_at_its_reported_position_and_grows_stale() -> None:
     state = TelemetryState(7, "hawk", 36.5, -84.25, 560.4, 250.0, 149.6, 40.0, 18.25, 43.2)
     event = ElementTree.fromstring(vehicle_event(state, "plane", "east", UNIX_US, 6_000_000))
     assert (event.get("uid"), event.get("type")) == ("east.hawk", "a-f-A-M-F-Q")
@@ -92,7 +92,7 @@ async def sending(url: str, **more: Any) -> AsyncIterator[RunContext]:
         await asyncio.wait([task])
 
 
-def test_events_come_by_udp_and_only_of_vehicles_that_were_heard_anew() -> None:
+def test_events_are_sent_by_udp_and_only_for_vehicles_with_a_new_position() -> None:
     async def look() -> None:
         loop = asyncio.get_running_loop()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -120,9 +120,9 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
     got = bytearray()
 
     async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(b"<event/>" * 100)  # of others, which nobody here wants
+        writer.write(b"<event/>" * 100)  # of others, which the client ignores
         got.extend(await reader.readuntil(b"</event>"))
-        writer.close()  # and it is gone
+        writer.close()  # and it is closed
 
     async def look() -> None:
         with socket.socket() as sock:
@@ -143,7 +143,7 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
     asyncio.run(look())
 
 
-def test_tls_believes_only_the_authority_that_is_named(tmp_path: Path) -> None:
+def test_tls_accepts_only_the_configured_authority(tmp_path: Path) -> None:
     make_certificates(tmp_path)
     server_tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     server_tls.load_cert_chain(tmp_path / "broker.pem", tmp_path / "broker.key")
@@ -169,7 +169,7 @@ def test_tls_believes_only_the_authority_that_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "url", ["http://a:1", "udp://a", "tcp://a:0", "tcp://a:70000", "tcp://a b:1", "tcp://a..b:1"]
 )
-def test_urls_that_are_none_are_told(url: str) -> None:
+def test_invalid_urls_are_reported(url: str) -> None:
     with pytest.raises(ValidationError, match="write it as"):
         CotSection(url=url)
 

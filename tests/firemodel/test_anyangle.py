@@ -352,7 +352,7 @@ def test_the_state_of_each_cell_at_a_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lit", "told"),
+    ("lit", "message"),
     [
         ((-1, 3, 0.0), "outside the landscape"),
         ((3, 41, 0.0), "outside the landscape"),
@@ -361,10 +361,12 @@ def test_the_state_of_each_cell_at_a_time() -> None:
         ((5, 5, 0.0), "fuel code 98 does not burn"),
     ],
 )
-def test_nothing_is_lit_where_or_when_it_cannot_be(lit: tuple[int, int, float], told: str) -> None:
+def test_nothing_is_lit_where_or_when_it_cannot_be(
+    lit: tuple[int, int, float], message: str
+) -> None:
     codes = np.full((41, 41), 1, dtype=np.int16)
     codes[5, 5] = 98
-    with pytest.raises(FireModelError, match=told):
+    with pytest.raises(FireModelError, match=message):
         AnyAngleFire(landscape(codes), steady(), [lit])
 
 

@@ -16,7 +16,7 @@ from tests.firemodel.spread_fields import spread_fields
 
 
 @pytest.mark.parametrize("scheme", [AnyAngleFire, Devs8Fire])
-def test_head_and_back_are_as_rothermel_says(scheme: type[AnyAngleFire] | type[Devs8Fire]) -> None:
+def test_head_and_back_agree_with_rothermel(scheme: type[AnyAngleFire] | type[Devs8Fire]) -> None:
     land, entry = landscape(4), weather(4.0, 270.0)
     fire = scheme(land, WeatherStream([entry]), [(20, 20, 0.0)])
     fire.advance(4000.0)

@@ -97,12 +97,14 @@ def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
         replace(each, at_s=at_s, wind_speed_m_s=1.3 * each.wind_speed_m_s, wind_from_deg=from_deg)
         for each, at_s, from_deg in ((now, NOW_S, 285.0), (later, 6000.0, 25.0))
     ]
-    told = SCHEMES[scheme](WeatherStream([first, now, *others]), None)
-    for each in (fire, told):
+    with_forecast = SCHEMES[scheme](WeatherStream([first, now, *others]), None)
+    for each in (fire, with_forecast):
         each.advance(9000.0)
-    burned = told.burned()
+    burned = with_forecast.burned()
     assert np.array_equal(fire.burned(), burned)
-    np.testing.assert_allclose(fire.arrival_time_s[burned], told.arrival_time_s[burned], atol=1e-6)
+    np.testing.assert_allclose(
+        fire.arrival_time_s[burned], with_forecast.arrival_time_s[burned], atol=1e-6
+    )
     as_forecast = SCHEMES[scheme](CHANGING, None)
     as_forecast.advance(9000.0)
     assert np.count_nonzero(as_forecast.burned() != burned) > 0.1 * np.count_nonzero(burned)
@@ -121,7 +123,7 @@ def test_twice_the_rate_is_half_the_time(scheme: str) -> None:
     later = (fire.arrival_time_s > 2000.0) & (fire.arrival_time_s < 4900.0)
     assert np.count_nonzero(later) > 100
     halved = 2000.0 + (fire.arrival_time_s[later] - 2000.0) / 2.0
-    # Any-angle joins the lines under way anew at a change.
+    # Any-angle joins the lines under way again at a change.
     off_s = 20.0 if scheme == "anyangle" else 1e-6
     np.testing.assert_allclose(fast.arrival_time_s[later], halved, atol=off_s)
 

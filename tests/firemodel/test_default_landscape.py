@@ -14,7 +14,7 @@ from firemodel.spread.front import perimeter
 
 
 @pytest.mark.parametrize(
-    ("lat_deg", "lon_deg", "known_m"),
+    ("lat_deg", "lon_deg", "expected_m"),
     [
         (36.3301, -84.1838, 327.0),  # Jacksboro
         (36.3828, -84.1197, 325.0),  # LaFollette
@@ -22,11 +22,13 @@ from firemodel.spread.front import perimeter
         (36.1983, -84.2306, 1077.0),  # Cross Mountain
     ],
 )
-def test_known_places_have_their_elevation(lat_deg: float, lon_deg: float, known_m: float) -> None:
+def test_known_places_have_their_elevation(
+    lat_deg: float, lon_deg: float, expected_m: float
+) -> None:
     """Nowhere near it would hold if the grid were upside down or a grid's height too far north."""
     x_m, y_m = jacksboro(4, 4).xy_of_lat_lon(lat_deg, lon_deg)
     around = _elevation(3, 3, 60.0, x_m - 90.0, y_m + 90.0)
-    assert around[1, 1] == pytest.approx(known_m, abs=15.0)
+    assert around[1, 1] == pytest.approx(expected_m, abs=15.0)
 
 
 def test_a_grid_beyond_the_terrain_is_refused() -> None:

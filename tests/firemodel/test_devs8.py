@@ -227,7 +227,7 @@ def test_eight_directions_burn_as_much_of_the_ellipse_as_devs_fire(
     assert fire.front(time_s).area / ellipse_m2 == pytest.approx(share, abs=0.01)
 
 
-def test_states_are_known_for_the_past_only() -> None:
+def test_states_are_available_for_the_past_only() -> None:
     fuel = np.ones((41, 41), dtype=np.int16)
     fuel[20, 24] = 98
     fire = Devs8Fire(landscape(fuel), steady(), [MIDDLE, (2, 2, 4000.0)])
@@ -264,7 +264,7 @@ def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
         fire.front(fire.time_s + 1.0)
 
 
-def test_the_front_knows_nothing_of_ignitions_to_come() -> None:
+def test_the_front_does_not_depend_on_later_ignitions() -> None:
     still = float(spread_fields(landscape(), weather())[0][0, 0])
     alone, with_one_ahead = (
         Devs8Fire(landscape(), steady(), [MIDDLE, *more])
@@ -292,7 +292,7 @@ def test_a_fire_already_there_goes_on_from_its_outermost_cells() -> None:
     assert np.array_equal(fire.arrival_time_s[18:23, 18:23], arrival_s[18:23, 18:23])
 
 
-def test_what_cannot_burn_does_not_spread_even_if_it_is_said_to_have_burned() -> None:
+def test_unburnable_cells_do_not_spread_even_if_given_as_burned() -> None:
     fuel = np.ones((41, 41), dtype=np.int16)
     fuel[20, 20] = 98
     arrival_s = np.where(fuel == 98, 0.0, np.inf)

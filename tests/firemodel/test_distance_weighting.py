@@ -15,7 +15,7 @@ from firemodel.errors import FireModelError
 Floats = NDArray[np.float64]
 LENGTH_M = 20.0
 FIRE = EllipseFire([Spread(0.0, 0.5, 0.1, 0.1, 0.0)], np.zeros((1, 3)))
-HERE = (50.0, 0.0)  # where it comes after 100 s
+PLACE = (50.0, 0.0)  # where it comes after 100 s
 
 
 def observations(*rows: tuple[float, float, float, int]) -> Floats:
@@ -30,15 +30,15 @@ def moved_s(given: Floats, *places: tuple[float, float]) -> Floats:
 
 def test_a_mark_is_right_where_it_is_and_fades_with_distance() -> None:
     late = moved_s(
-        observations((*HERE, 160.0, BURNING)), HERE, (50.0, LENGTH_M), (50.0 + 6.5 * LENGTH_M, 0)
+        observations((*PLACE, 160.0, BURNING)), PLACE, (50.0, LENGTH_M), (50.0 + 6.5 * LENGTH_M, 0)
     )
     assert late.tolist() == pytest.approx([60.0, 60.0 * math.exp(-0.5), 0.0], abs=1e-6)
     assert late[2] == 0.0
 
 
 def test_marks_together_are_averaged_and_apart_they_do_not_add_up() -> None:
-    two = observations((*HERE, 160.0, BURNING), (*HERE, 120.0, BURNING))
-    assert moved_s(two, HERE, (50.0, LENGTH_M)).tolist() == pytest.approx(
+    two = observations((*PLACE, 160.0, BURNING), (*PLACE, 120.0, BURNING))
+    assert moved_s(two, PLACE, (50.0, LENGTH_M)).tolist() == pytest.approx(
         [40.0, 80.0 * math.exp(-0.5) / (2.0 * math.exp(-0.5))]
     )
     assert moved_s(two, (50.0, 2.0 * LENGTH_M))[0] == pytest.approx(80.0 * math.exp(-2.0))
@@ -54,22 +54,22 @@ def test_marks_together_are_averaged_and_apart_they_do_not_add_up() -> None:
         (60.0, BURNING, -40.0),
     ],
 )
-def test_burned_and_unburned_say_by_when_and_from_when(
+def test_burned_and_unburned_cells_give_bounds_on_the_arrival_time(
     at_s: float, state: int, late_s: float
 ) -> None:
-    assert moved_s(observations((*HERE, at_s, state)), HERE)[0] == pytest.approx(late_s)
+    assert moved_s(observations((*PLACE, at_s, state)), PLACE)[0] == pytest.approx(late_s)
 
 
 def test_what_the_fire_agrees_with_does_not_weaken_the_others() -> None:
     agrees = [(50.0, float(y), 500.0, BURNED) for y in range(5)]
-    assert moved_s(observations((*HERE, 160.0, BURNING), *agrees), HERE)[0] == pytest.approx(60.0)
-    as_simulated = float(FIRE.ignition_time_s(np.array([HERE]))[0])
-    exact = (*HERE, as_simulated, BURNING)  # does: fire was seen to come just then
-    assert moved_s(observations((*HERE, 160.0, BURNING), exact), HERE)[0] == pytest.approx(30.0)
+    assert moved_s(observations((*PLACE, 160.0, BURNING), *agrees), PLACE)[0] == pytest.approx(60.0)
+    as_simulated = float(FIRE.ignition_time_s(np.array([PLACE]))[0])
+    exact = (*PLACE, as_simulated, BURNING)  # does: fire was seen to come just then
+    assert moved_s(observations((*PLACE, 160.0, BURNING), exact), PLACE)[0] == pytest.approx(30.0)
 
 
 def test_without_marks_nothing_is_moved() -> None:
-    assert moved_s(np.empty((0, 4)), HERE, (1e5, 1e5)).tolist() == [0.0, 0.0]
+    assert moved_s(np.empty((0, 4)), PLACE, (1e5, 1e5)).tolist() == [0.0, 0.0]
 
 
 def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
@@ -83,8 +83,8 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
     found = corrected.ignition_time_s(points)
     assert found.tolist() == pytest.approx([50.0, 800.0, 900.0, 800.0, np.inf])
     none = EllipseFire(rain, np.empty((0, 3)))
-    assert PaperCorrected(none, observations((*HERE, 10.0, BURNED)), LENGTH_M).ignition_time_s(
-        np.array([HERE])
+    assert PaperCorrected(none, observations((*PLACE, 10.0, BURNED)), LENGTH_M).ignition_time_s(
+        np.array([PLACE])
     ).tolist() == [10.0]
 
 
@@ -110,9 +110,9 @@ def test_tiles_and_polynomials_change_nothing(
     np.testing.assert_allclose(found, expected, atol=5e-9 * np.abs(error_s).sum())
 
 
-def test_times_known_before_give_the_same() -> None:
+def test_times_computed_before_give_the_same() -> None:
     points = np.random.default_rng(6).uniform(-100.0, 100.0, (500, 2))
-    corrected = PaperCorrected(FIRE, observations((*HERE, 160.0, BURNING)), LENGTH_M)
+    corrected = PaperCorrected(FIRE, observations((*PLACE, 160.0, BURNING)), LENGTH_M)
     simulated_s = FIRE.ignition_time_s(points)
     again = corrected.corrected_s(points, simulated_s)
     assert again.tolist() == corrected.ignition_time_s(points).tolist()

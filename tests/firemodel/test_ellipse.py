@@ -76,7 +76,7 @@ def every_pair(fire: EllipseFire, points: Floats) -> Floats:
         (*STEADY, STEADY[0]._replace(from_s=60.0, toward_rad=TOWARD + 2.0 * math.pi)),
     ],
 )
-def test_the_ellipse_spans_as_the_rates_say(spreads: tuple[Spread, ...]) -> None:
+def test_the_ellipse_spans_according_to_the_rates(spreads: tuple[Spread, ...]) -> None:
     fire = EllipseFire(spreads, np.array([[1000.0, 2000.0, 10.0]]))
     t_s = 100.0
     middle = ALONG * (HEAD - BACK) / 2.0 * t_s
@@ -276,7 +276,7 @@ def test_lines_are_points() -> None:
     )
     np.testing.assert_allclose(found, expected)
     assert line_sources(corners[:1], 5.0, 4.0).tolist() == [[0.0, 0.0, 5.0]]
-    # Late between two sources by s² / (8 r), as line_sources says.
+    # Late between two sources by s² / (8 r), as documented in line_sources.
     spacing_m, r_m = 4.0, 8.0
     fire = EllipseFire(
         [Spread(0.0, 0.1, 0.1, 0.1, 0.0)], line_sources(corners[:2] * 10.0, 0.0, spacing_m)

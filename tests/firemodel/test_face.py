@@ -17,7 +17,7 @@ from tests.firemodel.grids import landscape, steady
 FUNCTIONS = [name for name in firemodel.__all__ if inspect.isfunction(getattr(firemodel, name))]
 
 
-def test_the_example_of_burn_gives_what_it_says() -> None:
+def test_the_example_of_burn_gives_the_documented_output() -> None:
     found = doctest.testmod(simulate)
     assert found.attempted >= 4
     assert found.failed == 0

@@ -1,4 +1,4 @@
-"""Files are told by their content, and none makes the fire model fetch anything."""
+"""Files are identified by their content, and none makes the fire model fetch anything."""
 
 import http.server
 import json
@@ -66,9 +66,9 @@ def test_a_raster_that_lists_others_is_refused(
 ) -> None:
     path = tmp_path / name
     path.write_text(raster_vrt(f"{scheme}://127.0.0.1:{server.server_port}/x.tif"))
-    with pytest.raises(FireModelError, match="is no GeoTIFF") as told:
+    with pytest.raises(FireModelError, match="is no GeoTIFF") as error:
         bands_of(path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
     assert server.asked == 0
 
 
@@ -80,9 +80,9 @@ def test_shapes_that_list_others_are_refused(
     path = tmp_path / name
     (tmp_path / "lit.shx").write_bytes(b"")
     path.write_text(vector_vrt(f"{scheme}://127.0.0.1:{server.server_port}/x.json"))
-    with pytest.raises(FireModelError, match="is XML but no KML: OGRVRTDataSource") as told:
+    with pytest.raises(FireModelError, match="is XML but no KML: OGRVRTDataSource") as error:
         features_of(path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
     assert server.asked == 0
 
 

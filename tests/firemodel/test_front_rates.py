@@ -27,7 +27,7 @@ def hillside(rise_north: float, rise_east: float) -> Landscape:
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.3, 0.0), (0.2, -0.4)])
 @pytest.mark.parametrize("side", ["north", "south", "east", "west"])
-def test_a_burning_line_moves_as_fast_as_the_front_is_said_to(
+def test_a_burning_line_moves_at_the_computed_rate_of_the_front(
     slope: tuple[float, float], side: str
 ) -> None:
     land = hillside(*slope)

@@ -1,4 +1,4 @@
-"""Observations set a mis-set fire right, everywhere and ahead of time, and say how surely."""
+"""Observations set a mis-set fire right, everywhere and ahead of time, with a confidence."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A description says what is in a file, and all that is wrong with it at once."""
+"""A description lists the contents of a file and all its problems at once."""
 
 import json
 from pathlib import Path
@@ -56,7 +56,7 @@ def broken_files(tmp_path: Path) -> dict[str, Path]:
     }
 
 
-def test_all_problems_are_told_and_not_the_first_alone(tmp_path: Path) -> None:
+def test_all_problems_are_reported_and_not_only_the_first(tmp_path: Path) -> None:
     """Each is a line, and mending one after the other ends in a landscape."""
     files = broken_files(tmp_path)
     problems = describe_rasters(files)["problems"]

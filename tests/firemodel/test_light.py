@@ -1,4 +1,4 @@
-"""A cell lit in a fire under way: the same fire as if that ignition had been known at the start."""
+"""A cell lit in a fire under way: the same fire as with that ignition from the start."""
 
 from collections.abc import Callable, Sequence
 
@@ -38,23 +38,25 @@ of_each_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 
 @of_each_scheme
 @pytest.mark.parametrize(
-    ("told_s", "lit_s"),
+    ("lit_at_s", "lit_s"),
     [(0.0, 600.0), (600.0, 600.0), (350.0, CHANGE_S), (CHANGE_S, CHANGE_S), (699.0, 810.0)],
 )
-def test_it_is_the_same_as_if_known_from_the_start(
-    scheme: str, told_s: float, lit_s: float
+def test_it_is_the_same_as_an_ignition_from_the_start(
+    scheme: str, lit_at_s: float, lit_s: float
 ) -> None:
     # Those lit at once in the order in which they draw their chances.
     later: list[Ignition] = [(6, 20, lit_s), (30, 25, lit_s), (5, 35, lit_s + 150.0)]
-    known, told = SCHEMES[scheme]([FIRST, *later]), SCHEMES[scheme]([FIRST])
-    told.advance(told_s)
+    from_start, lit_later = SCHEMES[scheme]([FIRST, *later]), SCHEMES[scheme]([FIRST])
+    lit_later.advance(lit_at_s)
     for ignition in later:
-        told.light(*ignition)
-    for fire in (known, told):
+        lit_later.light(*ignition)
+    for fire in (from_start, lit_later):
         fire.advance(END_S)
-    np.testing.assert_allclose(told.arrival_time_s, known.arrival_time_s, rtol=1e-12)
-    assert [told.arrival_time_s[row, col] for row, col, _ in later] == [at for _, _, at in later]
-    assert told.arrival_time_s[4, 35] < np.inf  # beyond the river
+    np.testing.assert_allclose(lit_later.arrival_time_s, from_start.arrival_time_s, rtol=1e-12)
+    assert [lit_later.arrival_time_s[row, col] for row, col, _ in later] == [
+        at for _, _, at in later
+    ]
+    assert lit_later.arrival_time_s[4, 35] < np.inf  # beyond the river
 
 
 @of_each_scheme

@@ -54,7 +54,7 @@ def test_equilibrium_is_near_that_measured_on_wood() -> None:
     assert found == pytest.approx(np.array([5.3, 11.1, 17.6]), abs=0.5)
 
 
-def test_in_one_time_lag_all_but_a_part_of_e_is_gone() -> None:
+def test_after_one_time_lag_a_part_of_one_over_e_is_left() -> None:
     found = after_time_lag(np.array([20.0]), np.array([5.0]), 10.0, np.array([10.0]))
     assert found == pytest.approx(5.0 + 15.0 / math.e)
 

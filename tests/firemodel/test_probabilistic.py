@@ -109,9 +109,9 @@ def test_a_cell_burns_until_nothing_around_it_is_left() -> None:
         fire.advance(10.0 * update)
         state = fire.state_at(fire.time_s)
         left = np.pad(state == UNBURNED, 1)
-        beside = left[:-2, 1:-1] | left[2:, 1:-1] | left[1:-1, :-2] | left[1:-1, 2:]
+        next_to_burning = left[:-2, 1:-1] | left[2:, 1:-1] | left[1:-1, :-2] | left[1:-1, 2:]
         new = fire.arrival_time_s == fire.time_s
-        assert np.array_equal(state == BURNING, fire.burned() & (beside | new))
+        assert np.array_equal(state == BURNING, fire.burned() & (next_to_burning | new))
     assert (state == BURNED).sum() > 100
 
 
@@ -159,9 +159,9 @@ def test_states_of_the_past_stay_what_they_were() -> None:
     cells = (seen[-1][1] != UNBURNED).sum()
     assert cells > 300
     assert seen[-1][2] == pytest.approx(cells * CELL_M**2, rel=0.1)
-    for known in (fire.state_at, fire.front):
+    for query in (fire.state_at, fire.front):
         with pytest.raises(FireModelError, match="not known at 295"):
-            known(295.0)
+            query(295.0)
 
 
 def test_a_cell_lit_between_updates_spreads_from_the_next_one_on() -> None:

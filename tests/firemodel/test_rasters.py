@@ -226,7 +226,7 @@ def lcp(tmp_path: Path, fuel: NDArray[np.int16] = FUEL, **options: str) -> Path:
     return tmp_path / "land.lcp"
 
 
-def test_an_lcp_says_its_own_units(tmp_path: Path) -> None:
+def test_an_lcp_declares_its_own_units(tmp_path: Path) -> None:
     land = read_landscape(lcp(tmp_path))
     np.testing.assert_array_equal(land.fuel_model, FUEL)
     np.testing.assert_allclose(land.slope_tan[1], SLOPE_DEG[1] / 100, rtol=1e-5)
@@ -278,7 +278,7 @@ def ascii_grid(path: Path, values: NDArray[Any], nodata: float = -9999.0) -> Pat
     return path
 
 
-def test_ascii_grids_are_read_with_a_crs_beside_them_or_given(tmp_path: Path) -> None:
+def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> None:
     fuel = ascii_grid(tmp_path / "fuel.asc", FUEL)
     dem = ascii_grid(tmp_path / "dem.asc", HEIGHTS)
     with pytest.raises(FireModelError, match=r"fuel.asc: has no CRS; .* or give it as crs"):
@@ -446,7 +446,7 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
         read_arrival(undeclared, land, unit="weeks")  # type: ignore[arg-type]
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+@pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
     """LANDFIRE's slope and aspect bands of the Maria fire against Horn's from its elevation."""
     names = ("fuel", "elevation", "slope", "aspect")
@@ -458,7 +458,7 @@ def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
         assert found > 0.99
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+@pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_a_real_lcp_and_its_arrival_times() -> None:
     """FARSITE's flat land; its last cell burns at 419.9 minutes of seven hours."""
     flat = DATA / "farsite_flatland"

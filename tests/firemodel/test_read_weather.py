@@ -216,8 +216,8 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
 
 
 def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(FireModelError, match=r"gone\.wxs: cannot be read \(No such file"):
-        read_weather(tmp_path / "gone.wxs", moisture=MOISTURE)
+    with pytest.raises(FireModelError, match=r"missing\.wxs: cannot be read \(No such file"):
+        read_weather(tmp_path / "missing.wxs", moisture=MOISTURE)
     with pytest.raises(FireModelError, match="not a known kind of weather file"):
         read_weather(written(tmp_path, ENGLISH, "a.wtr"), moisture=MOISTURE)
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")

@@ -195,11 +195,11 @@ def test_codes_91_to_99_are_known_not_to_burn_and_no_others() -> None:
     assert list(NON_BURNABLE) == list(range(91, 100))
     assert NON_BURNABLE[98] == "water"
     assert NON_BURNABLE[95] == "non-burnable"
-    check_codes(np.array([[*FUEL_MODELS, *NON_BURNABLE]]), "here")
+    check_codes(np.array([[*FUEL_MODELS, *NON_BURNABLE]]), "codes")
     with pytest.raises(
-        ValueError, match=r"here: unknown fuel code 110 at row 1, column 0 \(1 such"
+        ValueError, match=r"codes: unknown fuel code 110 at row 1, column 0 \(1 such"
     ):
-        check_codes(np.array([[1], [110]]), "here")
+        check_codes(np.array([[1], [110]]), "codes")
 
 
 @pytest.mark.parametrize(

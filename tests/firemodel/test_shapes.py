@@ -129,7 +129,7 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
 
 
 BOW_TIE = Polygon([(LON, LAT), (LON + 0.002, LAT + 0.002), (LON + 0.002, LAT), (LON, LAT + 0.002)])
-HERE = mapping(Point(LON, LAT))
+POINT = mapping(Point(LON, LAT))
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ HERE = mapping(Point(LON, LAT))
 def test_features_that_cannot_be_used_are_refused(
     tmp_path: Path, geometry: Any, message: str
 ) -> None:
-    path = geojson(tmp_path / "bad.geojson", HERE, geometry)
+    path = geojson(tmp_path / "bad.geojson", POINT, geometry)
     with pytest.raises(FireModelError, match=rf"bad.geojson: {message}") as caught:
         read_shapes(path, LAND)
     assert "\n" not in str(caught.value)
@@ -170,7 +170,7 @@ def test_files_that_are_no_shapes_are_refused(tmp_path: Path) -> None:
     broken.write_bytes(broken.read_bytes()[:250])
     with pytest.raises(FireModelError, match=r"c.shp: (cannot be read as shapes|feature 2)"):
         read_shapes(broken, LAND)
-    path = geojson(tmp_path / "d.geojson", HERE)
+    path = geojson(tmp_path / "d.geojson", POINT)
     path.write_bytes(path.read_bytes().replace(b'"properties": {}', b'"properties": {"a": "\xe9"}'))
     with pytest.raises(FireModelError, match=r"d.geojson: is not JSON in UTF-8"):
         read_shapes(path, LAND)
@@ -182,7 +182,7 @@ def test_a_line_that_leaves_the_landscape_is_kept_whole(tmp_path: Path) -> None:
     assert found.length == pytest.approx(10_000.0)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="real data are not here")
+@pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_perimeters_have_the_areas_that_were_measured() -> None:
     """The Maria fire: 21 infrared perimeters from 3 to 42 km²; then one more."""
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}

@@ -56,7 +56,7 @@ def test_fronts_are_rfc_7946(tmp_path: Path) -> None:
     assert (lon_deg, lat_deg) == pytest.approx((-87.0, 36.14), abs=0.01)
 
 
-def test_fronts_tell_time_area_and_that_nobody_approved_them() -> None:
+def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
     fire = around_a_rock()
     zero = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
     (feature,) = fronts_geojson(fire, [15_000.0], "rock", zero)["features"]

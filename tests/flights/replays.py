@@ -44,15 +44,15 @@ class Replay:
         assert answer.status_code == 200, answer.text
         return answer.json()
 
-    def until(self, **wanted: Any) -> Any:
+    def until(self, **expected: Any) -> Any:
         """The state of the replay, once it is so."""
         until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             state = self.get("/replay")
-            if all(state[key] == value for key, value in wanted.items()):
+            if all(state[key] == value for key, value in expected.items()):
                 return state
             time.sleep(0.05)
-        raise AssertionError(f"not {wanted}: {state}")
+        raise AssertionError(f"not {expected}: {state}")
 
     def end(self, number: int = signal.SIGINT) -> int:
         self.http.close()

@@ -135,8 +135,10 @@ def test_parquet_holds_back_one_group_of_rows(
 ) -> None:
     monkeypatch.setattr(table_files, "GROUP_ROWS", 12)
     exported(logs, out, "parquet")
-    told = pyarrow.parquet.ParquetFile(out / "positions.parquet").metadata
-    assert [told.row_group(at).num_rows for at in range(told.num_row_groups)] == [12] * 6 + [8]
+    metadata = pyarrow.parquet.ParquetFile(out / "positions.parquet").metadata
+    assert [metadata.row_group(at).num_rows for at in range(metadata.num_row_groups)] == [
+        12
+    ] * 6 + [8]
 
 
 def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:
@@ -169,7 +171,7 @@ def test_mcap_has_all_logs_on_one_clock(logs: list[Path], out: Path) -> None:
     ]
 
 
-def test_mcap_keeps_the_logs_own_clocks_if_one_knows_no_other(tmp_path: Path, out: Path) -> None:
+def test_mcap_keeps_the_logs_own_clocks_if_there_is_no_other(tmp_path: Path, out: Path) -> None:
     from tests.bridge.log_writers import ulog
 
     dated, undated = tmp_path / "kite.ulg", tmp_path / "crow.ulg"
@@ -231,7 +233,7 @@ def test_only_what_is_asked_for_is_written(logs: list[Path], out: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"tracks.kml", "flight.mcap"}
 
 
-def test_what_is_not_known_is_left_empty() -> None:
+def test_missing_values_are_left_empty() -> None:
     rows = list(Rows("a.tlog", None).of(1, POSITION))
     ((table, row),) = rows
     assert table == "positions"

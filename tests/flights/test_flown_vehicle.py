@@ -24,9 +24,9 @@ def logs(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_a_flight_in_figures(logs: tuple[Path, Path]) -> None:
-    told = info_of(open_log(logs[0]))
-    (flown,) = told["vehicles"]
-    assert len(told["damage"]) == 1
+    info = info_of(open_log(logs[0]))
+    (flown,) = info["vehicles"]
+    assert len(info["damage"]) == 1
     assert flown["autopilot"] == "ardupilot plane"
     assert flown["positions"] == 40
     assert flown["flown_m"] == pytest.approx(39 * 8.96, abs=2.0)  # 1e-4 deg of longitude each
@@ -47,24 +47,24 @@ def test_a_turn_back_and_what_servos_let_go_are_found(tmp_path: Path) -> None:
     from tests.bridge.log_writers import dataflash
 
     path = tmp_path / "drops.bin"
-    told = [("MSG", 1_000_000, "ArduCopter V4.6.2"), ("MODE", 1_000_000, 3, 3)]
-    told += [("MISE", 2_000_000 + seq * 1_000_000, 9, seq) for seq in (1, 2, 3)]
-    told += [("MISE", 6_500_000, 9, 2)]
-    path.write_bytes(dataflash(told))
+    messages = [("MSG", 1_000_000, "ArduCopter V4.6.2"), ("MODE", 1_000_000, 3, 3)]
+    messages += [("MISE", 2_000_000 + seq * 1_000_000, 9, seq) for seq in (1, 2, 3)]
+    messages += [("MISE", 6_500_000, 9, 2)]
+    path.write_bytes(dataflash(messages))
     (flown,) = info_of(open_log(path))["vehicles"]
     assert flown["turned_back_at_s"] == [5.5]
     assert flown["items_reached"] == 2
 
 
-def test_info_prints_all_logs_and_tells_of_damage(logs: tuple[Path, Path]) -> None:
+def test_info_prints_all_logs_and_reports_damage(logs: tuple[Path, Path]) -> None:
     result = call("log", "info", *map(str, logs))
     assert result.exit_code == 0
     assert "DAMAGED:" in result.output
     assert "vehicle 1 (hawk-1), ardupilot plane" in result.output
     assert "vehicle 3 (kite-3), px4 plane: from 2026-" in result.output
     assert "mission, armed" in result.output
-    told = json.loads(call("log", "info", "--json", str(logs[1])).output)
-    assert told[0]["vehicles"][0]["autopilot"] == "px4 plane"
+    info = json.loads(call("log", "info", "--json", str(logs[1])).output)
+    assert info[0]["vehicles"][0]["autopilot"] == "px4 plane"
 
 
 def test_export_writes_what_other_programs_read(logs: tuple[Path, Path], tmp_path: Path) -> None:

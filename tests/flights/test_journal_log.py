@@ -1,4 +1,4 @@
-"""A journal as a log: its positions, missions and modes; damage is told and passed over."""
+"""A journal as a log: its positions, missions and modes; damage is reported and skipped."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
-def test_a_journal_tells_what_its_vehicles_told(folder: Path) -> None:
+def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
     log = open_flight(folder)
     assert isinstance(log, JournalLog)
     assert log.names == {1: "hawk", 2: "kite"}
@@ -46,9 +46,9 @@ def test_a_journal_tells_what_its_vehicles_told(folder: Path) -> None:
         assert any(isinstance(event, ModeChanged) and event.armed for event in mine)
         (connected,) = [event for event in mine if isinstance(event, Connected)]
         assert connected.stack.name == {"hawk": "px4", "kite": "ardupilot"}[name]
-    told = info_of(log)
-    assert [each["name"] for each in told["vehicles"]] == ["hawk", "kite"]
-    assert told["vehicles"][0]["max_speed_m_s"] > 10.0
+    info = info_of(log)
+    assert [each["name"] for each in info["vehicles"]] == ["hawk", "kite"]
+    assert info["vehicles"][0]["max_speed_m_s"] > 10.0
 
 
 def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
 
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0, exclude_max=True), change=st.integers(1, 255))
-def test_a_changed_byte_costs_its_line_and_is_told(
+def test_a_changed_byte_costs_its_line_and_is_reported(
     folder: Path, tmp_path: Path, place: float, change: int
 ) -> None:
     whole = (folder / "journal.jsonl").read_bytes()
@@ -70,16 +70,16 @@ def test_a_changed_byte_costs_its_line_and_is_told(
     path = tmp_path / "journal.jsonl"
     path.write_bytes(data)
     log = JournalLog(path)
-    told = sum(1 for _ in log.things())
+    count = sum(1 for _ in log.things())
     lines = whole.count(b"\n")
     assert len(log.damage) >= 1
     assert log.damage[0].at_byte <= at < log.damage[0].at_byte + log.damage[0].skipped_bytes
-    assert lines - 6 <= told < lines
+    assert lines - 6 <= count < lines
 
 
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0))
-def test_a_journal_cut_at_any_byte_tells_all_up_to_there(
+def test_a_journal_cut_at_any_byte_is_read_up_to_the_cut(
     folder: Path, tmp_path: Path, place: float
 ) -> None:
     whole = (folder / "journal.jsonl").read_bytes()

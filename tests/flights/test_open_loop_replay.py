@@ -1,4 +1,4 @@
-"""The core beside a logged flight: the same track at the same times, and what it makes of it."""
+"""The core on a logged flight: the same track at the same times, and its decisions."""
 
 import json
 import math
@@ -52,7 +52,7 @@ def lit(lat_deg: float, lon_deg: float) -> list[tuple[float, float]]:
 
 def scenario(lat_deg: float = 36.35, lon_deg: float = -84.16, **changes: Any) -> Scenario:
     """A grass fire on level ground, an hour old when the flight begins."""
-    told: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "name": "level",
         "duration_s": 7200.0,
         "deploy_at_s": 3600.0,
@@ -70,7 +70,7 @@ def scenario(lat_deg: float = 36.35, lon_deg: float = -84.16, **changes: Any) ->
         "planner": {"rule": "circling"},
         **changes,
     }
-    return parse_scenario(told, Path("level.toml"))
+    return parse_scenario(settings, Path("level.toml"))
 
 
 @pytest.fixture
@@ -80,30 +80,30 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def beside(log: Path | str, out: Path, **changes: Any) -> tuple[RunAnalysis, JournalLog]:
-    what = beside_level(flight_of([str(log)]), **changes)
+def replayed(log: Path | str, out: Path, **changes: Any) -> tuple[RunAnalysis, JournalLog]:
+    what = level_pairing(flight_of([str(log)]), **changes)
     return story_with_fire("round", what, out, "today"), JournalLog(out / "journal.jsonl")
 
 
-def beside_level(flight: Flight, **changes: Any) -> Replaying:
+def level_pairing(flight: Flight, **changes: Any) -> Replaying:
     return replaying(flight, survey(flight), scenario(**changes))
 
 
 def positions(path: Path) -> list[Position]:
-    told = [entry.event for entry in open_flight(path).entries()]
-    return [event for event in told if isinstance(event, Position)]
+    entries = [entry.event for entry in open_flight(path).entries()]
+    return [event for event in entries if isinstance(event, Position)]
 
 
 def telemetry(journal: JournalLog) -> list[Telemetry]:
     return [thing for thing in journal.things() if isinstance(thing, Telemetry)]
 
 
-def same_track(flown: list[Position], told: list[Telemetry], first_us: int) -> None:
+def same_track(flown: list[Position], reported: list[Telemetry], first_us: int) -> None:
     """Each position at its very time; of those that come more than 20 times a second, some."""
     at = {fix.at_us - flown[0].at_us + first_us: fix for fix in flown}
-    assert told[0].at_us == first_us
-    assert 0.99 * len(flown) <= len(told) <= len(flown)
-    for there in told:
+    assert reported[0].at_us == first_us
+    assert 0.99 * len(flown) <= len(reported) <= len(flown)
+    for there in reported:
         fix = at[there.at_us]
         assert (fix.lat_deg, fix.lon_deg) == (there.lat_deg, there.lon_deg)
         assert fix.altitude_amsl_m == there.altitude_amsl_m
@@ -112,7 +112,7 @@ def same_track(flown: list[Position], told: list[Telemetry], first_us: int) -> N
 def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     log: Path, tmp_path: Path
 ) -> None:
-    _, journal = beside(log, tmp_path)
+    _, journal = replayed(log, tmp_path)
     same_track(positions(log), telemetry(journal), 3_600_250_000)  # 0.25 s after the log begins
     found = verify(journal.path)
     assert found.difference is None
@@ -126,10 +126,10 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert {t.current_seq for t in things if isinstance(t, MissionProgress)} <= {0, 1}
 
 
-def test_what_else_a_log_tells_reaches_the_core(tmp_path: Path) -> None:
+def test_other_events_of_a_log_reach_the_core(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
     path.write_bytes(bin_flight())
-    what = beside_level(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
+    what = level_pairing(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
     story_with_fire("hawk", what, tmp_path, "today")
     things = list(JournalLog(tmp_path / "journal.jsonl").things())
     winds = [thing for thing in things if isinstance(thing, WindMeasured)]
@@ -142,14 +142,12 @@ def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None
     one, other = tmp_path / "one", tmp_path / "other"
     for out in (one, other):
         out.mkdir()
-        beside(log, out)
+        replayed(log, out)
     assert (one / "journal.jsonl").read_bytes() == (other / "journal.jsonl").read_bytes()
 
 
-def test_it_is_told_where_the_flight_turned_back_and_when_it_differs(
-    log: Path, tmp_path: Path
-) -> None:
-    story, _ = beside(log, tmp_path)
+def test_the_turn_back_and_the_difference_are_reported(log: Path, tmp_path: Path) -> None:
+    story, _ = replayed(log, tmp_path)
     hawk = story.vehicles["hawk"] if "hawk" in story.vehicles else story.vehicles["round-1"]
     (turn,) = hawk.turned_back
     assert story.since_s(turn.at_us) == pytest.approx(100.0, abs=1.5)
@@ -163,34 +161,34 @@ def test_it_is_told_where_the_flight_turned_back_and_when_it_differs(
 
 def test_another_planner_decides_otherwise(log: Path, tmp_path: Path) -> None:
     planner = {"rule": "circling", "first_direction": "anticlockwise"}
-    story, _ = beside(log, tmp_path, planner=planner)
+    story, _ = replayed(log, tmp_path, planner=planner)
     (hawk,) = story.vehicles.values()
     assert sum(span.to_us - span.from_us for span in hawk.differs) > 60e6
     assert all(story.since_s(span.to_us) < 105.0 for span in hawk.differs)
 
 
-def test_drops_are_told_against_the_mission(log: Path, tmp_path: Path) -> None:
-    story, _ = beside(log, tmp_path)
+def test_drops_are_reported_relative_to_the_mission(log: Path, tmp_path: Path) -> None:
+    story, _ = replayed(log, tmp_path)
     (hawk,) = story.vehicles.values()
-    (drop,) = hawk.drops  # servo 3 would steer, if its mission did not say otherwise
+    (drop,) = hawk.drops  # servo 3 would steer, without its mission
     assert drop.done is not None
     assert story.since_s(drop.done.at_us) == pytest.approx(50.25, abs=0.3)
     assert drop.off_m == pytest.approx(400.0, abs=2.0)
     path = tmp_path / "gripper.ulg"
     path.write_bytes(ulg_flight())
-    told = story_of("gripper", flight_of([str(path)]))
-    (kite,) = told.vehicles.values()
+    since_release = story_of("gripper", flight_of([str(path)]))
+    (kite,) = since_release.vehicles.values()
     (drop,) = kite.drops
     assert drop.planned is None
     assert drop.done is not None
-    assert told.since_s(drop.done.at_us) == pytest.approx(4.5, abs=0.1)
+    assert since_release.since_s(drop.done.at_us) == pytest.approx(4.5, abs=0.1)
 
 
 def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Path) -> None:
     flight = flight_of([str(log)])._replace(from_s=60.0, to_s=90.0)
-    story = story_with_fire("part", beside_level(flight), tmp_path, "today")
-    told = telemetry(JournalLog(tmp_path / "journal.jsonl"))
-    assert len(told) == 4 * 30 + 1
+    story = story_with_fire("part", level_pairing(flight), tmp_path, "today")
+    reported = telemetry(JournalLog(tmp_path / "journal.jsonl"))
+    assert len(reported) == 4 * 30 + 1
     (hawk,) = story.vehicles.values()
     assert hawk.flown.stack is not None
     assert hawk.flown.modes[0][0] == story.begin_us
@@ -200,7 +198,7 @@ def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Pat
         survey(nothing)
 
 
-def test_two_logs_of_one_vehicle_tell_nothing_twice(log: Path, tmp_path: Path) -> None:
+def test_two_logs_of_one_vehicle_report_nothing_twice(log: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.bin"
     copy.write_bytes(round_flight(end_s=80.0))
     both = survey(flight_of([f"hawk={log}", f"hawk={copy}"]))
@@ -211,7 +209,7 @@ def test_two_logs_of_one_vehicle_tell_nothing_twice(log: Path, tmp_path: Path) -
 
 def test_when_a_flight_begins_on_the_fires_clock(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
-    path.write_bytes(bin_flight())  # it knows the date
+    path.write_bytes(bin_flight())  # it has a date
     flight = flight_of([str(path)])
     found = survey(flight)
     assert mission_time(flight, found, scenario()).start_us == 3_600_000_000
@@ -232,12 +230,12 @@ def test_vehicles_are_those_that_flew(tmp_path: Path) -> None:
     other.write_bytes(ulg_flight())
     flight = flight_of([str(one), f"kite={other}"])
     found = survey(flight)
-    told = scenario_for(scenario(), found, mission_time(flight, found, scenario()))
-    stacks = {each.name: each.stack for each in told.vehicles}
+    placed = scenario_for(scenario(), found, mission_time(flight, found, scenario()))
+    stacks = {each.name: each.stack for each in placed.vehicles}
     assert stacks == {"one-1": "ardupilot", "kite": "px4"}
 
 
-def test_logs_that_know_the_date_are_not_joined_with_others(log: Path, tmp_path: Path) -> None:
+def test_logs_with_a_date_are_not_joined_with_others(log: Path, tmp_path: Path) -> None:
     other = tmp_path / "kite.ulg"
     other.write_bytes(ulg_flight())
     with pytest.raises(FlightError, match=r"round\.bin: has no UTC time"):
@@ -253,15 +251,15 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     two = [{"name": "hawk", **home}, {"name": "kite", "stack": "ardupilot", **home}]
     rule = {"rule": "islam_hu", "alpha": 5.0, "dwell_s": 20.0}
     link = {"delay_ms": 50.0, "jitter_ms": 400.0}
-    told = scenario(duration_s=4200.0, vehicles=two, planner=rule, link=link)
-    simulate(told, run / "journal.jsonl", "today")
+    flown_scenario = scenario(duration_s=4200.0, vehicles=two, planner=rule, link=link)
+    simulate(flown_scenario, run / "journal.jsonl", "today")
     flight = flight_of([str(run)])
     own = flight.logs[0]
     assert isinstance(own, JournalLog)
     story_with_fire("again", replaying(flight, survey(flight), own.scenario), out, "today")
-    recorded, again = (decided(JournalLog(each / "journal.jsonl")) for each in (run, out))
-    assert len(recorded) > 50
-    assert again == recorded
+    first_decisions, again = (decided(JournalLog(each / "journal.jsonl")) for each in (run, out))
+    assert len(first_decisions) > 50
+    assert again == first_decisions
 
 
 def decided(journal: JournalLog) -> list[DirectionDecision]:
@@ -270,11 +268,11 @@ def decided(journal: JournalLog) -> list[DirectionDecision]:
 
 def test_a_part_begins_with_the_latest_of_what_held(tmp_path: Path) -> None:
     path = tmp_path / "modes.bin"
-    told: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
-    told += [("MODE", 1_000_000 + 1_000_000 * n, n % 2 + 10, n % 2 + 10) for n in range(20)]
-    told += [("MISE", 1_500_000 + 1_000_000 * n, 30, n + 1) for n in range(20)]
-    told += [("POS", 1_000_000 * n, 36.35, -84.16, 300.0, 0.0, 0.0) for n in range(1, 40)]
-    path.write_bytes(dataflash(sorted(told, key=lambda each: each[1])))
+    messages: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
+    messages += [("MODE", 1_000_000 + 1_000_000 * n, n % 2 + 10, n % 2 + 10) for n in range(20)]
+    messages += [("MISE", 1_500_000 + 1_000_000 * n, 30, n + 1) for n in range(20)]
+    messages += [("POS", 1_000_000 * n, 36.35, -84.16, 300.0, 0.0, 0.0) for n in range(1, 40)]
+    path.write_bytes(dataflash(sorted(messages, key=lambda each: each[1])))
     flight = flight_of([str(path)])._replace(from_s=30.0)
     (flown,) = survey(flight).flown.values()
     assert len(flown.modes) == 1
@@ -282,47 +280,47 @@ def test_a_part_begins_with_the_latest_of_what_held(tmp_path: Path) -> None:
     assert flown.turned_back_us == []
 
 
-def test_who_never_rises_above_the_terrain_is_told_of(tmp_path: Path) -> None:
+def test_a_vehicle_that_never_rises_above_the_terrain_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "stands.bin"
-    told = [("POS", 1_000_000 * n, 36.35, -84.16, 290.0, 0.0, 0.0) for n in range(1, 20)]
-    path.write_bytes(dataflash([("MSG", 1, "ArduPlane V4.6.2 (deadbeef)"), *told]))
-    story, _ = beside(path, tmp_path)
+    messages = [("POS", 1_000_000 * n, 36.35, -84.16, 290.0, 0.0, 0.0) for n in range(1, 20)]
+    path.write_bytes(dataflash([("MSG", 1, "ArduPlane V4.6.2 (deadbeef)"), *messages]))
+    story, _ = replayed(path, tmp_path)
     assert figures_of(story)["vehicles"][0]["lowest_above_terrain_m"] == -10.0
 
 
 def test_heights_are_above_where_it_stood_last(tmp_path: Path) -> None:
-    """An autopilot's first positions have no height before it knows its origin."""
+    """An autopilot's first positions have no height before it has its origin."""
     path = tmp_path / "origin.bin"
-    told: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
+    messages: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
     heights = [0.0] * 5 + [300.0] * 5 + [300.0 + 5.0 * n for n in range(1, 21)]
     for number, height in enumerate(heights, 1):
         at_us = 1_000_000 * number
         moves = 0.0 if number <= 10 else 15.0
-        told += [("XKF1", at_us, 0, moves, 0.0, 0.0, 0.0)]
-        told += [("POS", at_us, 36.35, -84.16, height, 0.0, 0.0)]
-    path.write_bytes(dataflash(told))
+        messages += [("XKF1", at_us, 0, moves, 0.0, 0.0, 0.0)]
+        messages += [("POS", at_us, 36.35, -84.16, height, 0.0, 0.0)]
+    path.write_bytes(dataflash(messages))
     (flown,) = survey(flight_of([str(path)])).flown.values()
     assert flown.figures()["highest_above_start_m"] == 100.0
 
 
-def test_a_flight_elsewhere_is_told_in_one_line(log: Path, tmp_path: Path) -> None:
+def test_a_flight_off_the_map_is_reported_in_one_line(log: Path, tmp_path: Path) -> None:
     with pytest.raises(FlightError, match=r"no position is on the landscape of level.*36\.35360"):
-        beside(log, tmp_path, lat_deg=37.0)
+        replayed(log, tmp_path, lat_deg=37.0)
     assert not (tmp_path / "journal.jsonl").exists()
 
 
 def test_the_journal_of_a_run_is_not_written_over(log: Path, tmp_path: Path) -> None:
-    beside(log, tmp_path)
-    beside(log, tmp_path)  # a replay's own may be
+    replayed(log, tmp_path)
+    replayed(log, tmp_path)  # a replay's own may be
     path = tmp_path / "journal.jsonl"
     begin, _, rest = path.read_bytes().partition(b"\n")
-    told = json.loads(begin)["header"]
-    assert told["replay"] == ["round.bin"]
+    header = json.loads(begin)["header"]
+    assert header["replay"] == ["round.bin"]
     with pytest.raises(FlightError, match="choose another --out"):
-        beside(tmp_path, tmp_path)
+        replayed(tmp_path, tmp_path)
     path.write_text("precious")
     with pytest.raises(FlightError, match="choose another --out"):
-        beside(log, tmp_path)
+        replayed(log, tmp_path)
     assert path.read_text() == "precious"
     assert rest
 
@@ -339,22 +337,22 @@ def test_a_log_cut_at_any_byte_is_replayed_up_to_there(tmp_path: Path, share: fl
         old.unlink()
     if not any(isinstance(each, Position) for each in _events(path, data)):
         return  # no flight yet
-    _, journal = beside(path, tmp_path)
-    told = telemetry(journal)
-    flown = positions(tmp_path / "whole.bin")[: len(told)]
-    same_track(flown, told, 3_600_250_000)
+    _, journal = replayed(path, tmp_path)
+    reported = telemetry(journal)
+    flown = positions(tmp_path / "whole.bin")[: len(reported)]
+    same_track(flown, reported, 3_600_250_000)
 
 
 def _events(path: Path, data: bytes) -> list[Any]:
     return [entry.event for entry in open_flight(path).entries()] if data else []
 
 
-@pytest.mark.skipif(not LOGS, reason="the shared flights are not here")
+@pytest.mark.skipif(not LOGS, reason="no shared flights")
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
 def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None:
     ground = {"source": "flat", "rows": 150, "cols": 150, "elevation_m": 300.0}
     place = {"lat_deg": 36.303, "lon_deg": -84.197}
-    what = beside_level(flight_of([str(path)]), **place, landscape={**ground, **place})
+    what = level_pairing(flight_of([str(path)]), **place, landscape={**ground, **place})
     story = story_with_fire(path.stem, what, tmp_path, "today")
     flown = positions(path)
     first_us = 3_600_000_000 + flown[0].at_us - story.zero_us

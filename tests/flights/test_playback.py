@@ -1,4 +1,4 @@
-"""Playing and seeking: wherever one comes from, the same is shown."""
+"""Playing and seeking: the same is shown from any start."""
 
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ def shown(player: Playback) -> Any:
     )
 
 
-def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
+def test_seeking_shows_the_same_as_playing_and_writes_the_same_journal(
     flown: Path, tmp_path: Path
 ) -> None:
     straight = {}
@@ -70,13 +70,13 @@ def test_seeking_shows_what_playing_shows_and_one_journal_tells_it(
         assert versions == sorted(set(versions))
         assert player.jumps == 7
         assert len(player._kept) > 5
-    told = [(tmp_path / name / "journal.jsonl").read_bytes() for name in ("straight", "sought")]
-    assert told[0] == told[1]  # each line once
+    journals = [(tmp_path / name / "journal.jsonl").read_bytes() for name in ("straight", "sought")]
+    assert journals[0] == journals[1]  # each line once
     for name in ("straight", "sought"):
         result = verify(tmp_path / name / "journal.jsonl")
         assert result.difference is None
         assert result.events > 500
-    assert told[0].splitlines()[-1].startswith(b'{"end"')
+    assert journals[0].splitlines()[-1].startswith(b'{"end"')
 
 
 def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_pa
         assert not player.state().seeking
         now = player.state_view
         assert now is not state_view
-        # Who has read up to before is told all of it, the replay first; the broker is lost still.
+        # A reader up to before gets all of it, the replay first; the broker is lost still.
         new = {key: version for key, version in now.changed.items() if version > reader}
         assert set(new) >= {
             "replay",
@@ -163,7 +163,7 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
         assert player.complete
 
 
-def test_a_spool_reads_again_what_has_come() -> None:
+def test_a_cache_reads_again_what_was_received() -> None:
     taken = []
 
     def stream() -> Any:
@@ -171,13 +171,13 @@ def test_a_spool_reads_again_what_has_come() -> None:
             taken.append(number)
             yield number
 
-    spool = EntryCache(stream())
-    assert [spool.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
+    cache = EntryCache(stream())
+    assert [cache.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
     assert len(taken) == BLOCK + 2  # not more than was needed
-    assert [spool.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [
+    assert [cache.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [
         *(0, BLOCK - 1, BLOCK, BLOCK + 1)
     ]
-    assert [spool.get(number) for number in range(2 * BLOCK + 3)] == list(range(2 * BLOCK + 3))
-    assert spool.get(2 * BLOCK + 3) is None
-    assert len(spool._last) == 3
-    spool.close()
+    assert [cache.get(number) for number in range(2 * BLOCK + 3)] == list(range(2 * BLOCK + 3))
+    assert cache.get(2 * BLOCK + 3) is None
+    assert len(cache._last) == 3
+    cache.close()

@@ -10,7 +10,7 @@ BEGIN, END = 5_000 * S, 5_100 * S
 
 
 def played(head: PlayHead, now_us: int) -> int:
-    """Tell all that is due, as who plays it does."""
+    """Play all that is due, like a player."""
     head.reached(head.due_us(now_us), now_us)
     return head.at_us - BEGIN
 
@@ -30,12 +30,12 @@ def test_it_goes_along_the_log_at_its_speed(speed: float, after_s: float) -> Non
 def test_as_fast_as_can_be_all_is_due_at_once() -> None:
     head = PlayHead(BEGIN, END, "max")
     assert head.due_us(0) == END
-    head.reached(BEGIN + 30 * S, 20_000)  # the machine could tell so much in a turn
+    head.reached(BEGIN + 30 * S, 20_000)  # the machine could play so much in a turn
     assert not head.ended
     assert head.due_us(20_000) == END
 
 
-def test_who_is_too_slow_goes_on_from_where_he_is() -> None:
+def test_a_player_that_is_too_slow_continues_from_its_position() -> None:
     head = PlayHead(BEGIN, END, 100.0)
     head.due_us(0)
     assert head.due_us(S // 2) == BEGIN + 50 * S
@@ -97,7 +97,7 @@ def test_paused_it_stays_where_it_was_sought() -> None:
     assert played(head, 30 * S) == 60 * S
 
 
-def test_from_the_end_it_begins_anew() -> None:
+def test_at_the_end_it_starts_again() -> None:
     head = PlayHead(BEGIN, END, 100.0)
     head.due_us(0)
     assert played(head, 2 * S) == 100 * S

@@ -41,12 +41,12 @@ def test_a_log_alone_in_figures(log: Path) -> None:
     assert result.exit_code == 0
     assert "ardupilot plane" in result.output
     assert "hawk turned back at 100." in result.output
-    told = json.loads(call("replay", str(log), "--json").output)
-    assert told["fire"] is None
-    assert told["vehicles"][0]["positions"] == 640
+    report = json.loads(call("replay", str(log), "--json").output)
+    assert report["fire"] is None
+    assert report["vehicles"][0]["positions"] == 640
 
 
-def test_a_log_beside_a_fire_leaves_a_report_and_a_journal(
+def test_a_log_near_a_fire_leaves_a_report_and_a_journal(
     log: Path, fire: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -59,17 +59,17 @@ def test_a_log_beside_a_fire_leaves_a_report_and_a_journal(
     assert header["scenario"]["planner"]["rule"] == "circling"
     assert header["scenario"]["planner"]["alpha"] == 2
     # What was left is a run like any other.
-    told = json.loads(call("replay", str(out), "--json").output)
-    assert told["vehicles"][0]["name"] == "hawk"
-    assert told["fire"]["rule"] == "circling"
+    report = json.loads(call("replay", str(out), "--json").output)
+    assert report["vehicles"][0]["name"] == "hawk"
+    assert report["fire"]["rule"] == "circling"
 
 
 def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     run, out = tmp_path / "run", tmp_path / "out"
     run.mkdir()
     home = {"home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
-    told = scenario(duration_s=3800.0, vehicles=[{"name": "hawk", **home}])
-    simulate(told, run / "journal.jsonl", "today")
+    changed = scenario(duration_s=3800.0, vehicles=[{"name": "hawk", **home}])
+    simulate(changed, run / "journal.jsonl", "today")
     result = call("replay", str(run), "--planner", "islam_hu", "--out", str(out))
     assert result.exit_code == 0, result.output
     sides = tmp_path / "sides"
@@ -86,8 +86,8 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
 
 def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     home = {"home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
-    told = scenario(duration_s=3700.0, vehicles=[{"name": "hawk", **home}])
-    simulate(told, tmp_path / "journal.jsonl", "today")
+    changed = scenario(duration_s=3700.0, vehicles=[{"name": "hawk", **home}])
+    simulate(changed, tmp_path / "journal.jsonl", "today")
     out = tmp_path / "out"
     result = call(
         "replay", str(tmp_path), "--what-if", "planner=islam_hu_damped", "--out", str(out)
@@ -98,7 +98,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "expected"),
     [
         (("LOG", "--planner", "circling"), 1, "give one with --scenario"),
         (("LOG", "--from", "1e6"), 1, "nothing flew in this part of it"),
@@ -115,13 +115,13 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
         (("notes.txt",), 1, "not a supported log"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(
-    log: Path, words: tuple[str, ...], code: int, told: str, monkeypatch: pytest.MonkeyPatch
+def test_invalid_input_is_reported_in_one_line(
+    log: Path, words: tuple[str, ...], code: int, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(log.parent)
     Path("notes.txt").write_text("nothing")
     result = call("replay", *(str(log) if word == "LOG" else word for word in words))
     assert result.exit_code == code
-    assert told in result.stderr
+    assert expected in result.stderr
     if code == 1:
         assert result.stderr.count("\n") == 1

@@ -1,4 +1,4 @@
-"""A replay with its doors: what is told, what is refused, how it ends."""
+"""A replay with its interfaces: its messages, its refusals, its end."""
 
 import asyncio
 import json
@@ -60,7 +60,7 @@ def test_it_is_shown_and_moved(replay: Replay) -> None:
     assert replay.post(paused=True)["log_at_us"] > began_us + 200_000
 
 
-def test_the_live_stream_tells_of_jumps_first(replay: Replay) -> None:
+def test_the_live_stream_reports_jumps_first(replay: Replay) -> None:
     replay.post(seek_s=60.0)
     jumps = replay.until(seeking=False)["jumps"]
     version = replay.get("/state")["version"]
@@ -72,22 +72,22 @@ def test_the_live_stream_tells_of_jumps_first(replay: Replay) -> None:
             headers={"authorization": replay.http.headers["authorization"]},
         )
         assert replay_post.status_code == 200
-        told: list[tuple[str, Any]] = []
+        received: list[tuple[str, Any]] = []
         kind = ""
         for line in lines:
             if line.startswith("event: "):
                 kind = line.removeprefix("event: ")
             elif line.startswith("data: "):
-                told.append((kind, json.loads(line.removeprefix("data: "))))
-            if {"replay", "telemetry", "fire", "vehicle"} <= {each for each, _ in told}:
+                received.append((kind, json.loads(line.removeprefix("data: "))))
+            if {"replay", "telemetry", "fire", "vehicle"} <= {each for each, _ in received}:
                 break
     place = next(
         i
-        for i, (kind, data) in enumerate(told)
+        for i, (kind, data) in enumerate(received)
         if data and kind == "replay" and data["jumps"] == jumps + 1
     )
-    assert "telemetry" not in [kind for kind, _ in told[:place]]
-    assert not told[place][1]["seeking"]
+    assert "telemetry" not in [kind for kind, _ in received[:place]]
+    assert not received[place][1]["seeking"]
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_to_its_end_as_fast_as_can_be(tmp_path: Path) -> None:
         (("--speed", "1", "--set", "planner.rule=none"), "no such rule"),
     ],
 )
-def test_what_cannot_be_played_is_told_in_a_line(
+def test_what_cannot_be_played_is_reported_in_one_line(
     tmp_path: Path, words: tuple[str, ...], why: str
 ) -> None:
     log = tmp_path / "one.bin"

@@ -1,4 +1,4 @@
-"""The report: what it says is what happened, on one page that needs nothing else."""
+"""The report: its content is what happened, on one page that needs nothing else."""
 
 import json
 import re
@@ -21,14 +21,14 @@ from mission_service.replay.flights.report_page import write_report
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.simulation.sim import simulate
 from tests.bridge.log_writers import round_flight
-from tests.flights.test_open_loop_replay import beside_level, scenario
+from tests.flights.test_open_loop_replay import level_pairing, scenario
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short flight of the simulator, around the ring of fire."""
     folder = tmp_path_factory.mktemp("run")
-    told = scenario(
+    flown = scenario(
         duration_s=4300.0,
         weather=[{"at_s": 0, "wind_speed_m_s": 2.0, "wind_from_deg": 200}],
         planner={"rule": "islam_hu_damped", "dwell_s": 20.0},
@@ -36,7 +36,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             {"name": "hawk", "home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
         ],
     )
-    simulate(told, folder / "journal.jsonl", "today")
+    simulate(flown, folder / "journal.jsonl", "today")
     return folder
 
 
@@ -58,7 +58,7 @@ def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
     assert fire["area_ha"] > 20.0
 
 
-def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None:
+def test_estimated_and_true_front_are_compared_as_in_the_paper(run: Path) -> None:
     story = fire_analysis(JournalLog(run / "journal.jsonl"))
     ages = [each.age_worst_s for each in story.samples]
     assert max(ages) > min(ages) >= 0.0
@@ -67,10 +67,10 @@ def test_believed_and_true_front_are_compared_as_in_the_paper(run: Path) -> None
     assert all(0.0 <= mean <= worst for _, mean, worst in story.errors_m["hawk"])
 
 
-def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -> None:
+def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
-    flown = story_with_fire("round", beside_level(flight_of([str(log)])), None, "today")
+    flown = story_with_fire("round", level_pairing(flight_of([str(log)])), None, "today")
     files = write_report(tmp_path, [flown])
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)
@@ -80,8 +80,8 @@ def test_a_report_is_one_page_with_all_its_pictures(run: Path, tmp_path: Path) -
     assert "No decision was sent to a vehicle" in page
     assert "servo 3 opens" in page
     assert "missions sent" not in page  # an open-loop replay sends none
-    (told,) = json.loads((tmp_path / "figures.json").read_text())
-    assert told["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)
+    (figures,) = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["vehicles"][0]["turned_back"][0]["at_s"] == pytest.approx(100.0, abs=1.5)
     for name in files:
         assert (tmp_path / name).stat().st_size > 500
 
@@ -106,7 +106,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
     assert pages[0] == pages[1]
 
 
-def test_what_logs_say_is_not_taken_for_html(tmp_path: Path) -> None:
+def test_text_of_logs_is_escaped_in_html(tmp_path: Path) -> None:
     log = tmp_path / "<b>x&.bin"
     log.write_bytes(round_flight(end_s=20.0))
     story = story_of("<script>alert(1)</script>", flight_of([str(log)]))
@@ -136,7 +136,7 @@ def test_turns_back_are_dated_to_the_outermost_point() -> None:
     assert turns(*around(0.0, 20.0), 30.0, 0.0) == []
 
 
-def test_what_is_near_the_middle_says_nothing() -> None:
+def test_cells_near_the_middle_are_inconclusive() -> None:
     east = np.linspace(-500.0, 500.0, 101)  # across it, and back
     there = np.concatenate([east, east[::-1]])
     assert turns(there, np.full(there.size, 1.0), 60.0, 125.0) == []

@@ -19,7 +19,7 @@ BURNED = ((36.352, -84.162), (36.352, -84.158), (36.355, -84.158), (36.355, -84.
 
 
 def journal_in(folder: Path, seconds: float = 160.0) -> Path:
-    """The journal of a run of the demo; half-way somebody draws what has burned."""
+    """The journal of a run of the demo; half-way an operator draws what has burned."""
     world = world_in(folder, scenario_of())
     begin_s = world.context.scenario.deploy_at_s
     world.fly(begin_s + seconds / 2)
@@ -47,8 +47,8 @@ def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Playback]:
 
 def run(player: Playback) -> None:
     """Let it do all that is due, a few things a turn."""
-    told = count(1)
-    while player.turn(0, lambda: next(told) % 50 == 0):
+    turns = count(1)
+    while player.turn(0, lambda: next(turns) % 50 == 0):
         pass
 
 

@@ -74,7 +74,7 @@ def test_forecasts_leave_the_fire_as_it_is() -> None:
 
 
 def test_chance_is_not_foreseen() -> None:
-    """The daemon's fire draws from its seed: a forecast that did too would know the truth."""
+    """The daemon's fire draws from its seed: a forecast that did too would be exact."""
 
     def made() -> ProbabilisticFire:
         rng = np.random.default_rng(2)
@@ -95,7 +95,7 @@ def test_chance_is_not_foreseen() -> None:
     assert np.count_nonzero((share > 0.0) & (share < 1.0)) > 50
 
 
-def test_an_ensemble_knows_the_past_and_doubts_the_future() -> None:
+def test_an_ensemble_agrees_on_the_past_and_spreads_in_the_future() -> None:
     burning = fire()
     many = ensemble_of(burning, NOW_S + 2 * HOUR_S, 1, seed=4)
     assert np.array_equal(probability_at(many, NOW_S), burning.burned().astype(float))
@@ -121,7 +121,7 @@ def test_what_is_lit_right_now_is_sure() -> None:
     assert probability_at(many, 0.0).max() == 1.0
 
 
-def test_perturbations_are_of_the_sizes_that_are_said() -> None:
+def test_perturbations_have_the_documented_sizes() -> None:
     wind, turn, spread = np.array(perturbations(4, 400)).T
     assert np.std(np.log(spread)) == pytest.approx(SPREAD_LOG_SD, rel=0.02)
     assert np.std(turn) == pytest.approx(WIND_TURN_SD_DEG, rel=0.02)
@@ -129,8 +129,8 @@ def test_perturbations_are_of_the_sizes_that_are_said() -> None:
     assert abs(np.corrcoef(np.log(wind), turn)[0, 1]) < 0.15
 
 
-def test_all_who_ask_wait_for_one_and_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody asks: nothing. The same again: nothing. Changed by people, or old: once."""
+def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No request: nothing. The same again: nothing. Changed by operators, or old: once."""
     copies = []
     copy = AnyAngleFire.copy
 
@@ -166,7 +166,7 @@ def test_all_who_ask_wait_for_one_and_the_same(monkeypatch: pytest.MonkeyPatch) 
     ask(burning, watch, version=lambda: version[0])
 
 
-def test_who_leaves_takes_nothing_from_the_others() -> None:
+def test_a_cancelled_caller_does_not_affect_the_others() -> None:
     async def watch(forecasts: Forecasts) -> Arrival:
         leaving = asyncio.create_task(forecasts.arrival(NOW_S + HOUR_S))
         await asyncio.sleep(0)
@@ -179,7 +179,7 @@ def test_who_leaves_takes_nothing_from_the_others() -> None:
     assert isinstance(found, Arrival)
 
 
-def test_an_error_reaches_who_asked_and_the_next_begins_anew(
+def test_an_error_reaches_its_callers_and_the_next_request_starts_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     advance = AnyAngleFire.advance
@@ -198,7 +198,7 @@ def test_an_error_reaches_who_asked_and_the_next_begins_anew(
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, -1000.0])
-def test_of_the_past_what_is_known_is_told(ahead_s: float) -> None:
+def test_of_the_past_the_observed_state_is_given(ahead_s: float) -> None:
     burning = fire()
     found = ask(burning, lambda forecasts: forecasts.arrival(NOW_S + ahead_s))
     assert isinstance(found, Arrival)

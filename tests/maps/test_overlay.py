@@ -1,4 +1,4 @@
-"""Pictures that lie where the cells are."""
+"""Images aligned with the cells."""
 
 import numpy as np
 import pytest

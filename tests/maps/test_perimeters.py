@@ -45,8 +45,8 @@ AREA = shapely.Polygon(SQUARE, [HOLE])
 
 def out(**changes: Any) -> dict[str, Any]:
     burning = fire()
-    said: dict[str, Any] = {"name": "Jacks <& Boro", "written_unix_ms": WRITTEN_MS, **changes}
-    return perimeter_geojson(burning.expected_s(), land(), NOW_S, **said)
+    properties: dict[str, Any] = {"name": "Jacks <& Boro", "written_unix_ms": WRITTEN_MS, **changes}
+    return perimeter_geojson(burning.expected_s(), land(), NOW_S, **properties)
 
 
 def geojson(*geometries: Any, properties: dict[str, Any] | None = None, **more: Any) -> bytes:
@@ -137,7 +137,7 @@ def test_what_is_written_reads_back(kind: str) -> None:
 
 
 def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
-    """Both times are told; what lies elsewhere or is no polygon is left out, and said so."""
+    """Both times are reported; what lies elsewhere or is no polygon is left out with a note."""
     properties = {
         "poly_IncidentName": "NEEDLES",
         "poly_MapMethod": "IR Image Interpretation",
@@ -163,22 +163,22 @@ def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
     assert all(len(note.splitlines()) == 1 for note in found.notes)
 
 
-@pytest.mark.parametrize("said", [
+@pytest.mark.parametrize("value", [
     1_785_000_000_000, "1785000000000", "2026-07-25T17:20:00Z", "2026-07-25T19:20:00+02:00",
     "Sat, 25 Jul 2026 17:20:00 GMT",
 ])  # fmt: skip
-def test_times_are_read_as_they_come(said: Any) -> None:
-    found = read(geojson(polygon(SQUARE), properties={"PolygonDateTime": said}))
+def test_times_are_read_as_they_come(value: Any) -> None:
+    found = read(geojson(polygon(SQUARE), properties={"PolygonDateTime": value}))
     assert found.records[0]["polygon_unix_ms"] == 1_785_000_000_000
 
 
-@pytest.mark.parametrize("said", ["yesterday", -1, 1e99, True, "", [1], {"a": 1}, "9" * 400])
-def test_times_that_are_none_are_none(said: Any) -> None:
-    found = read(geojson(polygon(SQUARE), properties={"PolygonDateTime": said}))
+@pytest.mark.parametrize("value", ["yesterday", -1, 1e99, True, "", [1], {"a": 1}, "9" * 400])
+def test_times_that_are_none_are_none(value: Any) -> None:
+    found = read(geojson(polygon(SQUARE), properties={"PolygonDateTime": value}))
     assert found.records[0]["polygon_unix_ms"] is None
 
 
-def test_a_bow_tie_is_repaired_and_said_so() -> None:
+def test_a_bow_tie_is_repaired_and_reported() -> None:
     crossed = [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3], SQUARE[0]]
     found = read(geojson(polygon(crossed)))
     assert found.area.is_valid
@@ -257,7 +257,7 @@ SHP = struct.pack(">8i", 9994, 0, 0, 0, 0, 0, 50, 0)
         (b"{" + b" " * 30_000, "30001 bytes; 30000 at most are accepted"),
     ],
 )
-def test_files_that_are_too_large_are_told_what_to_do(
+def test_the_error_for_files_that_are_too_large_gives_a_remedy(
     data: bytes, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limits = {"LARGEST_BYTES": 30_000, "MAX_FEATURES": 30, "MAX_VERTICES": 400}
@@ -350,8 +350,8 @@ def test_names_of_files_are_only_names() -> None:
         read(b"?", "")
 
 
-def told(data: bytes, name: str) -> str:
-    """What is said of a file that is refused, nothing if it is read."""
+def error_text(data: bytes, name: str) -> str:
+    """The error for a file that is refused, empty if it is read."""
     try:
         read(data, name)
     except FireModelError as error:
@@ -376,7 +376,7 @@ def test_files_with_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
             for place in rng.integers(0, len(data), rng.integers(1, 4)):
                 changed[place] = rng.integers(lowest, highest)
             cut = changed[: rng.integers(1, len(data))] if rng.random() < 0.2 else changed
-            outcomes.append(told(bytes(cut), name))
+            outcomes.append(error_text(bytes(cut), name))
     assert all(len(each.splitlines()) <= 1 for each in outcomes)
     assert 10 < outcomes.count("") < len(outcomes) - 10
 
@@ -392,12 +392,14 @@ def test_shapefiles_with_parts_changed_are_read_or_refused(tmp_path: Path) -> No
         for place in rng.integers(0, len(changed), 3):
             changed[place] = rng.integers(0, 256)
         inside = {**parts, suffix: bytes(changed)}
-        outcomes.append(told(zipped(**{f"a{end}": data for end, data in inside.items()}), "a.zip"))
+        outcomes.append(
+            error_text(zipped(**{f"a{end}": data for end, data in inside.items()}), "a.zip")
+        )
     assert all(len(each.splitlines()) <= 1 for each in outcomes)
     assert 10 < outcomes.count("") < len(outcomes) - 10
 
 
-@pytest.mark.skipif(not MARIA.is_dir(), reason="no shared data here")
+@pytest.mark.skipif(not MARIA.is_dir(), reason="no shared data")
 def test_the_perimeters_flown_at_the_maria_fire() -> None:
     names = {"fuel": MARIA / "Maria2019-fuel.tif", "elevation": MARIA / "Maria2019-elevation.tif"}
     there = read_landscape(names, missing="unburnable")

@@ -37,7 +37,7 @@ def scene() -> tuple[Scenario, Landscape]:
 def context_of(
     settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> RunContext:
-    """A hub as the interfaces know it, with a round fire that burns at 1 m/s."""
+    """A run context for the interfaces, with a round fire that burns at 1 m/s."""
     scenario, landscape = scene()
     state_view = StateView(scenario, landscape, 0)
     rows, cols = np.indices(landscape.shape)
@@ -84,21 +84,23 @@ class Stage:
         self.context.state_view.apply(fix(at_us, self.name, lat_deg), [])
         self.context.ring()
 
-    def tells(self, text: str) -> None:
+    def announce(self, text: str) -> None:
         self.context.state_view.announce(self.name, text)
         self.context.ring()
 
 
 @asynccontextmanager
-async def telling(broker: str | int, replay: Any = None, **settings: Any) -> AsyncIterator[Stage]:
+async def publishing(
+    broker: str | int, replay: Any = None, **settings: Any
+) -> AsyncIterator[Stage]:
     """A publisher at work, of a replay if there is one; it ends with the block."""
     broker = f"127.0.0.1:{broker}" if isinstance(broker, int) else broker
     asked: list[dict[str, Any]] = []
 
     def ask(request: dict[str, Any], may_approve: bool | None = None) -> dict[str, Any]:
         asked.append(request)
-        if request.get("vehicle") == "nobody":
-            return {"ok": False, "error": "no vehicle 'nobody'"}
+        if request.get("vehicle") == "unknown":
+            return {"ok": False, "error": "no vehicle 'unknown'"}
         return {"ok": True, "at_s": 300.0, "event": "OrderGiven", "messages": ["done"]}
 
     section = MqttSection(broker=broker, prefix="test", **settings)
@@ -119,7 +121,7 @@ async def telling(broker: str | int, replay: Any = None, **settings: Any) -> Asy
 
 @dataclass
 class Listener:
-    """Another client, which hears everything of the site."""
+    """Another client, which receives all messages of the site."""
 
     client: aiomqtt.Client
     messages: list[aiomqtt.Message] = field(default_factory=list)
@@ -133,7 +135,9 @@ class Listener:
         """The last that came on a topic, or None."""
         return (self.of(topic) or [None])[-1]
 
-    async def says(self, topic: str, payload: bytes | dict[str, Any], retain: bool = False) -> None:
+    async def publish(
+        self, topic: str, payload: bytes | dict[str, Any], retain: bool = False
+    ) -> None:
         body = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
         await self.client.publish(f"{ROOT}/{topic}", body, qos=1, retain=retain)
 
@@ -144,7 +148,7 @@ class Listener:
 
 @asynccontextmanager
 async def listening(port: int, **more: Any) -> AsyncIterator[Listener]:
-    """A client that is told all of the site, also what the broker has kept."""
+    """A client that receives all messages of the site, also those that the broker retained."""
     async with aiomqtt.Client("127.0.0.1", port, **more) as client:
         await client.subscribe(f"{ROOT}/#", qos=1)
         listener = Listener(client)

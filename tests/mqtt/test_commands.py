@@ -1,4 +1,4 @@
-"""Who is let in to the desk over MQTT."""
+"""Which MQTT commands reach the request handler."""
 
 import json
 from typing import Any
@@ -51,9 +51,9 @@ class RunInterface:
         self, name: str, payload: bytes | None = None, retained: bool = False, **more: Any
     ) -> Reply | None:
         if payload is None:
-            said = {"id": "1", "by": "anna", "sent_at_unix_us": self.unix_us} | more
+            request = {"id": "1", "by": "anna", "sent_at_unix_us": self.unix_us} | more
             payload = json.dumps(
-                {key: value for key, value in said.items() if value != ...}
+                {key: value for key, value in request.items() if value != ...}
             ).encode()
         return self.keeper.accept(name, payload, retained, 7, self.now_s, self.unix_us)
 
@@ -85,8 +85,8 @@ def test_all_requests_there_are_were_thought_of() -> None:
     assert set(ALL_REQUESTS) - set(TAKEN) == {"approve", "go", "present"}
 
 
-def test_nobody_is_present_by_a_message() -> None:
-    """An approval ends when nothing is heard of its station; a broker is nobody's station."""
+def test_no_operator_is_present_by_a_message() -> None:
+    """An approval ends without heartbeats of its station; a broker is no station."""
     run_interface = RunInterface()
     for station in ("firing-boss", ""):
         run_interface.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
@@ -123,12 +123,12 @@ def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
     assert reply.id == "1"
 
 
-def test_unknown_commands_are_told_which_there_are() -> None:
+def test_the_error_for_unknown_commands_lists_the_commands() -> None:
     RunInterface().refuses("fly", "there are abort, correct")
     assert len(RunInterface().refuses("f" * 60_000, "no such command").error) < 400
 
 
-def test_what_is_to_be_done_is_said_by_the_topic_alone() -> None:
+def test_the_command_is_given_by_the_topic_alone() -> None:
     RunInterface().refuses("hold", "unknown key do", do="abort")
     RunInterface().refuses("hold", "unknown key do", do="approve")
     run_interface = RunInterface()
@@ -206,7 +206,7 @@ def test_too_many_commands_are_not_even_answered_and_memory_is_bounded() -> None
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xff", b"{}", b"x" * (MAX_BYTES + 1), b'{"id": "7"}'])
-def test_an_abort_is_taken_whatever_it_says(payload: bytes) -> None:
+def test_an_abort_is_accepted_whatever_its_content(payload: bytes) -> None:
     run_interface = RunInterface()
     for _ in range(200):
         run_interface.takes("hold")  # and however much else came

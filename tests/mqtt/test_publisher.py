@@ -1,4 +1,4 @@
-"""What is told over MQTT and what becomes of commands, with a real Mosquitto."""
+"""Messages and commands over MQTT, with a real Mosquitto."""
 
 import asyncio
 import contextlib
@@ -17,6 +17,7 @@ import aiomqtt
 import pytest
 
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
+from mission_service.commands import Level
 from mission_service.config.mqtt_names import Broker
 from mission_service.config.service import MqttSection
 from mission_service.errors import MissionServiceError
@@ -25,11 +26,11 @@ from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess
 from mission_service.interfaces.mqtt.broker_site import access_for, site_in
 from mission_service.interfaces.mqtt.peer_exchange import channel_of
 from tests.mqtt.certificates import make_certificates
-from tests.mqtt.stage import ROOT, Listener, Stage, listening, telling
+from tests.mqtt.stage import ROOT, Listener, Stage, listening, publishing
 from tests.patience import PATIENCE_S, until
 
 needs_mosquitto = pytest.mark.skipif(
-    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+    MOSQUITTO is None, reason="no mosquitto: apt-get install mosquitto"
 )
 PASSWORD = "correct-horse-battery"
 
@@ -46,9 +47,9 @@ def command(**more: Any) -> dict[str, Any]:
 
 
 @needs_mosquitto
-def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosquitto) -> None:
+def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mosquitto) -> None:
     async def look() -> None:
-        async with telling(broker.port) as stage:
+        async with publishing(broker.port) as stage:
             state_view, hawk = stage.context.state_view, f"vehicle/{stage.name}"
             state_view.alarm("x", "something is wrong")
             stage.context.ring()
@@ -81,47 +82,50 @@ def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosq
 
 
 @needs_mosquitto
-def test_positions_come_no_more_often_than_is_wanted_and_lines_all_of_them(
+def test_positions_are_limited_to_the_configured_rate_and_lines_are_not(
     broker: Mosquitto,
 ) -> None:
     async def look() -> None:
-        async with listening(broker.port) as ear, telling(broker.port, telemetry_hz=5.0) as stage:
+        async with (
+            listening(broker.port) as listener,
+            publishing(broker.port, telemetry_hz=5.0) as stage,
+        ):
             await until(lambda: stage.publisher.connected)
             topic, began_s = f"vehicle/{stage.name}/telemetry", time.monotonic()
             for at_us in range(100):
                 stage.moves(at_us)
-                stage.tells(f"line {at_us}")
+                stage.announce(f"line {at_us}")
                 await asyncio.sleep(0.01)
-            await until(lambda: (ear.last(topic) or {"at_us": 0})["at_us"] == 99)
+            await until(lambda: (listener.last(topic) or {"at_us": 0})["at_us"] == 99)
             most = 5.0 * (time.monotonic() - began_s) + 2.0
-            assert 4 <= len(ear.of(topic)) <= most
-            await until(lambda: len(ear.of("event")) == 100)
-            lines = [line["text"] for line in ear.of("event")]
+            assert 4 <= len(listener.of(topic)) <= most
+            await until(lambda: len(listener.of("event")) == 100)
+            lines = [line["text"] for line in listener.of("event")]
             assert lines == [f"line {number}" for number in range(100)]
-            assert not any(message.retain for message in ear.messages)
-            ear.messages.clear()
+            assert not any(message.retain for message in listener.messages)
+            listener.messages.clear()
             stage.context.state_view.fire_changed()
             stage.context.ring()
-            await until(lambda: ear.of("fire/front") != [])
+            await until(lambda: listener.of("fire/front") != [])
 
     broker.start()
     asyncio.run(look())
 
 
 @needs_mosquitto
-def test_a_killed_process_is_told_offline_by_the_broker(broker: Mosquitto) -> None:
+def test_a_killed_process_is_published_as_offline_by_the_broker(broker: Mosquitto) -> None:
     async def look(process: subprocess.Popen[bytes]) -> None:
-        async with listening(broker.port) as ear:
-            await until(lambda: ear.last("vehicle/hawk/telemetry") is not None)
-            assert ear.last("status")["online"] is True
+        async with listening(broker.port) as listener:
+            await until(lambda: listener.last("vehicle/hawk/telemetry") is not None)
+            assert listener.last("status")["online"] is True
             process.send_signal(signal.SIGKILL)
-            await until(lambda: ear.last("status")["online"] is False)
-            assert ear.last("status")["why"] == "the connection was lost"
+            await until(lambda: listener.last("status")["online"] is False)
+            assert listener.last("status")["why"] == "the connection was lost"
         async with listening(broker.port) as late:
-            await until(lambda: ear.last("status") == late.last("status"))
+            await until(lambda: listener.last("status") == late.last("status"))
 
     broker.start()
-    command = [sys.executable, "-m", "tests.mqtt.told_process", str(broker.port)]
+    command = [sys.executable, "-m", "tests.mqtt.publisher_process", str(broker.port)]
     with subprocess.Popen(command) as process:
         try:
             asyncio.run(look(process))
@@ -130,13 +134,13 @@ def test_a_killed_process_is_told_offline_by_the_broker(broker: Mosquitto) -> No
 
 
 async def longest_gap_s(stage: Stage, seconds: float) -> float:
-    """How long the loop did nothing else, while there was much to tell."""
+    """How long the loop did nothing else, while there was much to publish."""
     longest_s, last_s = 0.0, time.monotonic()
     end_s, at_us = last_s + seconds, 0
     while last_s < end_s:
         at_us += 1
         stage.moves(at_us)
-        stage.tells("x" * 1000)
+        stage.announce("x" * 1000)
         await asyncio.sleep(0.002)
         now_s = time.monotonic()
         longest_s, last_s = max(longest_s, now_s - last_s), now_s
@@ -144,21 +148,22 @@ async def longest_gap_s(stage: Stage, seconds: float) -> float:
 
 
 @needs_mosquitto
-def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
+def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
     broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(broker_connection, "ANSWER_S", PATIENCE_S)
 
     async def look() -> None:
-        async with telling(broker.port) as stage:
+        async with publishing(broker.port) as stage:
             state_view, topic = stage.context.state_view, f"vehicle/{stage.name}/telemetry"
             announced: list[str] = []  # the view keeps only the latest
             announce = stage.context.service.announce
-            monkeypatch.setattr(
-                stage.context.service,
-                "announce",
-                lambda about, text, *more: (announced.append(text), announce(about, text, *more)),
-            )
+
+            def collect(about: str, text: str, level: Level = "warning") -> None:
+                announced.append(text)
+                announce(about, text, level)
+
+            monkeypatch.setattr(stage.context.service, "announce", collect)
             gaps_s = [await longest_gap_s(stage, 0.7)]  # there never was one
             assert "no MQTT broker at 127.0.0.1" in state_view.alarms["broker"].text
             for number in range(2):
@@ -166,16 +171,16 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
                 await until(lambda: stage.publisher.connected)
                 assert "broker" not in state_view.alarms
                 assert stage.context.gauges["mqtt_connected"]() == 1.0
-                async with listening(broker.port) as ear:
+                async with listening(broker.port) as listener:
                     stage.moves(1_000_000 + number, lat_deg=36.365)
-                    await until(lambda: (ear.last(topic) or {}).get("lat_deg") == 36.365)
-                    await until(lambda: ear.last(f"vehicle/{stage.name}/mission") is not None)
+                    await until(lambda: (listener.last(topic) or {}).get("lat_deg") == 36.365)
+                    await until(lambda: listener.last(f"vehicle/{stage.name}/mission") is not None)
                     if number == 0:
                         broker.freeze(True)  # it takes all that sockets hold, and nothing more
                         gaps_s.append(await longest_gap_s(stage, 0.7))
                         broker.freeze(False)
                 broker.kill()
-                # At once, though there may be nothing to tell it.
+                # At once, though there may be no message for it.
                 await until(lambda: not stage.publisher.connected)
                 gaps_s.append(await longest_gap_s(stage, 0.3))
             assert max(gaps_s) < PATIENCE_S / 2, gaps_s  # or it has waited for an answer
@@ -206,7 +211,7 @@ def guarded(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 @needs_mosquitto
-def test_user_and_password_are_told_only_to_the_broker(
+def test_user_and_password_are_sent_only_to_the_broker(
     guarded: Mosquitto,
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
@@ -225,13 +230,13 @@ def test_user_and_password_are_told_only_to_the_broker(
 
     async def look() -> list[str]:
         lines = []
-        who = {"username": "observer", "password": PASSWORD}
-        async with listening(guarded.port, **who) as ear:
-            async with telling(guarded.port, user="service", password=f"file:{secret}") as stage:
-                await until(lambda: ear.last("status") is not None)
+        account = {"username": "observer", "password": PASSWORD}
+        async with listening(guarded.port, **account) as listener:
+            async with publishing(guarded.port, user="service", password=f"file:{secret}") as stage:
+                await until(lambda: listener.last("status") is not None)
                 lines += [repr(stage.publisher.site), repr(stage.publisher.site.access)]
-            ear.messages.clear()
-            async with telling(guarded.port, user="service", password=f"file:{wrong}") as stage:
+            listener.messages.clear()
+            async with publishing(guarded.port, user="service", password=f"file:{wrong}") as stage:
                 state_view = stage.context.state_view
                 await until(lambda: "broker" in state_view.alarms)
                 tried = attempts[0]
@@ -239,9 +244,9 @@ def test_user_and_password_are_told_only_to_the_broker(
                 assert not stage.publisher.connected
                 (line,) = [line.text for line in state_view.announcements]
                 assert "user or password is wrong" in line
-                lines += [line, *(each.payload.decode() for each in ear.messages)]
-            # The observer may not write: what it is refused is not told by brokers, but harms none.
-            async with telling(
+                lines += [line, *(each.payload.decode() for each in listener.messages)]
+            # The observer may not write: brokers do not report the refusal, and it harms none.
+            async with publishing(
                 guarded.port, user="observer", password=f"file:{secret}", commands=True
             ) as stage:
                 await until(lambda: stage.publisher.connected)
@@ -272,7 +277,7 @@ def test_tls_with_an_authority_and_certificates_of_both_sides(
     tls = tls_of(tmp_path / "ca.pem", *client.values())
 
     async def why(**settings: Any) -> str:
-        async with telling(broker.port, **settings) as stage:
+        async with publishing(broker.port, **settings) as stage:
             alarms = stage.context.state_view.alarms
             await until(lambda: "broker" in alarms)
             await until(lambda: "certificate" in alarms["broker"].text)
@@ -280,13 +285,13 @@ def test_tls_with_an_authority_and_certificates_of_both_sides(
 
     async def look() -> None:
         async with (
-            listening(broker.port, tls_context=tls) as ear,
-            telling(broker.port, tls_ca=tmp_path / "ca.pem", commands=True, **client) as stage,
+            listening(broker.port, tls_context=tls) as listener,
+            publishing(broker.port, tls_ca=tmp_path / "ca.pem", commands=True, **client) as stage,
         ):
-            await until(lambda: ear.last("status") is not None)
+            await until(lambda: listener.last("status") is not None)
             for number in range(20):  # many in one record of TLS
-                await ear.says("cmd/hold", command(id=str(number)))
-            await until(lambda: len(ear.of("cmd/hold/reply")) == 20)
+                await listener.publish("cmd/hold", command(id=str(number)))
+            await until(lambda: len(listener.of("cmd/hold/reply")) == 20)
             assert len(stage.asked) == 20
         assert "verify failed" in await why(tls_ca=tmp_path / "other-ca.pem", **client)
         assert "certificate required" in await why(tls_ca=tmp_path / "ca.pem")
@@ -300,41 +305,43 @@ def test_tls_with_an_authority_and_certificates_of_both_sides(
 
 @needs_mosquitto
 def test_commands_are_done_once_and_answered_with_their_id(broker: Mosquitto) -> None:
-    async def ask(ear: Listener, name: str, *said: Any, **more: Any) -> dict[str, Any]:
-        before = len(ear.of(f"cmd/{name}/reply"))
-        await ear.says(f"cmd/{name}", *said, **more)
-        await until(lambda: len(ear.of(f"cmd/{name}/reply")) > before)
-        found: dict[str, Any] = ear.last(f"cmd/{name}/reply")
+    async def ask(listener: Listener, name: str, *payload: Any, **more: Any) -> dict[str, Any]:
+        before = len(listener.of(f"cmd/{name}/reply"))
+        await listener.publish(f"cmd/{name}", *payload, **more)
+        await until(lambda: len(listener.of(f"cmd/{name}/reply")) > before)
+        found: dict[str, Any] = listener.last(f"cmd/{name}/reply")
         return found
 
     async def look() -> None:
-        async with listening(broker.port) as ear:
-            await ear.says("cmd/return", command(), retain=True)  # before the service is there
-            async with telling(broker.port, commands=True) as stage:
-                await until(lambda: ear.last("cmd/return/reply") is not None)
-                assert "retained" in ear.last("cmd/return/reply")["error"]
-                assert "retained" in (await ask(ear, "hold", command(), retain=True))["error"]
-                assert "never" in (await ask(ear, "approve", command(hash="0" * 64)))["error"]
+        async with listening(broker.port) as listener:
+            await listener.publish(
+                "cmd/return", command(), retain=True
+            )  # before the service is there
+            async with publishing(broker.port, commands=True) as stage:
+                await until(lambda: listener.last("cmd/return/reply") is not None)
+                assert "retained" in listener.last("cmd/return/reply")["error"]
+                assert "retained" in (await ask(listener, "hold", command(), retain=True))["error"]
+                assert "never" in (await ask(listener, "approve", command(hash="0" * 64)))["error"]
                 old = command(sent_at_unix_us=time.time_ns() // 1000 - 31_000_000)
-                assert "clock" in (await ask(ear, "hold", old))["error"]
-                assert "cannot be read" in (await ask(ear, "hold", b"{"))["error"]
+                assert "clock" in (await ask(listener, "hold", old))["error"]
+                assert "cannot be read" in (await ask(listener, "hold", b"{"))["error"]
                 large = command(text="x" * 70_000)
-                assert "65536" in (await ask(ear, "hold", large))["error"]
+                assert "65536" in (await ask(listener, "hold", large))["error"]
                 assert stage.asked == []
 
                 hold = command(id="h1", vehicle="hawk")
-                reply = await ask(ear, "hold", hold)
+                reply = await ask(listener, "hold", hold)
                 assert (reply["schema"], reply["id"], reply["ok"]) == ("reply/1", "h1", True)
                 assert reply["messages"] == ["done"]
-                assert (await ask(ear, "hold", hold))["again"] is True
+                assert (await ask(listener, "hold", hold))["again"] is True
                 assert [each["do"] for each in stage.asked] == ["hold"]
-                reply = await ask(ear, "start", command(id="s1", vehicle="nobody"))
+                reply = await ask(listener, "start", command(id="s1", vehicle="unknown"))
                 assert (reply["id"], reply["ok"]) == ("s1", False)
-                assert reply["error"] == "no vehicle 'nobody'"
-                assert (await ask(ear, "abort", b""))["ok"] is True
+                assert reply["error"] == "no vehicle 'unknown'"
+                assert (await ask(listener, "abort", b""))["ok"] is True
                 assert stage.asked[-1]["do"] == "abort"
-                await ear.says("cmd/hold", b"x" * 200_000)  # the broker keeps it from us
-                assert (await ask(ear, "hold", command(id="h2")))["id"] == "h2"
+                await listener.publish("cmd/hold", b"x" * 200_000)  # the broker does not deliver it
+                assert (await ask(listener, "hold", command(id="h2")))["id"] == "h2"
 
     broker.start()
     asyncio.run(look())
@@ -348,7 +355,7 @@ STRANGE = (
     bytes(range(256)),
     b"\x20\x03\x00\x87\x00",  # not authorised
     b"\x20\xff\xff\xff\x7f",  # a packet of 256 MB begins
-    CONNECTED + b"\x90\x04\x00\x09\x00\x01",  # an answer to what nobody asked
+    CONNECTED + b"\x90\x04\x00\x09\x00\x01",  # a reply without a request
     SUBSCRIBED + b"\x30\x04\x00\x02\xff\xfe",  # a topic that is no UTF-8
     SUBSCRIBED + b"\x30\x03\x00\x09a",  # a topic that is longer than its packet
     SUBSCRIBED + b"\x30\x0a\x00\x03a/#\x00{}{}",
@@ -356,20 +363,20 @@ STRANGE = (
 )
 
 
-def test_no_broker_can_say_anything_that_ends_the_service(
+def test_no_message_of_a_broker_ends_the_service(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name, seconds in (("MIN_WAIT_S", 0.01), ("MAX_WAIT_S", 0.01), ("ANSWER_S", 0.1)):
         monkeypatch.setattr(broker_connection, name, seconds)
-    came = gone = 0
+    opened = closed = 0
 
     async def be_strange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal came, gone
-        say, came = STRANGE[came % len(STRANGE)], came + 1
+        nonlocal opened, closed
+        message, opened = STRANGE[opened % len(STRANGE)], opened + 1
         try:
             with contextlib.suppress(ConnectionError):  # the service may have left already
                 await reader.read(4096)
-                for part in (say[:5], say[5:]):
+                for part in (message[:5], message[5:]):
                     writer.write(part)
                     await writer.drain()
                     await asyncio.sleep(0.03)  # read apart, where the machine is fast enough
@@ -377,39 +384,39 @@ def test_no_broker_can_say_anything_that_ends_the_service(
                 await writer.wait_closed()
         finally:
             writer.close()
-            gone += 1
+            closed += 1
 
     async def look() -> None:
         server = await asyncio.start_server(be_strange, "127.0.0.1", 0)
         async with server:
-            async with telling(server.sockets[0].getsockname()[1], commands=True) as stage:
-                await until(lambda: came > len(STRANGE) + 2)
+            async with publishing(server.sockets[0].getsockname()[1], commands=True) as stage:
+                await until(lambda: opened > len(STRANGE) + 2)
                 assert stage.asked == []
                 lines = [line.text for line in stage.context.state_view.announcements]
                 assert len(lines) <= 2, lines
-            await until(lambda: gone == came)  # the strange server ends too
-        gc.collect()  # what nobody has looked at is told now
+            await until(lambda: closed == opened)  # the strange server ends too
+        gc.collect()  # exceptions that were never retrieved are logged now
 
     asyncio.run(look())
     assert caplog.records == []
 
 
-def test_what_has_come_is_done_though_the_broker_is_gone_by_then() -> None:
+def test_received_commands_are_done_though_the_broker_is_disconnected_by_then() -> None:
     def message(name: str, payload: dict[str, Any]) -> aiomqtt.Message:
         body = json.dumps(payload).encode()
         return aiomqtt.Message(f"{ROOT}/cmd/{name}", body, 1, False, 0, None)
 
-    async def gone(*_: Any, **__: Any) -> None:
-        raise aiomqtt.MqttError("gone")
+    async def disconnected(*_: Any, **__: Any) -> None:
+        raise aiomqtt.MqttError("disconnected")
 
     async def look() -> None:
-        async with telling(1, commands=True) as stage:  # nothing listens there
+        async with publishing(1, commands=True) as stage:  # no broker on this port
             inbox = stage.publisher._inbox
             for number in range(8):
                 inbox.put_nowait(message("hold", command(id=f"h{number}")))
             inbox.put_nowait(message("abort", {}))
-            client: Any = SimpleNamespace(subscribe=gone, publish=gone)
-            with pytest.raises(aiomqtt.MqttError, match="gone"):
+            client: Any = SimpleNamespace(subscribe=disconnected, publish=disconnected)
+            with pytest.raises(aiomqtt.MqttError, match="disconnected"):
                 await stage.publisher._use(client)
             assert [each["do"] for each in stage.asked] == ["abort", *["hold"] * 8]
 
@@ -426,9 +433,9 @@ def test_aborts_come_first_and_what_waits_is_bounded() -> None:
     for number in range(2):
         inbox.put_nowait(message("abort", number))
     got = [inbox.get_nowait() for _ in range(inbox.qsize())]
-    told = [(each.topic.value.rpartition("/")[2], int(each.payload)) for each in got]
+    received = [(each.topic.value.rpartition("/")[2], int(each.payload)) for each in got]
     holds = [("hold", number) for number in range(publisher.MAX_UNREAD - 2)]
-    assert told == [("abort", 0), ("abort", 1), *holds]
+    assert received == [("abort", 0), ("abort", 1), *holds]
     for number in range(2 * publisher.MAX_UNREAD):
         inbox.put_nowait(message("abort", number))
     assert inbox.qsize() == publisher.MAX_UNREAD
@@ -440,16 +447,16 @@ def test_aborts_come_first_and_what_waits_is_bounded() -> None:
 
 
 @needs_mosquitto
-def test_commands_are_off_unless_wanted(broker: Mosquitto) -> None:
+def test_commands_are_off_by_default(broker: Mosquitto) -> None:
     async def look() -> None:
-        async with listening(broker.port) as ear, telling(broker.port) as stage:
-            await until(lambda: ear.last("status") is not None)
-            assert ear.last("status")["commands"] is False
-            await ear.says("cmd/abort", command())
-            stage.tells("later")
-            await until(lambda: ear.last("event") is not None)
+        async with listening(broker.port) as listener, publishing(broker.port) as stage:
+            await until(lambda: listener.last("status") is not None)
+            assert listener.last("status")["commands"] is False
+            await listener.publish("cmd/abort", command())
+            stage.announce("later")
+            await until(lambda: listener.last("event") is not None)
             assert stage.asked == []
-            assert ear.of("cmd/abort/reply") == []
+            assert listener.of("cmd/abort/reply") == []
 
     broker.start()
     asyncio.run(look())
@@ -463,8 +470,8 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
 
     refused("broker a b: write it as HOST", broker="a b")
     refused("prefix /x", prefix="/x")
-    refused("give a user", password="env:NOBODY")
-    refused("no variable NOBODY", user="u", password="env:NOBODY")
+    refused("give a user", password="env:MISSING")
+    refused("no variable MISSING", user="u", password="env:MISSING")
     refused("no certificates to trust: No such file", tls_ca=tmp_path / "none.pem")
     (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")
     refused("ca.pem: no certificates to trust", tls_ca=tmp_path / "ca.pem")

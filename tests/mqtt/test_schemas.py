@@ -1,4 +1,4 @@
-"""docs/schemas and docs/mqtt.md tell what is really sent and taken."""
+"""docs/schemas and docs/mqtt.md describe the messages that are really sent and accepted."""
 
 import asyncio
 import json
@@ -17,11 +17,11 @@ from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
 from mission_service.requests import Replay
-from tests.mqtt.stage import ROOT, listening, telling
+from tests.mqtt.stage import ROOT, listening, publishing
 from tests.patience import until
 
 PAGE = (FOLDER.parent / "mqtt.md").read_text("utf-8")
-MADE_ANEW = "run .venv/bin/python -m benchmarks.mqtt_schemas"
+HOW_TO_UPDATE = "run .venv/bin/python -m benchmarks.mqtt_schemas"
 UNITS = ("_us", "_s", "_m", "_m_s", "_deg", "_pct", "_ha", "_acres")
 COUNTS = {"system_id", "current_seq", "mission_id", "command", "frame", "id", "alpha", "params"}
 COUNTS |= {"decisions", "reversals", "importance_back", "importance_front", "front_cells"}
@@ -31,12 +31,12 @@ COUNTS |= {"speed", "jumps"}
 
 
 def test_no_schema_is_missing_stale_or_left_over() -> None:
-    there = {path.name: path.read_text("utf-8") for path in FOLDER.glob("*")}
+    files = {path.name: path.read_text("utf-8") for path in FOLDER.glob("*")}
     made = texts()
-    assert sorted(there) == sorted(made), MADE_ANEW
+    assert sorted(files) == sorted(made), HOW_TO_UPDATE
     for name, text in made.items():
-        assert there[name] == text, f"{name}: {MADE_ANEW}"
-    assert page(PAGE) == PAGE, MADE_ANEW
+        assert files[name] == text, f"{name}: {HOW_TO_UPDATE}"
+    assert page(PAGE) == PAGE, HOW_TO_UPDATE
 
 
 @pytest.mark.parametrize("name", sorted(documents()))
@@ -45,12 +45,12 @@ def test_every_schema_is_one_and_its_example_fits(name: str) -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
     (example,) = schema["examples"]
     jsonschema.Draft202012Validator(schema).validate(example)
-    known = set(schema["properties"])
-    assert set(example) <= known
+    properties = set(schema["properties"])
+    assert set(example) <= properties
     unneeded = {"station"} | ({"item"} if name == "command-go-1.json" else set())
     if name.startswith("command-"):
         unneeded |= {"reversal_margin", "dwell_s"}
-    assert set(example) >= known - unneeded, "an example shows all there is"
+    assert set(example) >= properties - unneeded, "an example shows all there is"
     for key in ("id", "by"):
         if key in example and name.startswith("command-") and "abort" not in name:
             with pytest.raises(jsonschema.ValidationError):
@@ -107,28 +107,32 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
     assert events[0].by == "mqtt:anna"
 
 
-@pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
+@pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto: apt-get install mosquitto")
 def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) -> None:
     broker = Mosquitto(tmp_path)
 
     async def look() -> dict[str, Any]:
         async with (
-            listening(broker.port) as ear,
-            telling(broker.port, replay=REPLAY_STATE, commands=True) as stage,
+            listening(broker.port) as listener,
+            publishing(broker.port, replay=REPLAY_STATE, commands=True) as stage,
         ):
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)
-            stage.tells("a line")
+            stage.announce("a line")
             stage.context.state_view.alarm("x", "wrong")
             stage.context.ring()
-            await ear.says("cmd/hold", b"{}")
+            await listener.publish("cmd/hold", b"{}")
             paths = [topic.path.format(stage.name) for topic in TOPICS if topic.path[0] != "c"]
             paths += ["cmd/hold/reply"]
-            await until(lambda: all(ear.of(path) for path in paths) and ear.last("alarm")["alarms"])
-            strange = {each.topic.value for each in ear.messages}
+            await until(
+                lambda: (
+                    all(listener.of(path) for path in paths) and listener.last("alarm")["alarms"]
+                )
+            )
+            strange = {each.topic.value for each in listener.messages}
             strange -= {f"{ROOT}/{path}" for path in (*paths, "cmd/hold")}
             assert not strange
-            return {path: ear.last(path) for path in paths}
+            return {path: listener.last(path) for path in paths}
 
     broker.start()
     try:

@@ -36,10 +36,10 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
 
 
 def upload_failed(context: RunContext, vehicle: str) -> None:
-    """A mission was on its way, and nobody answered."""
+    """A mission upload without an answer."""
     mission = context.state_view.missions[vehicle]
     sent = mission.sending or mission.on_board
     assert sent is not None
     mission.sending = msgspec.structs.replace(sent, mission_id=9999)
     at_us = context.state_view.at_us
-    context.state_view.apply(UploadFinished(at_us, vehicle, 9999, "failed", "nobody answered"), [])
+    context.state_view.apply(UploadFinished(at_us, vehicle, 9999, "failed", "no answer"), [])

@@ -1,4 +1,4 @@
-"""What runs in containers and under systemd, as far as files tell. No engine is needed."""
+"""Containers and systemd units, checked by their files. No engine is needed."""
 
 import re
 import tomllib
@@ -43,7 +43,7 @@ def test_ports_are_published_on_loopback(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_a_door_leads_to_each_service_and_prometheus_knows_it(name: str) -> None:
+def test_each_service_has_an_entry_point_and_prometheus_has_it_as_a_target(name: str) -> None:
     service = SERVICES[name]
     run_interface = next(
         each for each in SERVICES.values() if each.get("network_mode") == f"service:{name}"
@@ -66,10 +66,10 @@ def test_what_services_run_is_a_command_with_these_options(name: str) -> None:
     from mission_service.cli.main import main
 
     command, *words = SERVICES[name]["command"]
-    told = CliRunner().invoke(main, [command, "--help"]).output
+    output = CliRunner().invoke(main, [command, "--help"]).output
     for word in words:
         if word.startswith("--"):
-            assert word.partition("=")[0] in told
+            assert word.partition("=")[0] in output
     for word in words:
         key = re.match(r"--set=([\w.]+)=", word)
         if key is not None:
@@ -97,7 +97,7 @@ def test_what_is_mounted_is_there() -> None:
                 assert source in COMPOSE["volumes"]
 
 
-def test_the_image_runs_our_command_as_nobody_in_particular() -> None:
+def test_the_image_runs_our_command_as_an_unprivileged_user() -> None:
     lines = (DOCKER / "Dockerfile").read_text(encoding="utf-8").splitlines()
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["scripts"]
     entry = next(line for line in lines if line.startswith("ENTRYPOINT"))

@@ -1,4 +1,4 @@
-"""Heights of tracks below: the short way says the same as looking at every pair of points."""
+"""Heights of tracks below: the short way gives the same as a check of every pair of points."""
 
 import numpy as np
 import pytest

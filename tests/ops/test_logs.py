@@ -1,4 +1,4 @@
-"""The log: one line each, machine-readable if wanted, and no secret in it."""
+"""The log: one line each, machine-readable if configured, and no secret in it."""
 
 import asyncio
 import contextlib
@@ -70,7 +70,7 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
         raise ValueError(f"bad key {KEY.hex()}")
     except ValueError:
         log.exception("no")
-    # Such as nobody has named:
+    # Secrets that are not configured as such:
     for text in (
         "Authorization: Bearer abc.def-123456",
         "http://127.0.0.1:8765/#token=zzzzzzzzzzzz",
@@ -78,19 +78,19 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
         '{"passwd": "hunter33333"}',
     ):
         log.info(text)
-    said = stream.getvalue()
+    logged = stream.getvalue()
     for secret in (TOKEN, KEY.hex(), "abc.def-123456", "zzzzzzzz", "hunter2", "hunter3"):
-        assert secret not in said
-    assert said.count(hidden.HIDDEN) >= 6
-    assert "Traceback" in said
+        assert secret not in logged
+    assert logged.count(hidden.HIDDEN) >= 6
+    assert "Traceback" in logged
 
 
-def test_where_a_secret_is_may_be_said() -> None:
+def test_the_path_of_a_secret_may_be_logged() -> None:
     assert hidden.clean("password = file:/run/secrets/mqtt") == "password = file:/run/secrets/mqtt"
     assert hidden.clean("a token of hawk's is missing") == "a token of hawk's is missing"
 
 
-def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
+def test_announcements_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     stream = set_up("json")
 
     async def follow(context: RunContext) -> None:
@@ -110,12 +110,12 @@ def test_news_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> None:
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     texts = [line["message"] for line in lines]
     assert "hawk: connected (px4 plane)" in texts
-    assert len(texts) == len(set(texts)), "said twice"
+    assert len(texts) == len(set(texts)), "logged twice"
     assert [line["level"] for line in lines if line.get("alarm")] == ["error", "info"]
     assert texts[-2:] == ["hawk: the last word", "alarm link/hawk: cleared"]
 
 
-def test_what_was_told_before_a_restart_is_not_logged_again(tmp_path: Path) -> None:
+def test_announcements_from_before_a_restart_are_not_logged_again(tmp_path: Path) -> None:
     stream = set_up("json")
     with context_after_a_flight(tmp_path) as context:
         context.state_view.last_id_before_restart = context.state_view.announcement_id

@@ -1,4 +1,4 @@
-"""Figures for Prometheus: what there is, what it says, and that it is written down."""
+"""Figures for Prometheus: names, values and documentation."""
 
 import asyncio
 import json
@@ -70,14 +70,14 @@ def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
     assert figures(context)[name]["failed", "kite"] == before + 1
 
 
-def test_interfaces_give_what_only_they_know(context: RunContext) -> None:
+def test_interfaces_give_their_own_metrics(context: RunContext) -> None:
     assert f"{PREFIX}stream_clients" not in figures(context)
     context.gauges["stream_clients"] = lambda: 3
     assert figures(context)[f"{PREFIX}stream_clients"][()] == 3
     del context.gauges["stream_clients"]
 
 
-def test_names_carry_units_and_say_what_they_are(context: RunContext) -> None:
+def test_names_carry_units_and_have_a_help_text(context: RunContext) -> None:
     content = metrics_of(context)[0].decode()
     for name in figures(context):
         if name.startswith(PREFIX):
@@ -90,9 +90,11 @@ def test_names_carry_units_and_say_what_they_are(context: RunContext) -> None:
 def test_every_figure_is_in_the_manual() -> None:
     manual = OPERATIONS.read_text(encoding="utf-8")
     missing = [name for name in FIGURES if f"`{PREFIX}{name}`" not in manual]
-    assert not missing, f"docs/operations.md says nothing of {missing}"
-    told = set(re.findall(rf"`{PREFIX}(\w+)`", manual))
-    assert told <= set(FIGURES), f"docs/operations.md tells of {told - set(FIGURES)}"
+    assert not missing, f"docs/operations.md does not list {missing}"
+    documented = set(re.findall(rf"`{PREFIX}(\w+)`", manual))
+    assert documented <= set(FIGURES), (
+        f"docs/operations.md lists unknown {documented - set(FIGURES)}"
+    )
 
 
 @pytest.mark.parametrize("path", [DASHBOARD, RULES], ids=lambda path: str(path.name))
@@ -109,7 +111,7 @@ def test_the_dashboard_shows_every_figure() -> None:
     assert not unseen, f"no panel shows {unseen}"
 
 
-def test_how_long_a_state_took_is_told(context: RunContext) -> None:
+def test_the_duration_of_a_state_is_reported(context: RunContext) -> None:
     keeping = Keeping(context.service, Known(context.scenario, context.landscape), JournalSection())
     asyncio.run(keeping.write_state())
     context.gauges["state_seconds"] = lambda: keeping.took_s

@@ -1,4 +1,4 @@
-"""What systemd is told, on a socket like its own."""
+"""Notifications to systemd, on a socket like its own."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.
         yield sock
 
 
-def heard(sock: socket.socket) -> list[str]:
+def datagrams_of(sock: socket.socket) -> list[str]:
     found = []
     with contextlib.suppress(BlockingIOError):
         while True:
@@ -35,16 +35,16 @@ def heard(sock: socket.socket) -> list[str]:
     return found
 
 
-def test_systemd_hears_ready_the_watchdog_and_the_end(
+def test_systemd_receives_ready_the_watchdog_and_the_end(
     systemd: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WATCHDOG_USEC", "150000")
-    said: list[str] = []
+    sent: list[str] = []
 
     async def beats(count: int) -> None:
         def beaten() -> bool:
-            said.extend(heard(systemd))
-            return len(said) >= count
+            sent.extend(datagrams_of(systemd))
+            return len(sent) >= count
 
         await until(beaten)
 
@@ -52,17 +52,17 @@ def test_systemd_hears_ready_the_watchdog_and_the_end(
         task = asyncio.create_task(pulse(context))
         await beats(3)
         time.sleep(0.3)  # noqa: ASYNC251 - the loop hangs
-        await beats(len(said) + 2)
+        await beats(len(sent) + 2)
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
     with context_after_a_flight(tmp_path) as context:
         asyncio.run(run(context))
-    said += heard(systemd)
-    assert said[0] == "READY=1"
-    assert said[1] == "WATCHDOG=1\nSTATUS=demo: 2 of 2 vehicles online, 0 alarms"
-    assert said[-1] == "STOPPING=1"
+    sent += datagrams_of(systemd)
+    assert sent[0] == "READY=1"
+    assert sent[1] == "WATCHDOG=1\nSTATUS=demo: 2 of 2 vehicles online, 0 alarms"
+    assert sent[-1] == "STOPPING=1"
     assert 0.2 < context.gauges["event_loop_lag_seconds"]() < PATIENCE_S
 
 
@@ -75,12 +75,12 @@ def test_an_abstract_socket_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sock.recv(100) == b"READY=1"
 
 
-def test_without_systemd_nothing_is_said_and_nothing_fails(
+def test_without_systemd_nothing_is_sent_and_nothing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     assert not notify_systemd("READY=1")
-    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "missing"))
     assert not notify_systemd("READY=1")
 
 

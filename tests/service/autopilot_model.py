@@ -1,6 +1,6 @@
 """An autopilot and the link to it, as small as the core's tests need them: independent of the mock.
 
-It has the modes, arming, landings, failsafes and refusals that matter to who may command what. What
+It has the modes, arming, landings, failsafes and refusals that decide what may be commanded. What
 it does not have: aerodynamics, messages, items. Pure: time and choices are arguments.
 """
 
@@ -124,7 +124,7 @@ class Autopilot:
         return ""
 
     def fly(self, seconds: float) -> None:
-        """Go on for a while; who lands is disarmed."""
+        """Go on for a while; a vehicle that lands is disarmed."""
         if not self.armed:
             return
         match self.mode:

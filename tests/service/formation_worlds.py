@@ -65,7 +65,7 @@ AVOIDANCES = {"none": NONE, "rvo": RVO, "intent": INTENT}
 
 
 def cached(function: Callable[..., Any]) -> Any:
-    """Compiled, and compiled anew when the kernels of the formation change."""
+    """Compiled, and compiled again when the kernels of the formation change."""
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(loiter.__file__).parent))
     try:
@@ -101,7 +101,7 @@ def _fly(  # type: ignore[no-untyped-def]
     orbit[:, :2], orbit[:, 2], orbit[:, 3] = agent, RADIUS_M, airspeed
     delay = int(delay_s / STEP_S)
     posted = np.full((delay + 1, count, peers.COLUMNS), np.nan)
-    known = np.full((count, count, peers.COLUMNS), -1e9)
+    reported = np.full((count, count, peers.COLUMNS), -1e9)
     others = np.empty((count, peers.COLUMNS))
     peer_messaging = rng.integers(0, 2, count)
     collided, met = np.full((count, count), -10_000), np.full((count, count), -10_000)
@@ -120,86 +120,86 @@ def _fly(  # type: ignore[no-untyped-def]
                 places = all_places[number].copy()
                 settled_s[:] = np.inf
         middle_x, middle_y = places[:, 0].mean(), places[:, 1].mean()
-        for who in range(count):
-            out_x, out_y = places[who, 0] - middle_x, places[who, 1] - middle_y
+        for uav in range(count):
+            out_x, out_y = places[uav, 0] - middle_x, places[uav, 1] - middle_y
             out_m = max(math.hypot(out_x, out_y), 1.0)
-            places[who, 0] += drift_m_s * STEP_S * out_x / out_m
-            places[who, 1] += drift_m_s * STEP_S * out_y / out_m
-            way_x, way_y = places[who, 0] - agent[who, 0], places[who, 1] - agent[who, 1]
+            places[uav, 0] += drift_m_s * STEP_S * out_x / out_m
+            places[uav, 1] += drift_m_s * STEP_S * out_y / out_m
+            way_x, way_y = places[uav, 0] - agent[uav, 0], places[uav, 1] - agent[uav, 1]
             part = min(1.0, agent_m_s * STEP_S / max(math.hypot(way_x, way_y), 1e-9))
-            agent[who, 0] += part * way_x
-            agent[who, 1] += part * way_y
-            far_m = math.hypot(agent[who, 0] - x[who], agent[who, 1] - y[who])
+            agent[uav, 0] += part * way_x
+            agent[uav, 1] += part * way_y
+            far_m = math.hypot(agent[uav, 0] - x[uav], agent[uav, 1] - y[uav])
             if far_m > 600.0 or (jumps_s > 0.0 and rng.random() < STEP_S / jumps_s):
-                agent[who, 0] = x[who] + 150.0 * math.cos(heading[who])
-                agent[who, 1] = y[who] + 150.0 * math.sin(heading[who])
+                agent[uav, 0] = x[uav] + 150.0 * math.cos(heading[uav])
+                agent[uav, 1] = y[uav] + 150.0 * math.sin(heading[uav])
         # Messages.
         now = tick % (delay + 1)
-        for who in range(count):
-            posted[now, who, 0] = np.nan
-            if (tick + peer_messaging[who]) % 2 == 0:
-                row = posted[now, who]
-                row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[who], y[who], altitude_m[who]
-                row[peers.VX] = airspeed[who] * math.cos(heading[who]) + wind_x
-                row[peers.VY] = airspeed[who] * math.sin(heading[who]) + wind_y
-                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[who]
-                row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[who, 0], orbit[who, 1]
-                row[peers.RADIUS], row[peers.AIRSPEED] = orbit[who, 2], orbit[who, 3]
-                row[peers.AGE_S], row[peers.KEY] = at_s, keys[who]
+        for uav in range(count):
+            posted[now, uav, 0] = np.nan
+            if (tick + peer_messaging[uav]) % 2 == 0:
+                row = posted[now, uav]
+                row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[uav], y[uav], altitude_m[uav]
+                row[peers.VX] = airspeed[uav] * math.cos(heading[uav]) + wind_x
+                row[peers.VY] = airspeed[uav] * math.sin(heading[uav]) + wind_y
+                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[uav]
+                row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[uav, 0], orbit[uav, 1]
+                row[peers.RADIUS], row[peers.AIRSPEED] = orbit[uav, 2], orbit[uav, 3]
+                row[peers.AGE_S], row[peers.KEY] = at_s, keys[uav]
         then = (tick + 1) % (delay + 1)
-        for who in range(count):
-            if not np.isnan(posted[then, who, 0]):
+        for uav in range(count):
+            if not np.isnan(posted[then, uav, 0]):
                 for to in range(count):
-                    if to != who and rng.random() >= lost:
-                        known[to, who] = posted[then, who]
-        # What everybody wants, and does.
+                    if to != uav and rng.random() >= lost:
+                        reported[to, uav] = posted[then, uav]
+        # The desired and the flown orbit of each.
         seen[:] = False
-        for who in range(count):
-            thinks = kind == RVO or (tick + who) % int(every_s / STEP_S) == 0
+        for uav in range(count):
+            thinks = kind == RVO or (tick + uav) % int(every_s / STEP_S) == 0
             if thinks:
-                heard = 0
+                received = 0
                 for other in range(count):
-                    if at_s - known[who, other, peers.AGE_S] < 10.0:
-                        others[heard] = known[who, other]
-                        others[heard, peers.AGE_S] = at_s - others[heard, peers.AGE_S]
-                        heard += 1
-                wanted = np.array([agent[who, 0], agent[who, 1], RADIUS_M, 0.0])
-                wanted[3] = phase.airspeed_in_phase_m_s(
-                    x[who], y[who], agent[who, 0], agent[who, 1], RADIUS_M, keys[who],
-                    others[:heard], 2000.0, min_m_s, max_m_s, wind,
+                    if at_s - reported[uav, other, peers.AGE_S] < 10.0:
+                        others[received] = reported[uav, other]
+                        others[received, peers.AGE_S] = at_s - others[received, peers.AGE_S]
+                        received += 1
+                desired = np.array([agent[uav, 0], agent[uav, 1], RADIUS_M, 0.0])
+                desired[3] = phase.airspeed_in_phase_m_s(
+                    x[uav], y[uav], agent[uav, 0], agent[uav, 1], RADIUS_M, keys[uav],
+                    others[:received], 2000.0, min_m_s, max_m_s, wind,
                 )  # fmt: skip
                 if kind == INTENT:
                     own[:] = (
-                        keys[who], x[who], y[who], altitude_m[who], heading[who], airspeed[who],
+                        keys[uav], x[uav], y[uav], altitude_m[uav], heading[uav], airspeed[uav],
                         wind_x, wind_y,
                     )  # fmt: skip
                     changed, _, clear_s = decide_orbit(
-                        at_s, own, wanted, orbit[who], others[:heard], rule, frame,
+                        at_s, own, desired, orbit[uav], others[:received], rule, frame,
                         path, paths, notes, adopted,
                     )  # fmt: skip
                     thoughts += 1
                     if trace.size:
-                        trace[tick, who, 9] = clear_s
-                        trace[tick, who, 10] = changed
+                        trace[tick, uav, 9] = clear_s
+                        trace[tick, uav, 10] = changed
                     if changed:
-                        orbit[who] = adopted
+                        orbit[uav] = adopted
                         changes += at_s > 0.9 * until_s
                 else:
-                    orbit[who] = wanted
+                    orbit[uav] = desired
             if kind != INTENT:
-                orbit[who, :2] = agent[who]
+                orbit[uav, :2] = agent[uav]
             aim = loiter.wanted_heading_rad(
-                x[who], y[who], heading[who], airspeed[who], orbit[who, 0], orbit[who, 1],
-                orbit[who, 2] * wide, wind_x, wind_y, STEP_S, bank_rad,
+                x[uav], y[uav], heading[uav], airspeed[uav], orbit[uav, 0], orbit[uav, 1],
+                orbit[uav, 2] * wide, wind_x, wind_y, STEP_S, bank_rad,
             )  # fmt: skip
-            over_x = airspeed[who] * math.cos(heading[who]) + wind_x
-            over_y = airspeed[who] * math.sin(heading[who]) + wind_y
-            new_x = airspeed[who] * math.cos(aim) + wind_x
-            new_y = airspeed[who] * math.sin(aim) + wind_y
+            over_x = airspeed[uav] * math.cos(heading[uav]) + wind_x
+            over_y = airspeed[uav] * math.sin(heading[uav]) + wind_y
+            new_x = airspeed[uav] * math.cos(aim) + wind_x
+            new_y = airspeed[uav] * math.sin(aim) + wind_y
             for other in range(count):
-                away_x, away_y = x[other] - x[who], y[other] - y[who]
-                if other != who and away_x * away_x + away_y * away_y < 250_000.0:
-                    seen[who, other] = rvo.meets_after_s(
+                away_x, away_y = x[other] - x[uav], y[other] - y[uav]
+                if other != uav and away_x * away_x + away_y * away_y < 250_000.0:
+                    seen[uav, other] = rvo.meets_after_s(
                         away_x, away_y,
                         2.0 * new_x - over_x - airspeed[other] * math.cos(heading[other]) - wind_x,
                         2.0 * new_y - over_y - airspeed[other] * math.sin(heading[other]) - wind_y,
@@ -207,21 +207,21 @@ def _fly(  # type: ignore[no-untyped-def]
                     ) < np.inf  # fmt: skip
             if kind == RVO:
                 aim, _ = rvo.clear_heading_rad(
-                    x[who], y[who], over_x, over_y, aim, airspeed[who],
-                    wind_x, wind_y, others[:heard], 60.0, 500.0,
+                    x[uav], y[uav], over_x, over_y, aim, airspeed[uav],
+                    wind_x, wind_y, others[:received], 60.0, 500.0,
                 )  # fmt: skip
-            x[who], y[who], heading[who], airspeed[who] = loiter.heading_step(
-                x[who], y[who], heading[who], airspeed[who], aim, orbit[who, 3], wind_x, wind_y,
+            x[uav], y[uav], heading[uav], airspeed[uav] = loiter.heading_step(
+                x[uav], y[uav], heading[uav], airspeed[uav], aim, orbit[uav, 3], wind_x, wind_y,
                 STEP_S, bank_rad,
             )  # fmt: skip
             if trace.size:
-                trace[tick, who, 0], trace[tick, who, 1], trace[tick, who, 2] = (
-                    x[who],
-                    y[who],
-                    heading[who],
+                trace[tick, uav, 0], trace[tick, uav, 1], trace[tick, uav, 2] = (
+                    x[uav],
+                    y[uav],
+                    heading[uav],
                 )
-                trace[tick, who, 3:7] = orbit[who]
-                trace[tick, who, 7:9] = agent[who]
+                trace[tick, uav, 3:7] = orbit[uav]
+                trace[tick, uav, 7:9] = agent[uav]
         # What came of it.
         conflicts += _episodes(seen, met, tick)
         for one in range(count):
@@ -232,13 +232,13 @@ def _fly(  # type: ignore[no-untyped-def]
                 nearest_m = min(nearest_m, apart_m)
                 seen[one, other], seen[other, one] = apart_m < 60.0, False
         collisions += _episodes(seen, collided, tick)
-        for who in range(count):
-            off_m = abs(math.hypot(x[who] - agent[who, 0], y[who] - agent[who, 1]) - 150.0)
-            left_m = math.hypot(places[who, 0] - agent[who, 0], places[who, 1] - agent[who, 1])
+        for uav in range(count):
+            off_m = abs(math.hypot(x[uav] - agent[uav, 0], y[uav] - agent[uav, 1]) - 150.0)
+            left_m = math.hypot(places[uav, 0] - agent[uav, 0], places[uav, 1] - agent[uav, 1])
             if off_m > 60.0:
-                settled_s[who] = np.inf
+                settled_s[uav] = np.inf
             elif off_m < 20.0 and left_m < 30.0:
-                settled_s[who] = min(settled_s[who], at_s)
+                settled_s[uav] = min(settled_s[uav], at_s)
             if at_s > 0.9 * until_s:
                 last_tenth += 1
                 on_orbit += off_m < 20.0
@@ -294,7 +294,7 @@ def fly(
 
 
 def ring(count: int, spacing_m: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
-    """Places (n, 2) on a circle, as far apart as said."""
+    """Places (n, 2) on a circle, as far apart as given."""
     turn = 2.0 * np.pi / count
     radius_m = spacing_m / (2.0 * np.sin(turn / 2.0)) if count > 1 else 0.0
     angle = np.arange(count) * turn
@@ -327,7 +327,7 @@ def settled_on(places: Floats) -> Floats:
 
 
 def shuffle(count: int, spacing_m: float, seed: int, **more: object) -> World:
-    """Agents on a square grid deal their places out anew, four times."""
+    """Agents on a square grid exchange their places, four times."""
     rng = np.random.default_rng(seed)
     side = math.ceil(math.sqrt(count))
     number = np.arange(count)

@@ -22,7 +22,7 @@ START_S = 3600.0
 
 
 class Flight:
-    """A simulation that people speak to."""
+    """A simulation with operator requests."""
 
     def __init__(self, path: Path, *overrides: str, rule: str = "islam_hu_damped") -> None:
         settings = ("vehicles.0.airspeed_m_s=18", f'planner.rule="{rule}"', "seed=3", *overrides)
@@ -47,7 +47,7 @@ class Flight:
     def now_us(self) -> int:
         return self.sim.clock.now_us
 
-    def tell(self, event: AnyOperatorEvent) -> list[str]:
+    def submit(self, event: AnyOperatorEvent) -> list[str]:
         before = self.state_view.announcement_id
         self.sim.service.submit(event, self.sim.link_us)
         return [line.text for line in self.state_view.announcements_after(before)]

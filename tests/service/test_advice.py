@@ -1,4 +1,4 @@
-"""What a team's user is told: what it can keep up with, and how many a wish takes."""
+"""Advice to a team's operator: what it can keep up with, and how many a target requires."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def speeds(vehicles: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.full(vehicles, 15.0)
 
 
-def test_it_says_what_the_team_can_do_and_what_a_wish_takes() -> None:
+def test_it_reports_what_the_team_can_do_and_what_a_target_requires() -> None:
     too_few, text = team_size_advice(
         RING, speeds(3), CoverageTargets(max_revisit_s=100.0, max_unseen_advance_m=50.0)
     )
@@ -33,7 +33,7 @@ def test_it_says_what_the_team_can_do_and_what_a_wish_takes() -> None:
     assert not team_size_advice(RING, speeds(1), CoverageTargets())[0]
 
 
-def test_a_hot_arc_is_said_to_be_swept() -> None:
+def test_a_hot_arc_is_reported_as_swept() -> None:
     rate = np.full(100, 0.1)
     rate[:10] = 0.6
     _, text = team_size_advice(
@@ -42,7 +42,7 @@ def test_a_hot_arc_is_said_to_be_swept() -> None:
     assert "2 of them sweeping the fastest part" in text
 
 
-def test_it_speaks_when_the_team_changes_or_no_longer_suffices() -> None:
+def test_it_announces_when_the_team_changes_or_no_longer_suffices() -> None:
     adviser = TeamSizeAdviser(CoverageTargets(max_revisit_s=100.0))
     assert adviser.is_due(4, 0.0)
     first = adviser.advise(RING, speeds(4), 0.0)

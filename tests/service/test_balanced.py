@@ -102,7 +102,7 @@ def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
     assert any(turned)
 
 
-def test_who_joins_is_planned_for(history: list[RingStep]) -> None:
+def test_a_joining_vehicle_is_planned_for(history: list[RingStep]) -> None:
     joined = flown(history[:120], Balanced(), 3, joining=((7000.0, 7),))
     three = flown(history[:120], Balanced(), 3)
     assert joined.linear[70:].mean() < 0.85 * three.linear[70:].mean()
@@ -167,12 +167,15 @@ def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: f
 
 def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
     ring = FrontRing(np.full(100, 30.0), np.full(100, 0.1), np.zeros(100))
-    told = [ReportedPosition(3, 10, False, 20.0, 0.0), ReportedPosition(1, 95, True, 20.0, 6.0)]
-    fleet = dead_reckoned_fleet(told, ring, 18.0, lost_after_s=30.0)
+    positions = [
+        ReportedPosition(3, 10, False, 20.0, 0.0),
+        ReportedPosition(1, 95, True, 20.0, 6.0),
+    ]
+    fleet = dead_reckoned_fleet(positions, ring, 18.0, lost_after_s=30.0)
     assert fleet.member.tolist() == [1, 3]
     # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
     assert fleet.cell.tolist() == [3, 98]
-    assert dead_reckoned_fleet(told, ring, 31.0, lost_after_s=30.0).member.tolist() == [1]
+    assert dead_reckoned_fleet(positions, ring, 31.0, lost_after_s=30.0).member.tolist() == [1]
 
 
 def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:

@@ -19,8 +19,8 @@ SEEDS = (1007, 1018)  # not those that are reported
 
 def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maria, "folder", lambda: None)
-    said: list[str] = []
-    rows = run_corrections(tmp_path, said.append, SEEDS, participants=1)
+    messages: list[str] = []
+    rows = run_corrections(tmp_path, messages.append, SEEDS, participants=1)
     assert [(row["truth"], row["method"]) for row in rows] == [
         (f"random {seed}", method) for seed in SEEDS for method in ("paper", "gaussian")
     ]
@@ -34,7 +34,7 @@ def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.M
     }
     uncorrected = sum(row["mean_error_uncorrected_m"] for row in rows[::2])
     assert left["gaussian"] < left["paper"] < 0.9 * uncorrected
-    assert any("Maria is left out" in text for text in said)
+    assert any("Maria is left out" in text for text in messages)
     for name in ("fig10.png", "fig11.png"):
         assert (tmp_path / name).stat().st_size > 20_000
 

@@ -69,7 +69,7 @@ def test_back_and_forth_turns_at_the_ends() -> None:
     assert flown == [True, True, False, False]
 
 
-def test_highest_dynamic_goes_for_the_highest_that_is_not_here() -> None:
+def test_highest_dynamic_flies_to_the_highest_cell_that_is_not_its_own() -> None:
     rate, age_s = [1.0, 1.0, 2.0, 1.0, 1.0], [9.0, 1.0, 0.0, 5.0, 6.0]
     assert highest_dynamic(region_of(rate, age_s, 2), Course()) == Course(False, 0)
     assert highest_dynamic(region_of(rate, age_s, 0), Course()) == Course(True, 4)
@@ -207,7 +207,7 @@ def test_centre_of_importance_is_as_central_as_the_offers_allow(exponential: boo
     assert moved > 10
 
 
-def test_who_is_there_first_gets_the_cells() -> None:
+def test_the_first_uav_there_gets_the_cells() -> None:
     ring = ring_of([1.0] * 30, [10.0] * 30)
     # Vehicles at 6, 16 and 24: cells 10 (11 is as near to both) and 21 to 22.
     gift = on_arrival(ring, part(0, 10, 6), part(10, 23, 16), part(23, 30, 24), NOW_S, False)

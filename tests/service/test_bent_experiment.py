@@ -68,15 +68,15 @@ def test_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool)
         lambda cases, history, speed, _: [bent.fly_case(case, history, speed) for case in cases],
     )
     options = ["--json"] if as_json else ["--out", str(tmp_path)]
-    told = CliRunner().invoke(main, ["experiment", "bent", "--speed", "10", *options])
-    assert told.exit_code == 0, told.output
+    result = CliRunner().invoke(main, ["experiment", "bent", "--speed", "10", *options])
+    assert result.exit_code == 0, result.output
     if not as_json:
         for text in ("Table 5.1", "Table 5.4", "High Target Static - COI", "3037.289", " ± "):
-            assert text in told.output
+            assert text in result.output
         drawn = sorted(path.name for path in tmp_path.iterdir())
         assert drawn == ["bent_5_1.png", "bent_5_2.png", "bent_5_3.png"]
         return
-    found = json.loads(told.output)
+    found = json.loads(result.output)
     assert found["speed_m_s"] == 10.0
     assert len(found["runs"]) == 100
     assert set(found["runs"][0]) >= {"planner", "negotiation", "importance", "uavs"}

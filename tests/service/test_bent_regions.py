@@ -42,7 +42,7 @@ def check(regions: Regions) -> None:
         assert 0 <= end - begin <= regions.cells
         count_of[np.arange(begin, end) % regions.cells] += 1
         own_begin, own_end = served(regions, index)
-        # Nobody owns what it does not serve, nor owns less than what it never offered.
+        # No vehicle owns what it does not serve, nor owns less than what it never offered.
         assert own_begin <= begin <= end <= own_end
         kept_begin, kept_end = retained(regions, index)
         assert kept_begin <= kept_end
@@ -65,16 +65,16 @@ def random_growth(cells: int, draw: Draw) -> tuple[Integers, int]:
 
 
 class Air:
-    """A link that keeps all that was ever said, and brings any of it at any time."""
+    """A link that keeps all messages, and delivers any of them at any time."""
 
     def __init__(self) -> None:
-        self.said: list[tuple[tuple[int, int], bool, BorderMessage]] = []
+        self.messages: list[tuple[tuple[int, int], bool, BorderMessage]] = []
 
-    def speak(self, regions: Regions, index: int, *, left: bool) -> None:
-        self.said.append((ends(regions, index), left, message_of(regions, index, left=left)))
+    def send(self, regions: Regions, index: int, *, left: bool) -> None:
+        self.messages.append((ends(regions, index), left, message_of(regions, index, left=left)))
 
     def bring(self, regions: Regions, which: int) -> Regions:
-        between, left, message = self.said[which]
+        between, left, message = self.messages[which]
         for index in range(len(regions.members)):
             if ends(regions, index) == between:
                 return with_message(regions, index, message, left=not left)
@@ -103,12 +103,14 @@ def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
     what = draw(12)
     if what < 3:
         regions = offer_some(regions, index, left, draw)
-        air.speak(regions, index, left=left)
+        air.send(regions, index, left=left)
     elif what < 5:
-        air.speak(regions, index, left=left)
-    elif what < 9 and air.said:
+        air.send(regions, index, left=left)
+    elif what < 9 and air.messages:
         # Mostly announcements.
-        regions = air.bring(regions, len(air.said) - 1 - min(draw(4) * draw(8), len(air.said) - 1))
+        regions = air.bring(
+            regions, len(air.messages) - 1 - min(draw(4) * draw(8), len(air.messages) - 1)
+        )
     elif what == 9:
         regions = on_new_ring(regions, *random_growth(regions.cells, draw))
     elif what == 10 and count > 1:
@@ -148,19 +150,19 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
         index, left = draw(3), bool(draw(2))
         regions = offer_some(regions, index, left, draw)
         if draw(3) == 0:
-            air.speak(regions, index, left=left)
-            regions = air.bring(regions, len(air.said) - 1)
+            air.send(regions, index, left=left)
+            regions = air.bring(regions, len(air.messages) - 1)
     for _ in range(2):
         for index in range(3):
             for left in (True, False):
-                air.speak(regions, index, left=left)
-                regions = air.bring(regions, len(air.said) - 1)
+                air.send(regions, index, left=left)
+                regions = air.bring(regions, len(air.messages) - 1)
     for border in regions.borders:
         assert border.left.place == border.right.place
         assert border.left.version == border.right.version
         assert border.left.offered is None
         assert border.right.offered is None
-        # Somebody may go on.
+        # A vehicle may go on.
         assert has_turn(border, left=True) != has_turn(border, left=False)
 
 
@@ -170,7 +172,7 @@ def test_regions_begin_with_as_many_cells_wherever_the_vehicles_are() -> None:
     assert spans(regions) == [(3, 9), (9, 16), (16, 23)]
 
 
-def test_giver_serves_until_it_hears() -> None:
+def test_giver_serves_until_it_receives_a_reply() -> None:
     regions = equal_regions([0, 1], [0, 10], 20)
     regions = with_border(regions, 1, offering(regions.borders[1], 6, left=True))
     offer = message_of(regions, 1, left=True)

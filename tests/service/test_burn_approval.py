@@ -111,13 +111,13 @@ def test_an_approval_lapses_with_time() -> None:
     assert approvals.expiry_reason(102_000_000) == "the approval is older than 100 s"
 
 
-def test_and_when_nobody_is_heard_at_its_station() -> None:
+def test_and_when_no_operator_is_at_the_station() -> None:
     approvals = proposing()
     approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
     approvals.on_operator_input(OperatorHeartbeat(14_000_000, "ada", "kitchen"))
     approvals.on_operator_input(OperatorHeartbeat(14_000_000, "bob", "boss"))  # may approve nothing
-    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # nobody's voice
+    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # no operator
     assert approvals.expiry_reason(16_000_000) is None
     assert approvals.expiry_reason(17_000_000) == "nothing heard of ada at boss for 16 s"
     approvals.on_operator_input(OperatorHeartbeat(17_000_000, "bob", "boss", may_approve=True))

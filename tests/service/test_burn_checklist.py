@@ -9,42 +9,42 @@ from mission_service.guidance.burn.checklist import Checklist
 ITEMS = ("weather", "payload", "people")
 
 
-def said(item: str, go: bool = True) -> ChecklistAnswered:
+def answer(item: str, go: bool = True) -> ChecklistAnswered:
     return ChecklistAnswered(5_000_000, "ann", "alpha", item, go)
 
 
 def all_go() -> Checklist:
     checklist = Checklist(ITEMS)
     for item in ITEMS:
-        checklist.apply(said(item))
+        checklist.apply(answer(item))
     return checklist
 
 
 def test_it_is_complete_when_every_item_has_its_go() -> None:
     checklist = Checklist(ITEMS)
-    assert checklist.apply(said("people")) == (
+    assert checklist.apply(answer("people")) == (
         'GO list: GO for "people" by ann at alpha; 2 of 3 open'
     )
     assert checklist.open_items == ("weather", "payload")
-    checklist.apply(said("weather"))
+    checklist.apply(answer("weather"))
     assert not checklist.complete
-    assert str(checklist.apply(said("payload"))).endswith("; complete")
+    assert str(checklist.apply(answer("payload"))).endswith("; complete")
     assert checklist.complete
 
 
 def test_a_no_go_opens_the_list() -> None:
     checklist = all_go()
-    told = checklist.apply(said("payload", go=False))
-    assert told == 'GO list: NO-GO for "payload" by ann at alpha; 1 of 3 open'
+    text = checklist.apply(answer("payload", go=False))
+    assert text == 'GO list: NO-GO for "payload" by ann at alpha; 1 of 3 open'
     assert checklist.open_items == ("payload",)
-    checklist.apply(said("payload"))
+    checklist.apply(answer("payload"))
     assert checklist.complete
 
 
 def test_an_item_that_is_not_on_the_list_changes_nothing() -> None:
     checklist = Checklist(ITEMS)
-    told = checklist.apply(said("wether"))
-    assert told == 'GO list: there is no item "wether"; there are: weather; payload; people'
+    text = checklist.apply(answer("wether"))
+    assert text == 'GO list: there is no item "wether"; there are: weather; payload; people'
     assert checklist.open_items == ITEMS
 
 
@@ -72,9 +72,9 @@ def test_nothing_else_matters() -> None:
 
 def test_its_status() -> None:
     checklist = Checklist(ITEMS)
-    checklist.apply(said("weather"))
-    checklist.apply(said("payload", go=False))
-    told = msgspec.json.decode(msgspec.json.encode(checklist.status()))
-    assert [item["answer"] for item in told["items"]] == ["go", "no-go", "open"]
-    assert (told["complete"], told["open"]) == (False, 2)
-    assert told["items"][0]["by"] == "ann"
+    checklist.apply(answer("weather"))
+    checklist.apply(answer("payload", go=False))
+    status = msgspec.json.decode(msgspec.json.encode(checklist.status()))
+    assert [item["answer"] for item in status["items"]] == ["go", "no-go", "open"]
+    assert (status["complete"], status["open"]) == (False, 2)
+    assert status["items"][0]["by"] == "ann"

@@ -44,22 +44,26 @@ EVENT = (AT_US, "ann", "alpha")
 
 
 class Run:
-    """A desk on a socket, in a thread: a lock for its state, and what it was told."""
+    """A request handler on a socket, in a thread: its lock and the submitted events."""
 
     def __init__(self, out: Path, stations: tuple[str, ...]) -> None:
         self.out = out
-        self.told: list[AnyOperatorEvent] = []
+        self.submitted: list[AnyOperatorEvent] = []
         self.lock = Interlock(SECTION)
         self.stations = stations
 
-    def tell(self, event: AnyOperatorEvent) -> list[str]:
-        self.told.append(event)
-        return [f"{type(event).__name__} heard"]
+    def submit(self, event: AnyOperatorEvent) -> list[str]:
+        self.submitted.append(event)
+        return [f"{type(event).__name__} accepted"]
 
     def status(self) -> dict[str, Any]:
-        told: dict[str, Any] = {"scenario": "square", "at_s": 100.0, "stations": self.stations}
-        told["guidance"] = {"phase": "flying"}
-        return {**told, "items": SECTION.go_items, **self.lock.status()}
+        status_fields: dict[str, Any] = {
+            "scenario": "square",
+            "at_s": 100.0,
+            "stations": self.stations,
+        }
+        status_fields["guidance"] = {"phase": "flying"}
+        return {**status_fields, "items": SECTION.go_items, **self.lock.status()}
 
     def call(self, *arguments: str, text: str | None = None) -> Result:
         return CliRunner().invoke(main, ["burn", *arguments, "--out", str(self.out)], input=text)
@@ -79,7 +83,7 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
         else:
             made.lock.apply(thing)
     scope = RequestScope(stations, SECTION.go_items)
-    request_handler = RequestHandler(made.tell, lambda: made.status(), lambda: AT_US, scope)
+    request_handler = RequestHandler(made.submit, lambda: made.status(), lambda: AT_US, scope)
     loop = asyncio.new_event_loop()
     with claimed(tmp_path / NAME) as listening:
         task = loop.create_task(serve_control(listening, request_handler))
@@ -140,22 +144,22 @@ def test_a_command_becomes_an_event(
     assert result.exit_code == 0, result.output
     name = {"light": "lit"}.get(arguments[0], arguments[0])
     may_approve = REQUESTS[name].role == "approve"  # the socket checks no names
-    assert run.told == [msgspec.structs.replace(event, may_approve=may_approve)]
-    assert f"{type(event).__name__} heard" in result.output
+    assert run.submitted == [msgspec.structs.replace(event, may_approve=may_approve)]
+    assert f"{type(event).__name__} accepted" in result.output
     as_json = run.call(*arguments, *OPERATOR_FIELDS, "--json")
     assert json.loads(as_json.stdout)["event"] == type(event).__name__
 
 
 def test_go_all_answers_item_by_item(run: Run) -> None:
     assert run.call("go", "all", *OPERATOR_FIELDS).exit_code == 0
-    assert run.told == [
+    assert run.submitted == [
         ChecklistAnswered(*EVENT, item, True, may_approve=True) for item in SECTION.go_items
     ]
 
 
 def test_approving_shows_the_plan_and_asks(run: Run) -> None:
     no = run.call("approve", HASH[:8], *OPERATOR_FIELDS, text="n\n")
-    assert (no.exit_code, run.told) == (1, [])
+    assert (no.exit_code, run.submitted) == (1, [])
     for words in (
         f"plan      {HASH}",
         "line      1, ignis: 3 drops",
@@ -168,13 +172,13 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
     ):
         assert words in no.output
     yes = run.call("approve", HASH[:8], *OPERATOR_FIELDS, text="y\n")
-    assert (yes.exit_code, run.told) == (0, [Approved(*EVENT, HASH, may_approve=True)])
+    assert (yes.exit_code, run.submitted) == (0, [Approved(*EVENT, HASH, may_approve=True)])
 
 
 def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
-    assert (result.exit_code, run.told) == (1, [])
+    assert (result.exit_code, run.submitted) == (1, [])
     assert "the GO list must be complete first; open: weather" in result.stderr
 
 
@@ -196,7 +200,7 @@ def test_what_is_wrong_gets_one_line_and_exit_code_1(
     assert result.exit_code == 1
     assert words in result.stderr
     assert result.stderr.count("\n") == 1
-    assert run.told == []
+    assert run.submitted == []
 
 
 def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,33 +208,33 @@ def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch
     honest["plans"][0]["plan"]["valid_until_us"] += 1
     monkeypatch.setattr(run, "status", lambda: honest)
     result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
-    assert (result.exit_code, run.told) == (1, [])
+    assert (result.exit_code, run.submitted) == (1, [])
     assert "is not the one of this hash" in result.stderr
 
 
-def test_where_one_is_must_be_said_if_there_are_several_places(run: Run) -> None:
+def test_the_station_must_be_given_if_there_are_several(run: Run) -> None:
     result = run.call("undo", "--by", "ann")
     assert result.exit_code == 1
     assert "say where you are with --station: alpha, bravo" in result.stderr
     assert run.call("abort", "--by", "ann").exit_code == 0
-    assert run.told == [Aborted(AT_US, "ann", "unknown")]
+    assert run.submitted == [Aborted(AT_US, "ann", "unknown")]
 
 
 @pytest.mark.parametrize("stations", [("alpha",)])
-def test_the_only_place_there_is_need_not_be_said(run: Run) -> None:
+def test_the_only_station_need_not_be_given(run: Run) -> None:
     assert run.call("undo", "--by", "ann").exit_code == 0
-    assert run.told == [Undone(*EVENT)]
+    assert run.submitted == [Undone(*EVENT)]
 
 
 def test_the_state_in_words_and_as_json(run: Run) -> None:
-    told = run.call("status").output
+    output = run.call("status").output
     for words in (
         "square  mission time 0:01:40, flying",
         "GO list   all 2 GO",
         "ignis     link, armed in mode mission, 15 m (49 ft) above home, fix, battery 90 %, 450 s",
         f"plan      {HASH[:12]}  line 1, 3 drops; approved by ann at alpha",
     ):
-        assert words in told
+        assert words in output
     run.lock.apply(Aborted(AT_US, "bob", "bravo"))
     later = run.call("status").output
     assert "GO list   2 open" in later
@@ -238,15 +242,17 @@ def test_the_state_in_words_and_as_json(run: Run) -> None:
     assert json.loads(run.call("status", "--json").stdout)["at_s"] == 100.0
 
 
-def test_watching_says_that_somebody_is_there(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_watching_reports_that_an_operator_is_present(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def soon(wait_s: float) -> None:
-        if len(run.told) == 3:
+        if len(run.submitted) == 3:
             raise KeyboardInterrupt
 
     monkeypatch.setattr("mission_service.cli.burn_commands.time.sleep", soon)
     result = run.call("watch", *OPERATOR_FIELDS)
     assert result.exit_code == 0
-    assert run.told == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3
+    assert run.submitted == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3
     assert "ann at alpha is present" in result.output
 
 

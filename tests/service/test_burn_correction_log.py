@@ -45,16 +45,16 @@ def test_drawing_erasing_undo_and_redo() -> None:
     assert places(log_of(undone, redone, undone, *drawn)) == [0, 10, 20]
 
 
-def test_a_line_that_is_erased_in_part_says_by_what() -> None:
+def test_a_line_that_is_erased_in_part_names_what_erased_it() -> None:
     line = Corrected(7, "cy", "bravo", "unburned", "line", ((0.0, 0.0), (0.0, 1e-3)), 9_000_000)
     before, after = erased(0, 5), erased(50, 5)
     assert log_of(before, line, after).held() == (Held(line, (after,)),)
-    (told,) = log_of(before, line, after).status()
-    assert (told["by"], told["station"], told["at_s"]) == ("cy", "bravo", 7e-6)
-    assert (told["marked_at_s"], told["erasures"]) == (9.0, 1)
+    (entry,) = log_of(before, line, after).status()
+    assert (entry["by"], entry["station"], entry["at_s"]) == ("cy", "bravo", 7e-6)
+    assert (entry["marked_at_s"], entry["erasures"]) == (9.0, 1)
 
 
-def test_it_says_what_changed() -> None:
+def test_it_reports_what_changed() -> None:
     log = CorrectionLog()
     assert not log.apply(Undone(*OPERATOR_FIELDS))
     assert not log.apply(Redone(*OPERATOR_FIELDS))

@@ -22,7 +22,7 @@ from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port
 
 OPERATOR_FIELDS = {"by": "ann", "station": "firing-boss"}
-Talk = Callable[[ControlClient], None]
+Session = Callable[[ControlClient], None]
 
 
 def scenario(duration_s: float) -> Scenario:
@@ -44,8 +44,8 @@ class KilledError(Exception):
     """As from outside: nothing is tidied up that a kill would not leave."""
 
 
-def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[str]:
-    """Serve while somebody talks to it; to its end, or until it is killed. What was announced."""
+def run(burned: Scenario, out: Path, session: Session | None, killed: bool) -> list[str]:
+    """Serve during a client's session; to its end, or until it is killed. The announcements."""
     done = False
     announced = Announced()
 
@@ -53,13 +53,13 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         if killed and done:
             raise KilledError
 
-    def speak() -> None:
+    def connect() -> None:
         deadline = time.monotonic() + 100  # kernels may have to be compiled first
         while True:
             try:
-                with ControlClient(out) as there:
-                    if talk is not None:
-                        talk(there)
+                with ControlClient(out) as client:
+                    if session is not None:
+                        session(client)
                 return
             except ControlError:
                 assert time.monotonic() < deadline
@@ -70,8 +70,8 @@ def run(burned: Scenario, out: Path, talk: Talk | None, killed: bool) -> list[st
         serving = asyncio.create_task(
             serve(Run(burned, out / "journal.jsonl", ""), announced, watch)
         )
-        if talk is not None:
-            await asyncio.to_thread(speak)
+        if session is not None:
+            await asyncio.to_thread(connect)
         done = True
         await serving
 
@@ -94,17 +94,17 @@ def events(path: Path) -> list[Any]:
 def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path: Path) -> None:
     path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
 
-    def first(there: ControlClient) -> None:
-        item = there.ask(do="status")["status"]["items"][0]
-        assert there.ask(do="go", item=item, **OPERATOR_FIELDS)["messages"] == [
+    def first(client: ControlClient) -> None:
+        item = client.ask(do="status")["status"]["items"][0]
+        assert client.ask(do="go", item=item, **OPERATOR_FIELDS)["messages"] == [
             'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
             "7 of 8 open"
         ]
         with pytest.raises(RequestError, match="unknown station"):
-            there.ask(do="present", by="ann", station="moon")
+            client.ask(do="present", by="ann", station="moon")
         with pytest.raises(RequestError, match="0, 0 is outside the landscape"):
-            there.ask(do="lit", points=[[0, 0]], **OPERATOR_FIELDS)
-        status = there.ask(do="status")["status"]
+            client.ask(do="lit", points=[[0, 0]], **OPERATOR_FIELDS)
+        status = client.ask(do="status")["status"]
         assert len(status["open_items"]) == 7
         assert status["stations"] == ["firing-boss"]
         assert (tmp_path / NAME).exists()
@@ -115,23 +115,23 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     path.write_bytes(path.read_bytes() + b'{"event":{"ty')  # it was about to write
     os.utime(path, (time.time() - 100.0, time.time() - 100.0))
 
-    def second(there: ControlClient) -> None:
-        status = there.ask(do="status")["status"]
+    def second(client: ControlClient) -> None:
+        status = client.ask(do="status")["status"]
         assert 100.0 < status["at_s"] < 100.0 + PATIENCE_S
         assert len(status["open_items"]) == 8
-        there.ask(do="present", **OPERATOR_FIELDS)
-        there.ask(do="abort")
+        client.ask(do="present", **OPERATOR_FIELDS)
+        client.ask(do="abort")
 
     announcements = run(burned, tmp_path, second, killed=True)
     assert any("resumes the run" in text for text in announcements)
-    told = events(path)
-    assert [type(event) for event in told] == [
+    received = events(path)
+    assert [type(event) for event in received] == [
         ChecklistAnswered,
         Resumed,
         OperatorHeartbeat,
         Aborted,
     ]
-    assert 100.0 <= told[1].down_s < 100.0 + PATIENCE_S
+    assert 100.0 <= received[1].down_s < 100.0 + PATIENCE_S
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
 
@@ -144,8 +144,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     assert reader.ended
     whole = path.read_bytes()
 
-    def third(there: ControlClient) -> None:
-        assert there.ask(do="status")["status"]["at_s"] < 60.0
+    def third(client: ControlClient) -> None:
+        assert client.ask(do="status")["status"]["at_s"] < 60.0
 
     announcements = run(burned, tmp_path, third, killed=True)
     assert (
@@ -159,8 +159,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
 def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
     path, burned = tmp_path / "journal.jsonl", scenario(3600.0)
 
-    def first(there: ControlClient) -> None:
-        there.ask(do="present", **OPERATOR_FIELDS)
+    def first(client: ControlClient) -> None:
+        client.ask(do="present", **OPERATOR_FIELDS)
         with pytest.raises(ControlError, match="another run answers there"):
             run(scenario(3600.0), tmp_path, None, killed=False)
 

@@ -24,7 +24,7 @@ def test_what_is_refused_is_still_on_board() -> None:
     assert account.fallen_m() == []
 
 
-def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
+def test_a_drop_without_a_result_is_assumed_to_have_fallen() -> None:
     account = SphereAccount(10)
     ordered(account, 0)
     sphere = account.finish(finished(0, done=False))
@@ -35,7 +35,7 @@ def test_what_nobody_knows_of_is_taken_to_have_fallen() -> None:
     assert sphere.max_miss_m == 5.0
 
 
-def test_an_outcome_told_twice_counts_once() -> None:
+def test_an_outcome_reported_twice_counts_once() -> None:
     account = SphereAccount(10)
     ordered(account, 0)
     account.finish(finished(0, done=False, refused=True))

@@ -1,4 +1,4 @@
-"""What is believed of a fire, by what is told and seen."""
+"""The estimate of a fire from reports and observations."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from tests.service.test_burn_flight import scenario
 OPERATOR_FIELDS = ("ada", "boss")
 
 
-def believed() -> EstimatedFire:
+def estimated() -> EstimatedFire:
     loaded = scenario()
     assert loaded.burn is not None
     return EstimatedFire(loaded.burn, jacksboro(100, 100, 5.0), weather_of(loaded))
@@ -30,7 +30,7 @@ def burning(x_m: float, y_m: float, at_s: float) -> Corrected:
 
 
 def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
-    fire, fix = believed(), place(60.0, 30.0)
+    fire, fix = estimated(), place(60.0, 30.0)
     (before_s,) = times_s(fire, fix)
     assert fire.apply(burning(60.0, 30.0, 300.0))
     (after_s,) = times_s(fire, fix)
@@ -41,7 +41,7 @@ def test_a_correction_moves_the_fire_and_undo_moves_it_back() -> None:
 
 
 def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
-    fire = believed()
+    fire = estimated()
     line = (place(10.0, 30.0), place(110.0, 30.0))
     fire.apply(Corrected(300_000_000, *OPERATOR_FIELDS, "burning", "line", line, 300_000_000))
     observations = len(fire._observations)
@@ -49,9 +49,9 @@ def test_of_a_line_that_is_erased_in_part_the_rest_holds() -> None:
     assert 0 < len(fire._observations) < observations
 
 
-def test_it_does_not_depend_on_who_asks_in_between() -> None:
+def test_it_does_not_depend_on_queries_in_between() -> None:
     rng = np.random.default_rng(3)
-    asked, quiet = believed(), believed()
+    asked, quiet = estimated(), estimated()
     events = [
         burning(float(x), 20.0 + 0.05 * number, 200.0 + number)
         for number, x in enumerate(rng.uniform(0.0, SIDE_M, 12))

@@ -37,21 +37,21 @@ def scenario(stack: str = "ardupilot", **burn: object) -> Scenario:
 
 
 class Burn:
-    """A simulation with a crew that does what a test says as well."""
+    """A simulation with simulated operators and the events of a test."""
 
     def __init__(self, journal: Path, loaded: Scenario) -> None:
         assert loaded.burn is not None
         self.path = journal
         landscape = jacksboro(100, 100, 5.0)
         self._journal = Journal(journal, header_of(loaded, landscape.digest(), ""), durable=False)
-        self.crew_is_there = True
-        self.crew = SimulatedCrew(loaded.burn)
+        self.operators_present = True
+        self.operators = SimulatedCrew(loaded.burn)
         self.simulation = Simulation(loaded, self._journal, landscape, self._due)
         (self.rig,) = self.simulation.rigs
         self.guidance = burn_flight(self.simulation.core.guidance)
 
     def _due(self, now_us: int, core: object) -> list[AnyOperatorEvent]:
-        return self.crew.due(now_us, self.simulation.core) if self.crew_is_there else []
+        return self.operators.due(now_us, self.simulation.core) if self.operators_present else []
 
     @property
     def at_s(self) -> float:
@@ -63,7 +63,7 @@ class Burn:
 
     @property
     def dropped(self) -> int:
-        """Spheres that the mock's dropper has let go of, by what it was told on the wire."""
+        """Spheres that the mock's dropper has let go of, by the commands on its link."""
         releases = (1900.0, 0.0)  # servo's PWM, a gripper that opens
         return sum(value in releases for _, _, _, value in self.rig.mock.outputs)
 
@@ -82,7 +82,7 @@ class Burn:
             assert self.at_s < 300.0
             self.run(0.5)
 
-    def tell(self, event: AnyOperatorEvent) -> None:
+    def submit(self, event: AnyOperatorEvent) -> None:
         self.simulation.service.submit(event, self.simulation.link_us)
 
     def texts(self) -> list[str]:
@@ -102,7 +102,7 @@ def burn(tmp_path: Path) -> Iterator[Burn]:
 def assert_stopped(burn: Burn) -> None:
     """From now on nothing falls, and the vehicle is high and holds."""
     dropped = burn.dropped
-    burn.crew_is_there = False  # nobody approves anything anew
+    burn.operators_present = False  # no new approvals
     burn.run(45.0)
     assert burn.dropped == dropped
     assert burn.height_m >= 54.0
@@ -125,8 +125,8 @@ def test_a_line_is_dropped_where_it_was_planned(stack: str, tmp_path: Path) -> N
     assert verify(burn.path).difference is None
 
 
-def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
-    burn.crew_is_there = False
+def test_nothing_flies_without_approval(burn: Burn) -> None:
+    burn.operators_present = False
     burn.run(120.0)
     assert burn.guidance.phase == "proposed"
     assert burn.rig.mock.flight.items == ()
@@ -135,11 +135,11 @@ def test_nothing_flies_that_nobody_approved(burn: Burn) -> None:
 
 def test_approval_before_the_list_is_complete_does_not_count(burn: Burn) -> None:
     burn.run(START_S + 2.0)
-    burn.crew_is_there = False
-    burn.tell(
+    burn.operators_present = False
+    burn.submit(
         ChecklistAnswered(burn.at_us, "ada", "boss", burn.guidance.state.burn.go_items[0], go=False)
     )
-    burn.tell(Approved(burn.at_us, "ada", "boss", burn.guidance.approvals.plan_hash))
+    burn.submit(Approved(burn.at_us, "ada", "boss", burn.guidance.approvals.plan_hash))
     burn.run(20.0)
     assert any("items are open" in text for text in burn.texts())
     assert burn.rig.mock.flight.items == ()
@@ -150,29 +150,29 @@ def amiss(burn: Burn, what: str) -> None:
     west = [place(x, y) for x, y in ((0, 60), (SIDE_M, 60), (SIDE_M, SIDE_M), (0, SIDE_M))]
     match what:
         case "abort":
-            burn.tell(Aborted(now, "ada", "boss"))
+            burn.submit(Aborted(now, "ada", "boss"))
         case "rejected":
-            burn.tell(Rejected(now, "ada", "boss", burn.guidance.approvals.plan_hash))
+            burn.submit(Rejected(now, "ada", "boss", burn.guidance.approvals.plan_hash))
         case "no-go":
-            burn.tell(
+            burn.submit(
                 ChecklistAnswered(
                     now, "ada", "boss", burn.guidance.state.burn.go_items[3], go=False
                 )
             )
         case "wind shift":
-            burn.tell(WindSet(now, "ada", "boss", 2.0, 90.0))
+            burn.submit(WindSet(now, "ada", "boss", 2.0, 90.0))
         case "wind measured":
             burn.rig.mock.flight.wind = Wind(0.0, 6.0)
             burn.run(25.0)
         case "fire ahead":
             line = (place(70.0, 20.0), place(SIDE_M, 60.0))
-            burn.tell(IgnitionReported(now, "ada", "boss", line, now - 60_000_000))
-        case "somebody there":
-            burn.tell(PersonReported(now, "bob", "boss", "bob", *place(90.0, 60.0), 40.0))
+            burn.submit(IgnitionReported(now, "ada", "boss", line, now - 60_000_000))
+        case "person there":
+            burn.submit(PersonReported(now, "bob", "boss", "bob", *place(90.0, 60.0), 40.0))
         case "another unit":
-            burn.tell(BurnUnitSet(now, "ada", "boss", tuple(west)))
-        case "operator gone":
-            burn.crew_is_there = False
+            burn.submit(BurnUnitSet(now, "ada", "boss", tuple(west)))
+        case "operator absent":
+            burn.operators_present = False
             burn.run(16.0)
         case _:
             raise AssertionError(what)
@@ -187,9 +187,9 @@ def amiss(burn: Burn, what: str) -> None:
         "wind shift",
         "wind measured",
         "fire ahead",
-        "somebody there",
+        "person there",
         "another unit",
-        "operator gone",
+        "operator absent",
     ],
 )
 def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
@@ -225,21 +225,21 @@ def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> Non
     loaded = scenario(drop_spacing_m=5.0, max_drops_per_min=600.0, speed_m_s=3.0)
     burn = Burn(tmp_path / "journal.jsonl", loaded)
     burn.until_dropping()
-    burn.crew_is_there = False
-    gone_us, gone_at_us, dropped = burn.simulation.link_us, burn.at_us, burn.dropped
-    slow_down(burn.rig.client, gone_us, 0.1)
+    burn.operators_present = False
+    link_us, stopped_us, dropped = burn.simulation.link_us, burn.at_us, burn.dropped
+    slow_down(burn.rig.client, link_us, 0.1)
     while burn.guidance.phase == "flying":
-        assert burn.simulation.link_us < gone_us + 120_000_000
+        assert burn.simulation.link_us < link_us + 120_000_000
         burn.simulation.step()
     burn.close()
     assert burn.dropped > dropped  # it went on at first
-    assert burn.at_us < gone_at_us + 5_000_000
-    assert burn.simulation.link_us < gone_us + 17_000_000
+    assert burn.at_us < stopped_us + 5_000_000
+    assert burn.simulation.link_us < link_us + 17_000_000
     assert any("plan withdrawn: nothing heard of simulated crew" in text for text in burn.texts())
     assert verify(burn.path).difference is None
 
 
-def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
+def test_a_stopped_line_is_planned_and_approved_again(burn: Burn) -> None:
     burn.until_dropping()
     before = burn.guidance.approvals.plan_hash
     amiss(burn, "fire ahead")
@@ -250,12 +250,12 @@ def test_a_stopped_line_is_planned_and_approved_anew(burn: Burn) -> None:
     assert burn.guidance.approvals.plan_hash != before
 
 
-def test_after_an_abort_nothing_is_planned_before_somebody_wants_it(burn: Burn) -> None:
+def test_after_an_abort_nothing_is_planned_before_a_new_request(burn: Burn) -> None:
     burn.until_dropping()
     amiss(burn, "abort")
     burn.run(40.0)
     assert burn.guidance.phase == "waiting"
-    burn.tell(PlanRequested(burn.at_us, "ada", "boss"))
+    burn.submit(PlanRequested(burn.at_us, "ada", "boss"))
     burn.run(3.0)
     assert burn.guidance.phase in ("proposed", "approved", "planning")
 
@@ -267,13 +267,13 @@ def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
         link._loss = 1.0
     dropped, before_s = burn.dropped, burn.at_s
     run_links(burn, 90.0)
-    assert burn.at_s < before_s + 1.0  # nothing was heard
+    assert burn.at_s < before_s + 1.0  # nothing was received
     assert burn.dropped == dropped
     assert burn.guidance.approvals.approval is None
     assert burn.rig.mock.flight.motion.altitude_m > 350.0 + 54.0
     for link in links:
         link._loss = 0.0
-    burn.crew_is_there = False
+    burn.operators_present = False
     run_links(burn, 30.0)
     assert burn.dropped == dropped
     assert burn.guidance.phase != "flying"
@@ -284,7 +284,7 @@ def test_a_lost_position_drops_nothing(burn: Burn) -> None:
     burn.until_dropping()
     burn.rig.mock.positions = False
     dropped = burn.dropped
-    burn.crew_is_there = False
+    burn.operators_present = False
     run_links(burn, 3.0)  # well before its autopilot lands it blind
     assert burn.guidance.approvals.approval is None
     run_links(burn, 27.0)
@@ -319,13 +319,13 @@ def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
     burn.rig.client.command(
         "resume", burn.simulation.link_us
     )  # the mission on board goes on: without drops
-    burn.crew_is_there = False
+    burn.operators_present = False
     burn.run(60.0)
     assert burn.dropped == dropped
 
 
 def run_links(burn: Burn, for_s: float) -> None:
-    """By the links' clock: mission time stands still while nothing is heard."""
+    """By the links' clock: mission time stands still while nothing is received."""
     until_us = burn.simulation.link_us + round(for_s * 1e6)
     while burn.simulation.link_us < until_us:
         burn.simulation.step()

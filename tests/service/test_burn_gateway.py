@@ -33,13 +33,13 @@ POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Client:
-    """Notes what is ordered; tells what it is given."""
+    """Records commands; reports the given events."""
 
     stack = None
 
     def __init__(self, *events: Any) -> None:
         self.orders: list[Any] = []
-        self.told = list(events)
+        self.outgoing = list(events)
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
         self.orders.append(("drop", dropper, now_us))
@@ -51,22 +51,22 @@ class Client:
         self.orders.append((name, now_us, *arguments))
 
     def next_event(self) -> Any:
-        return self.told.pop(0) if self.told else None
+        return self.outgoing.pop(0) if self.outgoing else None
 
 
 def gateway_of(client: Any, dropper: Dropper | None = SERVO) -> Gateway:
     return Gateway("drake", client, MissionClock(1000, wall=False), dropper)
 
 
-def test_what_became_of_each_drop_is_told_with_its_plan_and_number() -> None:
+def test_the_outcome_of_each_drop_is_reported_with_its_plan_and_number() -> None:
     client = Client()
     gateway = gateway_of(client)
     for number in (4, 5, 6):
         gateway.execute(Drop("drake", "abc", number, 36.0, -84.0), 7)
     assert client.orders == [("drop", SERVO, 7)] * 3
-    told = ((2, "unknown", "no answer"), (1, "done", "accepted"), (3, "refused", "denied"))
-    client.told = [bridge.DropFinished(9, *each) for each in told]  # type: ignore[arg-type]
-    client.told.append(bridge.DropFinished(9, 44, "done", "somebody else's"))
+    outcomes = ((2, "unknown", "no answer"), (1, "done", "accepted"), (3, "refused", "denied"))
+    client.outgoing = [bridge.DropFinished(9, *each) for each in outcomes]  # type: ignore[arg-type]
+    client.outgoing.append(bridge.DropFinished(9, 44, "done", "of another client"))
     assert list(gateway.events(9)) == [
         DropFinished(1000, "drake", "abc", 5, False, False, "no answer"),
         DropFinished(1000, "drake", "abc", 4, True, False, "accepted"),
@@ -95,7 +95,7 @@ def test_climb_and_hold_is_the_clients_own_order() -> None:
     assert client.orders == [("climb and hold", 5, 36.0, -84.0, 380.0)]
 
 
-def test_the_height_of_returns_is_set_when_a_vehicle_of_a_burn_is_heard() -> None:
+def test_the_return_altitude_is_set_when_a_vehicle_of_a_burn_is_discovered() -> None:
     client = Client(bridge.Connected(3, stack_named("px4", "copter")))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO, return_height_m=95.0)  # type: ignore[arg-type]
     assert len(list(gateway.events(4))) == 1
@@ -106,7 +106,7 @@ def battery(at_us: int, number: int, percent: int | None, volts: float) -> bridg
     return bridge.Battery(at_us, number, percent, volts, None)
 
 
-def test_the_emptiest_battery_is_told_when_it_changes() -> None:
+def test_the_emptiest_battery_is_reported_when_it_changes() -> None:
     client = Client(
         battery(1, 0, None, 12.0),
         battery(2, 0, 80, 12.0),
@@ -115,15 +115,15 @@ def test_the_emptiest_battery_is_told_when_it_changes() -> None:
         battery(5, 0, 79, 11.8),
         battery(6, 1, 59, 11.8),
     )
-    told = list(gateway_of(client).events(9))
-    assert told == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
+    events = list(gateway_of(client).events(9))
+    assert events == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
 
 
-def test_the_fix_is_told_when_it_changes() -> None:
+def test_the_fix_is_reported_when_it_changes() -> None:
     fixes = ("no fix", "2d", "2d", "3d", "3d", "rtk fixed", "no gps")
     client = Client(*(bridge.GpsFix(1, fix, place) for place, fix in enumerate(fixes)))
-    told = list(gateway_of(client).events(9))
-    assert told == [
+    events = list(gateway_of(client).events(9))
+    assert events == [
         GpsFixChanged(1000, "drake", good, fix)
         for good, fix in (
             (False, "no fix"),
@@ -160,29 +160,33 @@ def test_burns_ask_for_positions_fast_and_for_what_keeps_them_safe() -> None:
 
 
 @pytest.mark.parametrize("stack", ["px4", "ardupilot"])
-def test_a_mock_in_trouble_tells_of_its_battery_and_its_fix(stack: str) -> None:
+def test_a_mock_with_faults_reports_its_battery_and_its_fix(stack: str) -> None:
     mock = mock_of(stack_named(stack, "copter"), battery_minutes=30.0)
-    troubled = FaultyMock(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
+    faulty = FaultyMock(mock, parse_faults(["gps-loss@12..20", "battery-low@25"]))
     client = NativeClient(rates_hz=rates_hz(burn()))
     gateway = Gateway("drake", client, MissionClock(0, wall=False), SERVO)
-    told: list[tuple[float, VehicleEvent]] = []
+    timed_events: list[tuple[float, VehicleEvent]] = []
     for now_us in range(0, 30 * SECOND, 25_000):
-        troubled.handle_timer(now_us)
-        for datagram in troubled.data_to_send():
+        faulty.handle_timer(now_us)
+        for datagram in faulty.data_to_send():
             client.receive_data(datagram, now_us)
         client.handle_timer(now_us)
-        told += [(now_us / 1e6, event) for event in gateway.events(now_us)]
+        timed_events += [(now_us / 1e6, event) for event in gateway.events(now_us)]
         for datagram in client.data_to_send():
-            troubled.receive_data(datagram, now_us)
-    fixes = [(at_s, event.good) for at_s, event in told if isinstance(event, GpsFixChanged)]
+            faulty.receive_data(datagram, now_us)
+    fixes = [(at_s, event.good) for at_s, event in timed_events if isinstance(event, GpsFixChanged)]
     assert [good for _, good in fixes] == [True, False, True]
     assert [at_s for at_s, _ in fixes[1:]] == pytest.approx([12.0, 20.0], abs=1.5)
-    batteries = [event.percent for _, event in told if isinstance(event, BatteryUpdated)]
+    batteries = [event.percent for _, event in timed_events if isinstance(event, BatteryUpdated)]
     assert batteries == [100.0, 14.0]
-    steady = [at_s for at_s, event in told if isinstance(event, Telemetry) and 8 < at_s < 12]
+    steady = [
+        at_s for at_s, event in timed_events if isinstance(event, Telemetry) and 8 < at_s < 12
+    ]
     assert len(steady) == 31  # between them; the mock's steps are 8 a second
-    assert not any(12.1 < at_s < 20.0 for at_s, event in told if isinstance(event, Telemetry))
-    assert any(isinstance(event, ModeChanged) for _, event in told) is False
+    assert not any(
+        12.1 < at_s < 20.0 for at_s, event in timed_events if isinstance(event, Telemetry)
+    )
+    assert any(isinstance(event, ModeChanged) for _, event in timed_events) is False
 
 
 @pytest.mark.parametrize(

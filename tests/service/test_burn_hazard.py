@@ -123,7 +123,7 @@ def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
 
 
 @pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: CombinedFires([fire])])
-def test_a_fire_smaller_than_a_cell_is_known_by_its_source(wrap: Callable[..., Any]) -> None:
+def test_a_fire_smaller_than_a_cell_is_represented_by_its_source(wrap: Callable[..., Any]) -> None:
     """Hardly alight for 200 s, until wind drives it to the corners of its cell at once."""
     slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)
     hazard = hazard_of(wrap(EllipseFire([slow, fast], np.array([[30.4, 30.9, 0.0]]))), BOX, CALM)

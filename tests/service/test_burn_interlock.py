@@ -143,9 +143,9 @@ NORTH_DEG = 40.0 * DEG_PER_M
     ],
 )
 def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
-    told = why(*more)
-    assert told is not None
-    assert words in told
+    reason = why(*more)
+    assert reason is not None
+    assert words in reason
 
 
 @pytest.mark.parametrize(
@@ -161,12 +161,12 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
     ],
 )
 def test_a_wrong_drop_or_a_late_one_is_refused(drop: Drop, at_us: int, words: str) -> None:
-    told = why(drop=drop, at_us=at_us)
-    assert told is not None
-    assert words in told
+    reason = why(drop=drop, at_us=at_us)
+    assert reason is not None
+    assert words in reason
 
 
-def test_an_approval_runs_out_while_the_crew_is_there() -> None:
+def test_an_approval_runs_out_while_the_operators_are_present() -> None:
     later = (
         OperatorHeartbeat(189 * S, "ann", "alpha"),
         fix(190 * S),
@@ -209,7 +209,7 @@ def test_limits_run_on_the_hosts_clock_too(
     assert refused is None if words is None else words in str(refused)
 
 
-def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> None:
+def test_a_restarted_host_clock_is_not_compared_with_the_one_before() -> None:
     lock = after((*GOOD, Resumed(AT_US, "service", "", 5.0)))
     lock.apply(HostTime(AT_US, NAME, -500 * S))
     for event in (*AGAIN, APPROVED, *GOOD[1:4], *GOOD[-2:]):
@@ -218,7 +218,7 @@ def test_a_host_clock_that_began_anew_is_not_compared_with_the_one_before() -> N
     assert "was good until" in str(lock.refuses(DROP, AT_US))
 
 
-def test_a_plan_that_is_not_what_its_hash_says() -> None:
+def test_a_plan_that_does_not_match_its_hash() -> None:
     forged = Sent((ProposePlan(NAME, plan(valid_until_us=10**12), HASH),))
     assert "is not what its hash says" in str(why(forged, APPROVED))
 
@@ -229,7 +229,7 @@ def test_a_plan_approved_before_it_was_proposed() -> None:
     assert "nobody has approved it" in str(lock.refuses(DROP, AT_US))
 
 
-def test_whatever_was_not_told_is_a_reason() -> None:
+def test_every_missing_report_is_a_reason() -> None:
     for thing in GOOD:
         rest = tuple(other for other in GOOD if other is not thing)
         assert after(rest).refuses(DROP, AT_US) is not None, thing
@@ -243,7 +243,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Resumed(AT_US, "service", "", 5.0),
         VehicleRebooted(AT_US, NAME),
     )
-    told_again: tuple[Happening, ...] = (
+    reports_again: tuple[Happening, ...] = (
         HostTime(AT_US, NAME, 0),
         VehicleConnected(AT_US, NAME, "ardupilot copter", False),
         GpsFixChanged(AT_US, NAME, True, "3D"),
@@ -253,10 +253,10 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Sent((ProposePlan(NAME, PLAN, HASH),)),
     )
     for stop in stops:
-        assert why(stop, *told_again, *AGAIN) is not None
-        assert why(stop, *told_again, APPROVED, *AGAIN) is not None
-        assert why(stop, *told_again, *AGAIN, APPROVED) is None
-        assert why(Sent((DROP,)), stop, *told_again, *AGAIN, APPROVED) is not None
+        assert why(stop, *reports_again, *AGAIN) is not None
+        assert why(stop, *reports_again, APPROVED, *AGAIN) is not None
+        assert why(stop, *reports_again, *AGAIN, APPROVED) is None
+        assert why(Sent((DROP,)), stop, *reports_again, *AGAIN, APPROVED) is not None
 
 
 def test_spheres_and_their_rate() -> None:
@@ -303,15 +303,15 @@ def test_a_load_begins_with_a_landing() -> None:
         assert (lock.refuses(two, AT_US) is None) == gets_out
 
 
-def test_its_status_can_be_told_as_json() -> None:
-    told = msgspec.json.decode(msgspec.json.encode(after(GOOD).status()))
-    (proposed,) = told["plans"]
+def test_its_status_can_be_encoded_as_json() -> None:
+    status = msgspec.json.decode(msgspec.json.encode(after(GOOD).status()))
+    (proposed,) = status["plans"]
     assert proposed["approved"]["by"] == "ann"
     assert proposed["plan_hash"] == HASH
-    assert told["vehicles"][NAME]["mode"] == "mission"
+    assert status["vehicles"][NAME]["mode"] == "mission"
 
 
-# An oracle that remembers nothing and looks through all that happened, for each question anew -----
+# An oracle without memory that looks through all events for each question -------------------------
 
 
 def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSection) -> bool:
@@ -388,15 +388,15 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
             if isinstance(thing, VehicleRebooted | Resumed)
         ]
     )
-    known = flat[last_restart:]
+    since_restart = flat[last_restart:]
     links = [t for t in flat if isinstance(t, VehicleConnected | LinkRestored | LinkLost | Resumed
                                            | VehicleRebooted)]  # fmt: skip
     if not links or isinstance(links[-1], LinkLost | Resumed):
         return False
-    fixes = [thing for thing in known if isinstance(thing, GpsFixChanged)]
-    batteries = [thing for thing in known if isinstance(thing, BatteryUpdated)]
-    modes = [thing for thing in known if isinstance(thing, ModeChanged)]
-    places = [thing for thing in known if isinstance(thing, Telemetry)]
+    fixes = [thing for thing in since_restart if isinstance(thing, GpsFixChanged)]
+    batteries = [thing for thing in since_restart if isinstance(thing, BatteryUpdated)]
+    modes = [thing for thing in since_restart if isinstance(thing, ModeChanged)]
+    places = [thing for thing in since_restart if isinstance(thing, Telemetry)]
     if not (fixes and batteries and modes and places):
         return False
     if not (fixes[-1].good and batteries[-1].percent >= section.min_battery_pct):
@@ -535,19 +535,19 @@ def _at(thing: Happening, at_us: int) -> Happening:
 
 def any_thing(chance: random.Random) -> Happening:
     any_of = chance.choice
-    who = (0, *any_of([("ann", "alpha"), ("bob", "bravo"), ("eve", "nowhere"), ("", "alpha")]))
-    watch = any_of([who, (0, "bob", "alpha")])
+    source = (0, *any_of([("ann", "alpha"), ("bob", "bravo"), ("eve", "nowhere"), ("", "alpha")]))
+    watch = any_of([source, (0, "bob", "alpha")])
     name, yes = any_of(HASHES), any_of([True, False])
-    crew: list[Happening] = [
-        ChecklistAnswered(*who, any_of(["weather", "payload", "else"]), yes),
-        Approved(*who, name),
-        Rejected(*who, name),
-        Aborted(*who),
+    operator_events: list[Happening] = [
+        ChecklistAnswered(*source, any_of(["weather", "payload", "else"]), yes),
+        Approved(*source, name),
+        Rejected(*source, name),
+        Aborted(*source),
         OperatorHeartbeat(*watch, may_approve=yes),
         WindSet(*watch, 3.0, 270.0, may_approve=yes),
         Resumed(0, "service", "", 1.0),
-        BurnUnitSet(*who, any_of([CORNERS, CORNERS, ELSEWHERE])),
-        PersonReported(*who, "cy", LAT, LON, any_of([0.0, 5.0, 30.0])),
+        BurnUnitSet(*source, any_of([CORNERS, CORNERS, ELSEWHERE])),
+        PersonReported(*source, "cy", LAT, LON, any_of([0.0, 5.0, 30.0])),
     ]
     mode = any_of(["mission", "mission", "return", "land", "hold"])
     flown: list[Happening] = [
@@ -569,7 +569,7 @@ def any_thing(chance: random.Random) -> Happening:
         Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),
         Sent((drop_of(chance.randrange(4), NAME, name),)),
     ]
-    return any_of([*crew, *flown, *sent])
+    return any_of([*operator_events, *flown, *sent])
 
 
 HASHES = [HASH, HASH, HASH, plan_hash(OTHER)]

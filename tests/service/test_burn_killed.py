@@ -1,4 +1,4 @@
-"""The leader of a burn after a kill: flown in virtual time, its journal cut, and gone on with."""
+"""The guidance of a burn after a kill: flown in virtual time, its journal cut, and continued."""
 
 from collections import Counter
 from functools import partial
@@ -66,16 +66,16 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
         IgnitionReported(70_000_000, *OPERATOR_FIELDS, ((36.3496, -84.1585),), 70_000_000),
     ]
     assert scenario.burn is not None
-    crew = SimulatedCrew(scenario.burn, script=script)
+    operators = SimulatedCrew(scenario.burn, script=script)
     with pytest.MonkeyPatch.context() as patch:
         live = lambda path, header, durable: Journal(path, header, durable=True)  # noqa: E731
         patch.setattr(sim, "Journal", live)
-        sim.simulate(scenario, path, "", crew=crew.due)
+        sim.simulate(scenario, path, "", crew=operators.due)
     return Burn(scenario, landscape_of(scenario), path.read_bytes())
 
 
 class Kept:
-    """A gateway that keeps what it is told to do."""
+    """A gateway that keeps its commands."""
 
     def __init__(self) -> None:
         self.commands: list[AnyCommand] = []
@@ -84,7 +84,7 @@ class Kept:
         self.commands.append(command)
 
     def read_back(self, recognise: object, now_us: int) -> None:
-        """Nobody is heard."""
+        """No vehicle is received."""
 
 
 class Again(NamedTuple):
@@ -92,10 +92,10 @@ class Again(NamedTuple):
     guidance: BurnFlight
     executed: list[AnyCommand]
     journal: Journal
-    ordered: set[tuple[str, int]]  # drops that the interlock knows of
+    ordered: set[tuple[str, int]]  # drops in the interlock's account
 
 
-def gone_on(flown: Burn, path: Path) -> Again:
+def continued(flown: Burn, path: Path) -> Again:
     """What the daemon does with a journal that was cut off."""
     scenario, landscape, _ = flown
     digest = landscape.digest()
@@ -109,7 +109,7 @@ def gone_on(flown: Burn, path: Path) -> Again:
     replay(cut_off, service)
     assert kept.commands == []
     plans = service.status()["plans"]
-    ordered = {(known["plan_hash"], number) for known in plans for number in known["ordered"]}
+    ordered = {(plan["plan_hash"], number) for plan in plans for number in plan["ordered"]}
     service.resume(cut_off.missing, resumed(cut_off.last_us, 5.0), 0)
     return Again(service, burn_flight(core.guidance), kept.commands, journal, ordered)
 
@@ -132,19 +132,17 @@ def cuts(journal: bytes) -> dict[str, int]:
     }
 
 
-def test_what_was_known_is_known_again_and_what_was_approved_is_void(
-    flown: Burn, tmp_path: Path
-) -> None:
+def test_the_state_is_restored_and_the_approval_is_void(flown: Burn, tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     for where, cut in cuts(flown.journal).items():
         path.write_bytes(flown.journal[:cut])
         events = [entry.content for entry in SegmentReader(path) if entry.is_event]
         counts = Counter(type(event).__name__ for event in events)
-        again = gone_on(flown, path)
+        again = continued(flown, path)
         again.journal.close()
 
-        told = [entry.content for entry in SegmentReader(path)]
-        dropped = {(each.plan_hash, each.number) for each in told if isinstance(each, Drop)}
+        entries = [entry.content for entry in SegmentReader(path)]
+        dropped = {(each.plan_hash, each.number) for each in entries if isinstance(each, Drop)}
         guidance = again.guidance
         spheres = guidance.state.account.spheres
         assert {(each.plan_hash, each.number) for each in spheres} == dropped, where
@@ -156,7 +154,7 @@ def test_what_was_known_is_known_again_and_what_was_approved_is_void(
         assert not guidance.checklist.complete
         assert again.ordered == dropped, where
         plans = again.service.status()["plans"]
-        assert all(known["approved"] is None for known in plans), where
+        assert all(plan["approved"] is None for plan in plans), where
         assert not any(isinstance(command, Drop) for command in again.executed), where
         result = verify(path)
         assert (result.difference, result.cut_at_line) == (None, None), where
@@ -188,7 +186,7 @@ def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
     """As the true fire of a service that was never killed."""
     path = tmp_path / "journal.jsonl"
     path.write_bytes(flown.journal)
-    again = gone_on(flown, path)
+    again = continued(flown, path)
     scenario, landscape, _ = flown
     truth = SimulatedFire(fire_of(scenario, landscape), landscape)
     falls: dict[int, tuple[float, float]] = {}
@@ -217,7 +215,7 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
 ) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(flown.journal[: cuts(flown.journal)["after an order to drop"]])
-    again = gone_on(flown, path)
+    again = continued(flown, path)
     service, guidance = again.service, again.guidance
     fix = service.statistics.vehicles[NAME].fix
     assert fix is not None

@@ -29,7 +29,7 @@ def test_the_line_is_upwind_of_the_most_downwind_vertex_and_across_the_wind() ->
     assert tilted.along_m == pytest.approx(100.0 / math.sqrt(2.0) - 20.0)
 
 
-def test_left_is_to_the_left_of_who_looks_downwind() -> None:
+def test_left_is_to_the_left_when_facing_downwind() -> None:
     assert line_across(BOX, SOUTH, 20.0).left_unit == pytest.approx([1.0, 0.0])
 
 

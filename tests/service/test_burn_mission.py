@@ -54,7 +54,7 @@ def land(seed: int | None) -> Landscape:
     )
 
 
-# From the launch place up, across, down to the drop height, along a line, back beside it, up.
+# From the launch place up, across, down to the drop height, along a line, back next to it, up.
 LINE = np.array(
     [
         [750_100.0, 4_020_100.0, 60.0, 0.0],

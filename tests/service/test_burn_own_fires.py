@@ -50,11 +50,11 @@ def test_not_above_it_when_it_burns(own: SphereFires) -> None:
     assert own.margin_s(level(108.0, 120.0, 131.0)) < 0.0  # away, but out of burning ground
 
 
-def test_not_down_beside_it(own: SphereFires) -> None:
+def test_not_down_next_to_it(own: SphereFires) -> None:
     down = (FlightPoint(105.0, 20.0, SAFE_M, 105.0), FlightPoint(105.0, 20.0, LOW_M, 127.5))
     assert own.margin_s(down) < SETTINGS.time_margin_s
-    beside = tuple(place._replace(x_m=130.0) for place in down)
-    assert own.margin_s((beside[0], beside[1])) > SETTINGS.time_margin_s
+    next_to_it = tuple(place._replace(x_m=130.0) for place in down)
+    assert own.margin_s((next_to_it[0], next_to_it[1])) > SETTINGS.time_margin_s
 
 
 def test_a_climb_that_takes_longer_than_the_delay_begins_farther_on() -> None:
@@ -86,7 +86,7 @@ def test_no_drop_on_ground_that_an_earlier_drop_will_have_burned() -> None:
 
 
 def test_lights_are_asked_for_all_that_was_lit() -> None:
-    """Drops of an earlier plan are fires like any other: not over them, not beside them."""
+    """Drops of an earlier plan are fires like any other: not over them, not next to them."""
     lit = np.array([[x, 20.0, 100.0] for x in range(10, 280, 15)])
     plan = next_line(situation(fire=lights(lit)), SETTINGS)
     places = getattr(plan, "drops", np.empty((0, 3)))[:, :2]

@@ -353,7 +353,7 @@ def test_of_two_trips_the_faster_unless_it_drops_far_fewer() -> None:
     assert fastest_flight([]) is None
 
 
-def test_a_plan_holds_until_something_speaks_against_it() -> None:
+def test_a_plan_holds_until_a_reason_against_it() -> None:
     now = situation(fire=BACKING)
     plan = planned(now, sources=backing_line())
     assert plan_problem(plan, now, SETTINGS) == ""

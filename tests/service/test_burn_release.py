@@ -88,16 +88,16 @@ def test_on_the_ground_it_lies_where_it_is_let_go() -> None:
 def flown(
     target_m: tuple[float, float], step_s: float, first_s: float, max_miss_m: float
 ) -> tuple[list[str], ImpactPoint]:
-    """What is said along a line at 5 m/s until it is not "wait", and where the sphere would lie."""
-    said: list[str] = []
+    """The decisions along a line at 5 m/s until one is not "wait", and the impact point."""
+    decisions: list[str] = []
     for step in range(4000):
         at_s = first_s + step * step_s
         vehicle = VehicleMotion(5.0 * at_s, 0.0, 15.0, 5.0, 0.0)
         there = impact_point(vehicle, WIND, VT, DELAY_S)
-        said.append(release_decision(vehicle, there, target_m, step_s, max_miss_m))
-        if said[-1] != "wait":
-            return said, there
-    return said, there
+        decisions.append(release_decision(vehicle, there, target_m, step_s, max_miss_m))
+        if decisions[-1] != "wait":
+            return decisions, there
+    return decisions, there
 
 
 @pytest.mark.parametrize("step_s", [0.1, 0.125, 0.25])
@@ -106,17 +106,17 @@ def test_it_is_let_go_at_the_telemetry_step_nearest_to_the_target(
     step_s: float, first_s: float
 ) -> None:
     off_y = impact_point(VehicleMotion(0.0, 0.0, 15.0, 5.0, 0.0), WIND, VT, DELAY_S).y_m
-    said, there = flown((60.0, off_y), step_s, first_s, 4.0)
-    assert said[-1] == "release"
+    decisions, there = flown((60.0, off_y), step_s, first_s, 4.0)
+    assert decisions[-1] == "release"
     assert abs(there.x_m - 60.0) <= 0.5 * step_s * 5.0 + 1e-9
-    assert len(said) > 20
+    assert len(decisions) > 20
 
 
 def test_what_is_passed_too_far_off_is_missed_and_never_let_go() -> None:
     off_y = impact_point(VehicleMotion(0.0, 0.0, 15.0, 5.0, 0.0), WIND, VT, DELAY_S).y_m
     assert flown((60.0, off_y + 3.9), 0.1, 0.0, 4.0)[0][-1] == "release"
     assert flown((60.0, off_y + 4.3), 0.1, 0.0, 4.0)[0][-1] == "missed"
-    # Another leg, a line's spacing away, says nothing about the target.
+    # Another leg, a line's spacing away, does not concern the target.
     for x_m in (30.0, 60.0, 90.0):
         vehicle = VehicleMotion(x_m, 0.0, 15.0, 5.0, 0.0)
         there = impact_point(vehicle, WIND, VT, DELAY_S)
@@ -130,7 +130,7 @@ def test_a_gap_in_telemetry_lets_go_late_only_within_the_miss_allowed() -> None:
     assert release_decision(vehicle, there, (there.x_m - 4.5, there.y_m), 0.1, 4.0) == "missed"
 
 
-def test_hovering_over_the_place_is_due_and_beside_it_waits() -> None:
+def test_hovering_over_the_place_is_due_and_next_to_it_waits() -> None:
     vehicle = VehicleMotion(0.0, 0.0, 15.0, 0.1, 0.0)
     there = impact_point(vehicle, (0.0, 0.0), VT, DELAY_S)
     assert release_decision(vehicle, there, (1.0, 0.0), 0.1, 4.0) == "release"
@@ -163,11 +163,11 @@ def test_spheres_of_a_flown_line_lie_where_they_were_planned(seed: int) -> None:
                 *(moving.east_m, moving.north_m, moving.altitude_m - 300.0, 0.0, moving.speed_m_s)
             )
             fallen.append(impact_point(true, blown, VT, 0.0))
-        told = pair.of(Position)
-        if len(told) == seen:
+        positions = pair.of(Position)
+        if len(positions) == seen:
             continue
-        seen = len(told)
-        at = told[-1]
+        seen = len(positions)
+        at = positions[-1]
         x, y = (at.lon_deg - HOME[1]) * 89_830.0, (at.lat_deg - HOME[0]) * 110_974.0
         speed = (at.velocity_east_m_s, at.velocity_north_m_s)
         vehicle = VehicleMotion(x, y, at.altitude_relative_m, *speed)

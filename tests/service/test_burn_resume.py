@@ -1,4 +1,4 @@
-"""A burn goes on after a kill: from a journal cut anywhere, or with a clear word why not."""
+"""A burn goes on after a kill: from a journal cut anywhere, or with a clear error."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -71,25 +71,25 @@ LAND = Landscape(
 )
 
 
-def unfinished(path: Path, told: Scenario, digest: str) -> Unfinished | None:
-    known = Known(told, LAND)
-    known.landscape = digest
-    return unfinished_by(path, known, told)
+def unfinished(path: Path, begun: Scenario, digest: str) -> Unfinished | None:
+    shared = Known(begun, LAND)
+    shared.landscape = digest
+    return unfinished_by(path, shared, begun)
 
 
 def a_core() -> Handle:
-    """Proposes when the list is complete, then drops once a position; counts what it is told."""
+    """Proposes when the list is complete, then drops once a position; counts its events."""
     seen: list[AnyEvent] = []
 
     def handle(event: AnyEvent) -> list[AnyCommand]:
         seen.append(event)
-        told = Announce(NAME, f"{len(seen)}: {type(event).__name__} at {event.at_us}")
+        announced = Announce(NAME, f"{len(seen)}: {type(event).__name__} at {event.at_us}")
         if len(seen) == 5:
-            return [told, ProposePlan(NAME, PLAN, HASH), told]
+            return [announced, ProposePlan(NAME, PLAN, HASH), announced]
         if isinstance(event, Telemetry):
             number = sum(isinstance(each, Telemetry) for each in seen) - 1
-            return [told, drop(number)] if number < 3 else []
-        return [told] if isinstance(event, Approved | Resumed) else []
+            return [announced, drop(number)] if number < 3 else []
+        return [announced] if isinstance(event, Approved | Resumed) else []
 
     return handle
 
@@ -158,7 +158,7 @@ def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]
     return before, lock
 
 
-def test_a_journal_cut_anywhere_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_journal_cut_anywhere_is_continued(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     whole = written(path)
     header = whole.index(b"\n") + 1
@@ -170,8 +170,10 @@ def test_a_journal_cut_anywhere_is_gone_on_with(tmp_path: Path) -> None:
     for cut in sorted(place for place in places if header <= place <= len(whole)):
         path.write_bytes(whole[:cut])
         before, lock = went_on(path)
-        told = [line for line in whole[header:cut].split(b"\n")[:-1] if line.startswith(b'{"ev')]
-        assert before == list(EVENTS[: len(told)])
+        events_before = [
+            line for line in whole[header:cut].split(b"\n")[:-1] if line.startswith(b'{"ev')
+        ]
+        assert before == list(EVENTS[: len(events_before)])
         last_us = max((event.at_us for event in before), default=0)
         after = Resumed(last_us + 7_000_000, "service", "", 7.0)
         assert verified(path) == [*before, after]
@@ -213,7 +215,7 @@ def test_mission_time_never_goes_back() -> None:
         (lambda text: b"\x00" * 100 + b"\n" + text, "not a journal"),
     ],
 )
-def test_a_damaged_journal_is_not_gone_on_with(
+def test_a_damaged_journal_is_not_continued(
     tmp_path: Path, change: Callable[[bytes], bytes], words: str
 ) -> None:
     path = tmp_path / "journal.jsonl"
@@ -226,7 +228,7 @@ def test_a_damaged_journal_is_not_gone_on_with(
     assert path.read_bytes() == damaged
 
 
-def test_a_journal_that_another_version_would_not_write_is_not_gone_on_with(tmp_path: Path) -> None:
+def test_a_journal_that_another_version_would_not_write_is_not_continued(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     written(path)
     cut_off = unfinished(path, SCENARIO, DIGEST)
@@ -235,7 +237,7 @@ def test_a_journal_that_another_version_would_not_write_is_not_gone_on_with(tmp_
         list(cut_off.turns(lambda event: []))
 
 
-def test_only_a_live_burn_of_the_same_scenario_that_was_cut_off_is_gone_on_with(
+def test_only_an_interrupted_live_burn_of_the_same_scenario_is_continued(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "journal.jsonl"

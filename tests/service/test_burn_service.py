@@ -1,4 +1,4 @@
-"""The last lock: what the service lets out of a burn, whatever its leader says."""
+"""The last lock: the commands that the service sends in a burn, whatever its guidance."""
 
 import json
 from pathlib import Path
@@ -20,12 +20,12 @@ from tests.service.test_burn_flight import Burn, scenario
 SERVO = MissionItem(mavlink.MAV_CMD_DO_SET_SERVO, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0, 9.0, 1900.0)
 
 
-def told(path: Path, kind: type) -> list[object]:
+def entries_of(path: Path, kind: type) -> list[object]:
     return [entry.content for entry in SegmentReader(path) if isinstance(entry.content, kind)]
 
 
 def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:
-    """The core answers the next event with this command, and then says nothing any more."""
+    """The core answers the next event with this command, and then none any more."""
     once = iter([[command]])
     monkeypatch.setattr(Core, "handle", lambda self, event: next(once, []))
     battery = BatteryUpdated(burn.at_us, "kestrel", 90.0)
@@ -34,13 +34,13 @@ def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> Non
     burn.close()
 
 
-def test_a_drop_that_nobody_approved_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drop_without_approval_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     burn = Burn(tmp_path / "journal.jsonl", scenario())
-    burn.crew_is_there = False
+    burn.operators_present = False
     burn.run(15.0)
     name = burn.guidance.approvals.plan_hash
     mad(burn, monkeypatch, Drop("kestrel", name, 0, 36.3501, -84.1599))
-    (refused,) = told(burn.path, DropFinished)
+    (refused,) = entries_of(burn.path, DropFinished)
     assert isinstance(refused, DropFinished)
     assert refused.refused
     assert "nobody has approved it" in refused.reason
@@ -51,13 +51,13 @@ def test_a_mission_with_a_drop_in_it_stays(tmp_path: Path, monkeypatch: pytest.M
     burn = Burn(tmp_path / "journal.jsonl", scenario())
     burn.run(5.0)
     mad(burn, monkeypatch, UploadMission("kestrel", 99, "gone mad", (SERVO,)))
-    (refused,) = told(burn.path, UploadFinished)
+    (refused,) = entries_of(burn.path, UploadFinished)
     assert isinstance(refused, UploadFinished)
     assert (refused.outcome, refused.mission_id) == ("refused", 99)
     assert burn.rig.mock.flight.items == ()
 
 
-def test_the_last_lock_knows_a_unit_that_a_file_has(tmp_path: Path) -> None:
+def test_the_last_lock_accepts_a_unit_from_a_file(tmp_path: Path) -> None:
     lon_lat = [[lon, lat] for lat, lon in (*CORNERS, CORNERS[0])]
     feature = {"type": "Polygon", "coordinates": [lon_lat]}
     (tmp_path / "unit.geojson").write_text(json.dumps(feature), encoding="utf-8")

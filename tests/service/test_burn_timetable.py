@@ -19,7 +19,7 @@ def test_it_follows_a_vehicle_along_its_path() -> None:
     assert table.after_s == pytest.approx(25.0)
 
 
-def test_ground_flown_over_twice_is_told_apart_by_height() -> None:
+def test_ground_flown_over_twice_is_distinguished_by_height() -> None:
     table = PathProgress(POINTS, AFTER)
     way = [
         *((x, 0.0, 15.0) for x in range(0, 101, 5)),

@@ -1,4 +1,4 @@
-"""Burn units from settings: what cannot be is told in one line."""
+"""Burn units from settings: invalid ones are reported in one line."""
 
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("given", "error_text"),
     [
         ({"unit": corners((0, 0), (300, 200), (300, 0), (0, 200))}, "unit: Self-intersection at"),
         ({"unit": corners((0, 0), (100, 100), (200, 200))}, "unit: has no area|Self-intersection"),
@@ -72,20 +72,20 @@ def test_a_unit_from_a_file_with_no_drop_areas(tmp_path: Path) -> None:
         ({"fence": corners((-60, 0), (-5, 60), (-60, 60))}, "no part of the unit is inside"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(given: dict[str, Any], says: str) -> None:
+def test_invalid_input_is_reported_in_one_line(given: dict[str, Any], error_text: str) -> None:
     home = corners((-50, 50))[0]
-    with pytest.raises(MissionServiceError, match=says) as error:
+    with pytest.raises(MissionServiceError, match=error_text) as error:
         burn_unit_of(burn(**given), LAND, home=home)
     assert "\n" not in str(error.value)
 
 
-def test_corners_told_later_take_the_place_of_those_set() -> None:
+def test_corners_submitted_later_replace_those_configured() -> None:
     small = corners((0, 0), (100, 0), (100, 100), (0, 100))
     assert burn_unit_of(burn(), LAND, corners=small).area.area == pytest.approx(10_000.0, rel=1e-3)
 
 
-def test_droppable_is_never_more_than_may_drop_says() -> None:
-    """A concave unit, a hole, a no-drop area, somebody, a fence that cuts it."""
+def test_droppable_is_never_more_than_may_drop_allows() -> None:
+    """A concave unit, a hole, a no-drop area, a person, a fence that cuts it."""
     area = shapely.Polygon([(0, 0), (100, 0), (100, 80), (50, 30), (0, 80)])
     made = BurnUnit(
         area.difference(shapely.Point(20, 20).buffer(6.0)),

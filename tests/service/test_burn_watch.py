@@ -23,7 +23,7 @@ def test_a_wind_beyond_the_margins_is_another_one(wind: tuple[float, float], dif
     assert (wind_differs(a_plan(), wind, BURN) is not None) is differs
 
 
-def test_the_words_say_both_winds() -> None:
+def test_the_text_gives_both_winds() -> None:
     words = wind_differs(a_plan(), (6.04, 90.2), BURN)
     assert words == "the wind is 6.0 m/s from 90°, planned for was 2.0 m/s from 0°"
 

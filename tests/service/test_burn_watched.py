@@ -27,7 +27,7 @@ def burning(tmp_path: Path) -> Iterator[Service]:
 
 
 def until_first_drop(boss: Service) -> None:
-    """Say GO, approve what is proposed and be there, until a sphere has fallen."""
+    """Answer GO, approve what is proposed and be present, until a sphere has fallen."""
     for item in boss.get("burn")["go_items"]:
         boss.post("burn/go", item=item)
     deadline = time.monotonic() + 300.0

@@ -113,14 +113,14 @@ def test_fronts_on_the_slider_grow(burn: WholeBurn) -> None:
 
 
 def test_json_and_picture(burn: WholeBurn, tmp_path: Path) -> None:
-    told = json.loads(json.dumps(burn_json(burn, SMALL, slider_times_s(burn, 3))))
-    assert len(told["lines"]) == 4
-    assert told["assumptions"]["ignition_delay_s"] == 30.0
-    assert len(told["fronts"]) == 3
-    totals_told = told["totals"]
-    assert totals_told["unit_acres"] == pytest.approx(totals_told["unit_ha"] * 2.47105, abs=0.01)
-    assert totals_told["flown_ft"] == pytest.approx(totals_told["flown_m"] / 0.3048, abs=1.0)
-    assert totals_told["lines_chains"] == pytest.approx(4 * 90 / 20.1168, abs=0.1)
+    report = json.loads(json.dumps(burn_json(burn, SMALL, slider_times_s(burn, 3))))
+    assert len(report["lines"]) == 4
+    assert report["assumptions"]["ignition_delay_s"] == 30.0
+    assert len(report["fronts"]) == 3
+    totals = report["totals"]
+    assert totals["unit_acres"] == pytest.approx(totals["unit_ha"] * 2.47105, abs=0.01)
+    assert totals["flown_ft"] == pytest.approx(totals["flown_m"] / 0.3048, abs=1.0)
+    assert totals["lines_chains"] == pytest.approx(4 * 90 / 20.1168, abs=0.1)
     draw_burn(tmp_path / "burn.png", burn, SMALL, "a burn")
     assert (tmp_path / "burn.png").stat().st_size > 20_000
 

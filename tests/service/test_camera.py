@@ -46,8 +46,8 @@ def test_the_footprint_has_the_papers_size_and_turns(land: Landscape) -> None:
     seen = {}
     for heading_deg in (0.0, 90.0):
         true_deg = heading_deg + land.grid_convergence_deg
-        told = Telemetry(0, "heron", lat, lon, altitude_m, 300.0, 17.0, 0.0, true_deg)
-        observed = world.observe(told, camera)
+        position = Telemetry(0, "heron", lat, lon, altitude_m, 300.0, 17.0, 0.0, true_deg)
+        observed = world.observe(position, camera)
         assert observed is not None
         inside = np.array([[cell != "." for cell in row] for row in observed.cells])
         seen[heading_deg] = (inside.any(axis=0).sum(), inside.any(axis=1).sum())
@@ -96,7 +96,7 @@ def test_more_initial_cells_than_can_burn_are_refused() -> None:
         burning_of(scenario, landscape_of(scenario))
 
 
-def test_without_a_fire_to_begin_with_the_base_knows_the_ignition(land: Landscape) -> None:
+def test_without_an_initial_fire_the_base_has_the_ignition(land: Landscape) -> None:
     scenario = load_scenario("virtual-agents")
     fire = scenario.fire.model_copy(update={"initial_cells": None})
     (cell,) = first_fire(scenario.model_copy(update={"fire": fire}), land)

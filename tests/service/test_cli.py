@@ -26,7 +26,7 @@ def call(*arguments: str) -> Result:
     return CliRunner().invoke(main, list(arguments))
 
 
-def test_the_version_is_told() -> None:
+def test_the_version_is_printed() -> None:
     assert __version__ in call("--version").output
 
 
@@ -54,7 +54,7 @@ def test_a_simulation_leaves_its_files_and_prints_json(tmp_path: Path) -> None:
     }
 
 
-def test_replay_says_what_was_reproduced_and_fails_on_a_changed_line(tmp_path: Path) -> None:
+def test_replay_reports_what_was_reproduced_and_fails_on_a_changed_line(tmp_path: Path) -> None:
     call("sim", "default", "--out", str(tmp_path), *QUICK)
     journal = tmp_path / "journal.jsonl"
     good = call("replay", str(journal), "--verify", "--json")
@@ -107,7 +107,7 @@ def test_bad_input_gets_one_line_and_exit_code_1(
     assert "Traceback" not in result.output
 
 
-def test_a_vehicle_that_never_answers_is_told() -> None:
+def test_a_vehicle_that_never_answers_is_reported() -> None:
     link = f"udpin:127.0.0.1:{free_port()}"
     result = call("mission", "clear", "--link", link, "--timeout", "0.5")
     assert result.exit_code == 1
@@ -187,9 +187,9 @@ def test_start_up_is_quick() -> None:
         ("http://127.0.0.1:1/", "(with a token of the tokens file)"),
     ],
 )
-def test_where_the_token_is_is_told_as_it_is(
+def test_the_path_of_the_token_is_printed_unchanged(
     capsys: pytest.CaptureFixture[str], address: str, words: str
 ) -> None:
     report_address(Path("out"), address)
-    told = capsys.readouterr().err
-    assert told == f"map: http://127.0.0.1:1/ {words}\n"
+    printed = capsys.readouterr().err
+    assert printed == f"map: http://127.0.0.1:1/ {words}\n"

@@ -113,12 +113,12 @@ def test_a_replay_reproduces_every_decision(run: Run) -> None:
 
 
 def altered(
-    run: Run, tmp_path: Path, wanted: str, before: str, after: str
+    run: Run, tmp_path: Path, marker: str, before: str, after: str
 ) -> tuple[Verification, int]:
     """Change the first place after the middle of the journal; returns what is found, the line."""
     lines = run.journal.read_text(encoding="utf-8").splitlines(keepends=True)
     half = len(lines) // 2
-    index = next(i for i in range(half, len(lines)) if wanted in lines[i] and before in lines[i])
+    index = next(i for i in range(half, len(lines)) if marker in lines[i] and before in lines[i])
     lines[index] = lines[index].replace(before, after, 1)
     path = tmp_path / "altered.jsonl"
     path.write_text("".join(lines), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Scenario files: what is wrong is said in one line with file, key and value."""
+"""Scenario files: errors are reported in one line with file, key and value."""
 
 from importlib import import_module
 from inspect import signature
@@ -61,7 +61,7 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ('source = "jacksboro"', 'barriers = "a.kml"', ["landscape.barriers", "a list"]),
         ("wind_speed_m_s = 4", "wind_speed_m_s = 400", ["weather.0.wind_speed_m_s", "400"]),
         ('scheme = "devs8"', 'arrival = "."', ["fire.arrival", "is a folder, not a file"]),
-        ('scheme = "devs8"', 'perimeter = "gone.kml"', ["fire.perimeter", "no such file"]),
+        ('scheme = "devs8"', 'perimeter = "missing.kml"', ["fire.perimeter", "no such file"]),
         ("seed = 1", 'weather_file = {path = "w.csv"}', ["either weather entries"]),
         ('scheme = "devs8"', "initial_cells = 9", ["fire", 'scheme = "probabilistic"']),
         (

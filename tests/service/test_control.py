@@ -188,7 +188,7 @@ def test_what_is_not_right_is_refused_in_one_line(request_: dict[str, Any], word
     assert "\n" not in str(caught.value)
 
 
-def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant() -> None:
+def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
     far = [[36, -84], [60, -84]]
     for request in (
         {"do": "lit", "points": [[60, -84]]},
@@ -218,11 +218,11 @@ def test_nothing_is_told_of_places_off_the_map_and_of_lines_that_cannot_be_meant
         {"station": "nowhere"},
     ],
 )
-def test_an_abort_is_taken_from_anybody(more: dict[str, Any]) -> None:
+def test_an_abort_is_accepted_from_any_user(more: dict[str, Any]) -> None:
     assert isinstance(event_of({"do": "abort", **more}, AT_US, SCOPE), Aborted)
 
 
-def test_an_abort_of_somebody_who_claims_to_be_the_service_is_of_an_unknown() -> None:
+def test_an_abort_in_the_name_of_the_service_has_an_unknown_operator() -> None:
     made = event_of({"do": "abort", "by": "service", "station": "x"}, AT_US, RequestScope(STATIONS))
     assert made == Aborted(AT_US, "unknown", "x")
 
@@ -275,17 +275,17 @@ def on_map(lat_deg: float, lon_deg: float) -> bool:
     return 30.0 < lat_deg < 40.0
 
 
-class Told:
-    """What a daemon would do with events."""
+class Daemon:
+    """A stand-in for a daemon that takes events."""
 
     def __init__(self) -> None:
         self.events: list[AnyOperatorEvent] = []
         scope = RequestScope(STATIONS, ITEMS, on_map)
         self.request_handler = RequestHandler(
-            self.tell, lambda: {"phase": "planning"}, lambda: AT_US, scope
+            self.submit, lambda: {"phase": "planning"}, lambda: AT_US, scope
         )
 
-    def tell(self, event: AnyOperatorEvent) -> list[str]:
+    def submit(self, event: AnyOperatorEvent) -> list[str]:
         self.events.append(event)
         if isinstance(event, BurnUnitSet):
             raise MissionServiceError("the unit is on the moon")
@@ -294,14 +294,14 @@ class Told:
         return [f"{type(event).__name__} by {event.by}"]
 
 
-def served(out: Path, client: Callable[[Told], Awaitable[None]]) -> Told:
+def served(out: Path, client: Callable[[Daemon], Awaitable[None]]) -> Daemon:
     """Serve while a client does what it does."""
-    told = Told()
+    daemon = Daemon()
 
     async def both() -> None:
         with claimed(out / NAME) as listening:
-            serving = asyncio.create_task(serve_control(listening, told.request_handler))
-            doing = asyncio.ensure_future(client(told))
+            serving = asyncio.create_task(serve_control(listening, daemon.request_handler))
+            doing = asyncio.ensure_future(client(daemon))
             done, _ = await asyncio.wait(
                 {serving, doing}, timeout=2 * PATIENCE_S, return_when=asyncio.FIRST_COMPLETED
             )
@@ -313,11 +313,11 @@ def served(out: Path, client: Callable[[Told], Awaitable[None]]) -> Told:
                 task.result()
 
     asyncio.run(both())
-    return told
+    return daemon
 
 
 async def lines(out: Path, sent: bytes) -> list[dict[str, Any]]:
-    """All answers to some bytes, until the server has nothing more to say."""
+    """All answers to some bytes, until the server closes."""
     reader, writer = await asyncio.open_unix_connection(out / NAME)
     try:
         writer.write(sent)
@@ -330,7 +330,7 @@ async def lines(out: Path, sent: bytes) -> list[dict[str, Any]]:
 
 
 def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         request = json.dumps({"do": "present", **OPERATOR_FIELDS}).encode() + b"\n"
         answers = await lines(tmp_path, request + b'{"do":"status"}\n' + request)
         assert answers[0] == {
@@ -345,7 +345,7 @@ def test_requests_are_answered_line_by_line(tmp_path: Path) -> None:
     assert served(tmp_path, client).events == [OperatorHeartbeat(*EVENT, may_approve=True)] * 2
 
 
-def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
+def test_any_request_is_answered_and_harms_no_other_client(tmp_path: Path) -> None:
     unit = json.dumps({"do": "unit", "points": CORNERS, **OPERATOR_FIELDS}).encode()
     wrong = [
         (b"\n", "not a line of JSON"),
@@ -360,7 +360,7 @@ def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
         (b"x" * 100_000 + b"\n", "a line has at most 65536 bytes"),
     ]
 
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         for sent, words in wrong:
             (answer,) = await lines(tmp_path, sent)
             assert answer["ok"] is False
@@ -368,9 +368,9 @@ def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
             assert "\n" not in answer["error"]
         half = await asyncio.open_unix_connection(tmp_path / NAME)
         half[1].write(b'{"do":"st')
-        gone = await asyncio.open_unix_connection(tmp_path / NAME)
-        gone[1].write(b'{"do":"status"}\n' * 1000)
-        gone[1].transport.abort()
+        closed = await asyncio.open_unix_connection(tmp_path / NAME)
+        closed[1].write(b'{"do":"status"}\n' * 1000)
+        closed[1].transport.abort()
         (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
         assert answer["ok"]
         half[1].close()
@@ -380,7 +380,7 @@ def test_whatever_comes_is_answered_and_harms_nobody(tmp_path: Path) -> None:
 
 
 def test_an_abort_finds_a_place_when_all_are_taken(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         others = [
             await asyncio.open_unix_connection(tmp_path / NAME) for _ in range(control.MAX_CLIENTS)
         ]
@@ -413,14 +413,14 @@ def leave(there: socket.socket, with_reset: bool) -> None:
     [
         (b'{"do":"abort"}\n', 1),
         (b'{"do":"abort"}', 1),  # half a line
-        (b'{"do":"status"}\n' * 20 + b'{"do":"abort"}\n', 1),  # 20 answers that nobody reads
+        (b'{"do":"status"}\n' * 20 + b'{"do":"abort"}\n', 1),  # 20 unread answers
         (b'{"do":"undo","by":"ann","station":"alpha"}\n' * 3, 3),
     ],
 )
-def test_what_was_sent_whole_is_done_though_the_client_is_gone(
+def test_a_complete_request_is_done_though_the_client_has_disconnected(
     tmp_path: Path, sent: bytes, each: int, with_reset: bool
 ) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         for number in range(TIMES):
             with socket.socket(socket.AF_UNIX) as there:
                 there.connect(str(tmp_path / NAME))
@@ -430,13 +430,13 @@ def test_what_was_sent_whole_is_done_though_the_client_is_gone(
                 for _ in range(number % 3):
                     await asyncio.sleep(0)
                 leave(there, with_reset)
-        await until(lambda: len(told.events) >= each * TIMES)
+        await until(lambda: len(daemon.events) >= each * TIMES)
 
     assert len(served(tmp_path, client).events) == each * TIMES
 
 
 def test_an_abort_needs_no_end_of_its_line(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         reader, writer = await asyncio.open_unix_connection(tmp_path / NAME)
         writer.write(b'{"do":"abort"}')
         assert json.loads(await reader.readline())["event"] == "Aborted"
@@ -451,7 +451,7 @@ def test_an_abort_needs_no_end_of_its_line(tmp_path: Path) -> None:
 def test_an_abort_is_done_before_the_lines_that_wait(tmp_path: Path) -> None:
     undo = b'{"do":"undo","by":"ann","station":"alpha"}\n'
 
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         answers = await lines(tmp_path, undo * 5 + b'{"do":"abort"}\n' + undo)
         assert [each["event"] for each in answers] == ["Undone"] * 5 + ["Aborted", "Undone"]
 
@@ -460,7 +460,7 @@ def test_an_abort_is_done_before_the_lines_that_wait(tmp_path: Path) -> None:
 
 
 def test_an_abort_finds_a_place_among_any_number_of_clients(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         others = []
         for _ in range(3 * control.MAX_WAITING):
             there = socket.socket(socket.AF_UNIX)
@@ -476,10 +476,12 @@ def test_an_abort_finds_a_place_among_any_number_of_clients(tmp_path: Path) -> N
     assert served(tmp_path, client).events == [Aborted(AT_US, "unknown", "unknown")]
 
 
-def test_who_says_nothing_is_sent_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_that_sends_nothing_is_disconnected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(control, "IDLE_S", 0.05)
 
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         reader, writer = await asyncio.open_unix_connection(tmp_path / NAME)
         assert await asyncio.wait_for(reader.read(), PATIENCE_S) == b""
         writer.close()
@@ -489,7 +491,7 @@ def test_who_says_nothing_is_sent_away(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
+    async def client(daemon: Daemon) -> None:
         await lines(tmp_path, json.dumps({"do": "redo", **OPERATOR_FIELDS}).encode())
         await asyncio.sleep(PATIENCE_S)
 
@@ -497,16 +499,16 @@ def test_a_defect_is_not_hidden(tmp_path: Path) -> None:
         served(tmp_path, client)
 
 
-def test_the_client_says_what_is_wrong(tmp_path: Path) -> None:
-    async def client(told: Told) -> None:
-        def talk() -> None:
+def test_the_client_reports_what_is_wrong(tmp_path: Path) -> None:
+    async def client(daemon: Daemon) -> None:
+        def ask_wrongly() -> None:
             with ControlClient(tmp_path) as there:
                 assert there.ask(do="undo", **OPERATOR_FIELDS)["messages"] == ["Undone by ann"]
                 with pytest.raises(RequestError, match="unknown station"):
                     there.ask(do="undo", by="ann", station="x")
                 assert there.ask(do="status")["status"] == {"phase": "planning"}
 
-        await asyncio.to_thread(talk)
+        await asyncio.to_thread(ask_wrongly)
 
     with pytest.raises(ControlError, match="no run there"):
         ControlClient(tmp_path)
@@ -541,7 +543,7 @@ def test_what_is_no_socket_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "mine"
 
 
-def test_a_path_that_is_too_long_is_told(tmp_path: Path) -> None:
+def test_a_path_that_is_too_long_is_reported(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     path = deep / NAME

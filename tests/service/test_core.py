@@ -50,14 +50,14 @@ class Flight:
         self.core = Core(scenario, land)
         self.home = scenario.vehicles[0]
         self.at_us = round(scenario.deploy_at_s * 1e6)
-        self.tell(VehicleConnected(self.at_us, "hawk", "a stack", atomic))
+        self.handle(VehicleConnected(self.at_us, "hawk", "a stack", atomic))
 
-    def tell(self, event: AnyEvent) -> list[AnyCommand]:
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
         return self.core.handle(event)
 
     def at_height(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
         self.at_us += round(later_s * 1e6)
-        return self.tell(
+        return self.handle(
             Telemetry(
                 self.at_us,
                 "hawk",
@@ -73,12 +73,12 @@ class Flight:
 
     def restored(self) -> list[AnyCommand]:
         """The link is lost and comes back: a new mission is due."""
-        self.tell(LinkLost(self.at_us, "hawk", 3.0))
-        self.tell(LinkRestored(self.at_us, "hawk"))
+        self.handle(LinkLost(self.at_us, "hawk", 3.0))
+        self.handle(LinkRestored(self.at_us, "hawk"))
         return self.at_height(50.0, later_s=10.0)
 
     def finished(self, mission_id: int, outcome: str) -> list[AnyCommand]:
-        return self.tell(UploadFinished(self.at_us, "hawk", mission_id, outcome, "because"))
+        return self.handle(UploadFinished(self.at_us, "hawk", mission_id, outcome, "because"))
 
 
 def uploads(commands: list[AnyCommand]) -> list[UploadMission]:
@@ -107,7 +107,7 @@ def test_the_first_mission_takes_off_and_ends_in_a_loiter(
     assert commands[commands.index(NAV_LOITER_UNLIM) + 1 :] == landing
 
 
-def test_a_flight_starts_by_itself_only_where_the_scenario_says_so(land: Landscape) -> None:
+def test_a_flight_starts_by_itself_only_where_the_scenario_permits(land: Landscape) -> None:
     for overrides, expected in (((), [StartMission]), (("vehicles.0.autostart=false",), [])):
         flight = Flight(load_scenario("default", overrides), land)
         (mission,) = uploads(flight.at_height(0.0))
@@ -119,7 +119,7 @@ def test_a_place_at_the_other_end_of_the_world_is_no_place(land: Landscape) -> N
     flight = Flight(scenario, land)
     there = Telemetry(flight.at_us, "hawk", 0.1, 0.1, 500.0, 100.0, 0.0, 12.0, 90.0)
     assert not np.isfinite(land.xy_of_lat_lon(0.1, 0.1)).any()
-    assert flight.tell(there) == []
+    assert flight.handle(there) == []
     world = SimulatedFire(fire_of(scenario, land), land)
     assert world.observe(there, camera_of(scenario.vehicles[0])) is None
     assert uploads(flight.at_height(0.0))
@@ -131,13 +131,13 @@ def test_only_one_upload_is_under_way(land: Landscape) -> None:
     assert all(not uploads(flight.at_height(0.0)) for _ in range(20))
 
 
-def test_a_refused_mission_is_told_and_tried_again_later(land: Landscape) -> None:
+def test_a_refused_mission_is_reported_and_retried_later(land: Landscape) -> None:
     flight = Flight(load_scenario("default"), land)
     (mission,) = uploads(flight.at_height(0.0))
-    (told,) = flight.finished(mission.mission_id, "rejected")
-    assert isinstance(told, Announce)
-    assert told.level == "warning"
-    assert "because" in told.text
+    (announcement,) = flight.finished(mission.mission_id, "rejected")
+    assert isinstance(announcement, Announce)
+    assert announcement.level == "warning"
+    assert "because" in announcement.text
     assert uploads(flight.at_height(0.0, later_s=1.0)) == []
     assert len(uploads(flight.at_height(0.0, later_s=5.0))) == 1
 
@@ -147,11 +147,11 @@ def test_a_takeoff_is_not_cut_short_by_another_mission(land: Landscape) -> None:
     flight = Flight(load_scenario("default"), land)
     (first,) = uploads(flight.at_height(0.0))
     flight.finished(first.mission_id, "accepted")
-    flight.tell(ModeChanged(flight.at_us, "hawk", 0, True, "mission"))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 0, True, "mission"))
     flight.at_height(16.0)
     assert uploads(flight.restored()) == []
     assert uploads(flight.at_height(first.items[0].z - 400.0, later_s=10.0)) == []
-    flight.tell(MissionProgress(flight.at_us, "hawk", 1))
+    flight.handle(MissionProgress(flight.at_us, "hawk", 1))
     assert len(uploads(flight.at_height(150.0, later_s=10.0))) == 1
 
 
@@ -195,9 +195,9 @@ def test_nothing_is_sent_while_the_link_is_lost(land: Landscape) -> None:
     flight = Flight(load_scenario("default"), land)
     (mission,) = uploads(flight.at_height(0.0))
     flight.finished(mission.mission_id, "accepted")
-    (told,) = flight.tell(LinkLost(flight.at_us, "hawk", 3.2))
-    assert isinstance(told, Announce)
-    assert "3.2 s" in told.text
+    (announcement,) = flight.handle(LinkLost(flight.at_us, "hawk", 3.2))
+    assert isinstance(announcement, Announce)
+    assert "3.2 s" in announcement.text
     assert flight.at_height(50.0, later_s=60.0) == []
 
 
@@ -212,26 +212,26 @@ def test_a_vehicle_below_its_home_is_not_taken_for_landed(land: Landscape) -> No
 def test_a_vehicle_that_disarmed_takes_off_again(land: Landscape) -> None:
     flight, mission = airborne(land, atomic=True)
     flight.finished(mission.mission_id, "failed")
-    flight.tell(ModeChanged(flight.at_us, "hawk", 0, armed=False))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 0, armed=False))
     (again,) = uploads(flight.at_height(0.0, later_s=6.0))
     assert again.items[0].command == NAV_TAKEOFF
 
 
-def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_anew(
+def test_an_autopilot_restarted_before_its_flight_is_sent_to_the_fire_again(
     land: Landscape,
 ) -> None:
     flight = Flight(load_scenario("default"), land)
     (first,) = uploads(flight.at_height(0.0))
     assert kinds(flight.finished(first.mission_id, "accepted")) == [StartMission]
-    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [StartMission]
 
 
-def test_an_autopilot_restarted_after_its_flight_waits_for_its_crew(land: Landscape) -> None:
+def test_an_autopilot_restarted_after_its_flight_waits_for_an_operator(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
-    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     (mission,) = uploads(flight.at_height(0.0))
     assert mission.items[0].command == NAV_TAKEOFF
     assert kinds(flight.finished(mission.mission_id, "accepted")) == [Announce]
@@ -241,17 +241,17 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
     flight = Flight(load_scenario("default"), land)
     (mission,) = uploads(flight.at_height(0.0))
     flight.finished(mission.mission_id, "accepted")
-    flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
     flight.at_height(8.0)
-    (told,) = flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
-    assert isinstance(told, Announce)
-    assert told.text == "return ordered by ann: as soon as it has taken off"
+    (announcement,) = flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
+    assert isinstance(announcement, Announce)
+    assert announcement.text == "return ordered by ann: as soon as it has taken off"
     # Neither the service nor the autopilot forgets it when it is restarted.
-    flight.tell(Resumed(flight.at_us, "service", "", 1.0))
-    flight.tell(VehicleConnected(flight.at_us, "hawk", "a stack", True))
-    flight.tell(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
-    flight.tell(MissionReadBack(flight.at_us, "hawk", mission.mission_id, 5))
-    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    flight.handle(Resumed(flight.at_us, "service", "", 1.0))
+    flight.handle(VehicleConnected(flight.at_us, "hawk", "a stack", True))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.handle(MissionReadBack(flight.at_us, "hawk", mission.mission_id, 5))
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     assert Return not in kinds(flight.at_height(12.0))
     assert kinds(flight.at_height(16.0)) == [Return]
     assert not uploads(flight.at_height(20.0, later_s=10.0))
@@ -259,13 +259,13 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
 
 def test_an_order_that_is_refused_leaves_the_mode_as_it_was(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
-    flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "hold"))
-    flight.tell(ModeChanged(flight.at_us, "hawk", 9, armed=True, mode="land"))
+    flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "hold"))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 9, armed=True, mode="land"))
     taken_over = flight.core.vehicles["hawk"].availability
     assert taken_over.taken_over
-    flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "start", confirmed=True))
+    flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "start", confirmed=True))
     assert taken_over.taken_over
-    assert Hold not in kinds(flight.tell(Aborted(flight.at_us, "ann", "desk")))
+    assert Hold not in kinds(flight.handle(Aborted(flight.at_us, "ann", "desk")))
 
 
 def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
@@ -273,7 +273,7 @@ def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
     (mission,) = uploads(flight.at_height(0.0))
     flight.finished(mission.mission_id, "accepted")
     refusal = CommandFinished(flight.at_us, "hawk", "start mission", False, "not yet")
-    assert kinds(flight.tell(refusal)) == [Announce]
+    assert kinds(flight.handle(refusal)) == [Announce]
     assert flight.at_height(0.0, later_s=5.0) == []
     assert kinds(flight.at_height(0.0, later_s=6.0)) == [StartMission]
     assert flight.at_height(0.0) == []
@@ -284,18 +284,18 @@ def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
     assert flight.finished(mission.mission_id - 1, "failed") == []
 
 
-def test_stacks_say_what_a_broken_upload_leaves() -> None:
+def test_stacks_declare_what_a_broken_upload_leaves() -> None:
     assert stack_named("px4", "plane").atomic_upload
     assert not stack_named("ardupilot", "plane").atomic_upload
     assert np.isfinite(stack_named("px4", "plane").mission_mode)
 
 
-def test_only_a_start_that_is_news_is_announced(land: Landscape) -> None:
+def test_only_a_new_start_is_announced(land: Landscape) -> None:
     flight, _ = airborne(land, atomic=True)
 
     def answered(command: str, accepted: bool) -> list[str]:
         event = CommandFinished(flight.at_us, "hawk", command, accepted, "" if accepted else "no")
-        return [each.text for each in flight.tell(event) if isinstance(each, Announce)]
+        return [each.text for each in flight.handle(event) if isinstance(each, Announce)]
 
     accepted = ["start mission: accepted"]
     assert answered("start mission", True) == accepted
@@ -306,5 +306,5 @@ def test_only_a_start_that_is_news_is_announced(land: Landscape) -> None:
     assert answered("start mission", True) == accepted
     assert answered("hold", True) == ["hold: accepted"]
     assert answered("start mission", True) == accepted
-    flight.tell(ModeChanged(flight.at_us, "hawk", 0, False, "hold"))
+    flight.handle(ModeChanged(flight.at_us, "hawk", 0, False, "hold"))
     assert answered("start mission", True) == accepted

@@ -11,17 +11,17 @@ from mission_service.fire.estimated_forecast import EstimatedForecasts
 from mission_service.fire.setup import landscape_of, weather_of
 
 
-def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> None:
+def test_the_estimate_is_shown_and_a_correction_reduces_its_uncertainty_nearby() -> None:
     scenario = load_scenario("burn")
     assert scenario.burn is not None
     landscape = landscape_of(scenario)
-    believed = EstimatedFire(scenario.burn, landscape, weather_of(scenario))
-    forecasts = EstimatedForecasts(lambda: believed, landscape, lambda: 600.0)
+    estimated = EstimatedFire(scenario.burn, landscape, weather_of(scenario))
+    forecasts = EstimatedForecasts(lambda: estimated, landscape, lambda: 600.0)
     before = asyncio.run(forecasts.arrival(1200.0))
     row, col = np.argwhere((before.arrival_s > 900) & (before.arrival_s < 1000))[0]
     x_m, y_m = landscape.xy_of(float(row), float(col))
     place = np.array([[float(x_m), float(y_m)]])
-    at_place = believed.simulation.ignition_time_s(place)[0]
+    at_place = estimated.simulation.ignition_time_s(place)[0]
     assert before.arrival_s[row, col] == at_place
     unsure = asyncio.run(forecasts.probability(float(at_place)))
     assert abs(unsure[row, col] - 0.5) < 1e-9
@@ -29,8 +29,8 @@ def test_what_is_believed_is_shown_and_a_correction_makes_it_surer_near_it() -> 
     assert 0.5 < later[row, col] < 0.95
     lat, lon = (float(value) for value in landscape.lat_lon_of(*place[0]))
     now_us, boss = 700_000_000, "firing-boss"
-    believed.apply(Corrected(now_us, "ann", boss, "burning", "point", ((lat, lon),), now_us))
+    estimated.apply(Corrected(now_us, "ann", boss, "burning", "point", ((lat, lon),), now_us))
     after = asyncio.run(forecasts.arrival(1200.0)).arrival_s[row, col]
-    assert 690.0 < after < (at_place + 700.0) / 2, "it has come sooner than was believed"
+    assert 690.0 < after < (at_place + 700.0) / 2, "it has come sooner than estimated"
     surer = asyncio.run(forecasts.probability(float(after) + 60.0))
     assert surer[row, col] > later[row, col]

@@ -63,7 +63,7 @@ def alarm(flight: Flight, name: str) -> str:
 
 
 def order(flight: Flight, what: str, confirmed: bool = False, by: str = "ann") -> list[str]:
-    return flight.tell(OrderGiven(flight.now_us, by, "desk", "hawk", what, confirmed))  # type: ignore[arg-type]
+    return flight.submit(OrderGiven(flight.now_us, by, "desk", "hawk", what, confirmed))  # type: ignore[arg-type]
 
 
 def until_landed(flight: Flight) -> None:
@@ -129,7 +129,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     (left,) = order(flight, "hold", by=SERVICE)
     assert "stays in mode" in left
     flight.run(5.0)
-    flight.tell(Aborted(flight.now_us, *ANN))
+    flight.submit(Aborted(flight.now_us, *ANN))
     flight.run(5.0)
     (question,) = order(flight, "hold")
     assert question.startswith("confirm:")
@@ -161,11 +161,11 @@ def test_a_breached_fence_is_reported_and_the_vehicle_left_alone(fly: Fly, stack
 
 
 def test_a_fence_that_holds_it_right_after_an_upload_is_reported_too(fly: Fly) -> None:
-    """A hold by then may be the upload's: the state that follows it tells them apart (PX4 1.17)."""
+    """A hold by then may be the upload's: the state that follows it decides (PX4 1.17)."""
     flight = fly(on("px4"))
     flight.run(400.0)
     uploads = flight.state_view.vehicles["hawk"].uploads_accepted
-    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
+    flight.submit(MissionRequested(flight.now_us, *ANN, "hawk"))
     while flight.state_view.vehicles["hawk"].uploads_accepted == uploads:
         flight.run(0.5)
     flight.sim.rigs[0].mock.breach_fence(True)
@@ -195,25 +195,25 @@ def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
         assert not [at_s for at_s in times_s(lines, kind) if began_s < at_s < began_s + 30.0], kind
 
 
-def test_a_proposal_that_nobody_answered_is_withdrawn_and_a_wish_is_kept(fly: Fly) -> None:
+def test_an_unanswered_proposal_is_withdrawn_and_an_operator_request_is_kept(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
     first = flight.state_view.missions["hawk"].proposed
     assert first is not None
-    flight.tell(MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash))
+    flight.submit(MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash))
     flight.run(100.0)
-    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
+    flight.submit(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(3.0)
-    wanted = flight.state_view.missions["hawk"].proposed
-    assert wanted is not None
-    assert "requested by ann" in wanted.why
+    requested = flight.state_view.missions["hawk"].proposed
+    assert requested is not None
+    assert "requested by ann" in requested.why
     flight.run(66.0)
     again = flight.state_view.missions["hawk"].proposed
     assert again is not None
-    assert again.mission_id != wanted.mission_id
+    assert again.mission_id != requested.mission_id
     assert "requested by ann" in again.why
     withdrawn = [line for line in flight.over() if isinstance(line, WithdrawMission)]
-    assert wanted.mission_id in [line.mission_id for line in withdrawn]
+    assert requested.mission_id in [line.mission_id for line in withdrawn]
 
 
 def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly) -> None:
@@ -221,10 +221,10 @@ def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly)
     flight.run(30.0)
     first = flight.state_view.missions["hawk"].proposed
     assert first is not None
-    flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", first.mission_hash))
+    flight.submit(MissionRefused(flight.now_us, *ANN, "hawk", first.mission_hash))
     flight.run(300.0)  # it stands on the ground: nothing differs
     assert flight.state_view.missions["hawk"].proposed is None
-    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
+    flight.submit(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(5.0)
     assert flight.state_view.missions["hawk"].proposed is not None
     proposed = [line for line in flight.over() if isinstance(line, ProposeMission)]
@@ -256,7 +256,7 @@ def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None
     flight.run(5.0)
     assert "front/hawk" in flight.state_view.alarms
     flight.state_view.clear_all_but("abort")
-    flight.tell(Resumed(flight.now_us, "service", "", 1.0))
+    flight.submit(Resumed(flight.now_us, "service", "", 1.0))
     assert "front/hawk" in flight.state_view.alarms
 
 
@@ -292,7 +292,7 @@ def test_an_abort_leaves_a_failsafe_that_could_not_be_recorded(
     flight.sim.rigs[0].mock.battery_percent = 10.0
     flight.run(5.0)
     assert "mode return" in alarm(flight, "unrecorded")
-    flight.tell(Aborted(flight.now_us, *ANN))
+    flight.submit(Aborted(flight.now_us, *ANN))
     flight.run(10.0)
     monkeypatch.setattr("mission_service.journal.journal_file.os.write", write)
     assert flight.sim.service.retry(flight.now_us, flight.sim.link_us)

@@ -228,7 +228,7 @@ def test_nothing_flies_in_a_scenario_without_vehicles(
     assert result.stderr.count("\n") == 1
 
 
-def test_info_tells_of_good_files_and_ends_well(tmp_path: Path) -> None:
+def test_info_reports_good_files_and_exits_with_zero(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     words = (f"fuel={site / 'fuel.tif'}", f"elevation={site / 'dem.tif'}")
     for files in ((str(site / "fuel.tif"),), (str(site / "lit.geojson"),), words):
@@ -296,7 +296,7 @@ def test_every_command_explains_itself(command: str) -> None:
 
 
 def refused(scenario: Path, *options: str) -> str:
-    """What ``fire run`` says in one line when it ends with exit code 1."""
+    """The one line of ``fire run`` when it ends with exit code 1."""
     out = ("-o", str(scenario.parent / "out"))
     result = call("fire", "run", str(scenario), *out, *options)
     assert result.exit_code == 1, result.output
@@ -357,16 +357,18 @@ def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
     options = ("-o", str(tmp_path / "out"), "--set")
     quiet = call("fire", "run", str(scenario), *options, "duration_s=10800")
     assert "Note" not in quiet.stderr
-    told = call("fire", "run", str(scenario), *options, "duration_s=14400")
-    assert told.exit_code == 0
-    assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in told.stderr
+    result = call("fire", "run", str(scenario), *options, "duration_s=14400")
+    assert result.exit_code == 0
+    assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in result.stderr
 
 
-def test_a_folder_that_cannot_be_written_to_is_told_before_the_fire_burns(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_to_is_reported_before_the_simulation(
+    tmp_path: Path,
+) -> None:
     scenario = write_scenario(write_site(tmp_path))
-    told = call("fire", "run", str(scenario), "-o", "/proc")
-    assert told.exit_code == 1
-    assert "/proc: cannot be written to: " in told.stderr
+    result = call("fire", "run", str(scenario), "-o", "/proc")
+    assert result.exit_code == 1
+    assert "/proc: cannot be written to: " in result.stderr
     for name in ("map.png", "arrival_time_s.tif", "fronts.geojson"):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         (tmp_path / "out" / name).mkdir(parents=True)
@@ -381,7 +383,7 @@ def test_any_name_can_stand_on_the_map(tmp_path: Path) -> None:
 
 def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     fuel, none = str(write_site(tmp_path) / "fuel.tif"), tmp_path / "none.geojson"
-    for words, told in (
+    for words, message in (
         ((fuel, fuel), "give one file by itself, or the layers of a landscape, each as LAYER=FILE"),
         ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is given twice"),
         (("fuel=", f"elevation={fuel}"), "files: fuel="),
@@ -389,7 +391,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     ):
         result = call("fire", "info", *words)
         assert result.exit_code == 1
-        assert told in result.stderr
+        assert message in result.stderr
     unused = call("fire", "info", fuel, "--unit", "slop=percent")
     assert unused.exit_code == 1
     assert "problem: units: layer 'slop' is not known" in unused.stdout

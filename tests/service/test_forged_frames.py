@@ -49,12 +49,12 @@ class Run:
         assert self.daemon is not None
         end_s = time.monotonic() + within_s
         while not what():
-            said = self.log.read_text(encoding="utf-8")
-            assert self.daemon.poll() is None, said
-            assert time.monotonic() < end_s, said[-2000:]
+            text = self.log.read_text(encoding="utf-8")
+            assert self.daemon.poll() is None, text
+            assert time.monotonic() < end_s, text[-2000:]
             time.sleep(0.05)
 
-    def said(self, words: str, times: int = 1) -> Callable[[], bool]:
+    def logged(self, words: str, times: int = 1) -> Callable[[], bool]:
         return lambda: self.log.read_text(encoding="utf-8").count(words) >= times
 
     def alarms(self) -> set[str]:
@@ -69,8 +69,8 @@ class Run:
     def events(self, kind: str) -> list[dict[str, Any]]:
         journal = self.folder / "journal.jsonl"
         lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)[1:]
-        told = (json.loads(line).get("event", {}) for line in lines if line.endswith("\n"))
-        return [event for event in told if event.get("type") == kind]
+        recorded = (json.loads(line).get("event", {}) for line in lines if line.endswith("\n"))
+        return [event for event in recorded if event.get("type") == kind]
 
     def flies_on(self, positions: int) -> None:
         """Wait until so many more positions were used."""
@@ -86,8 +86,8 @@ class Run:
     def check_places_and_times(self) -> None:
         """No position and no time came from what was forged, and nothing was restarted."""
         places = self.events("Telemetry")
-        assert all(told["at_us"] < 100_000 * 1e6 for told in places)
-        assert all(abs(told["lat_deg"] - FAR_LAT_DEG) > 1e-4 for told in places)
+        assert all(place["at_us"] < 100_000 * 1e6 for place in places)
+        assert all(abs(place["lat_deg"] - FAR_LAT_DEG) > 1e-4 for place in places)
         steps_us = [b["at_us"] - a["at_us"] for a, b in pairwise(places)]
         assert max(steps_us) < 100e6
         assert not self.events("VehicleRebooted")
@@ -111,7 +111,7 @@ class Forger:
 
 
 class Relay:
-    """Between a vehicle and the daemon; what is forged here comes from the vehicle's own remote."""
+    """Between a vehicle and the daemon; what is forged comes from the vehicle's own remote."""
 
     def __init__(self, port: int) -> None:
         self._to = ("127.0.0.1", port)
@@ -138,8 +138,8 @@ class Relay:
                     self._vehicle = address
                     self._socket.sendto(data, self._to)
                     if data[0] == V2 and data[7] == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-                        (told,) = self._codec.decode(data)
-                        self.boot_ms = told.time_boot_ms
+                        (message,) = self._codec.decode(data)
+                        self.boot_ms = message.time_boot_ms
                         self.positions += 1
 
     def send(self, message: Message) -> None:
@@ -177,14 +177,14 @@ def heartbeat(armed: bool) -> Message:
 def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with process(run.arguments, run.log) as run.daemon, mock(run.port, tmp_path / "mock.log"):
-        run.wait_for(run.said("start mission: accepted"))
+        run.wait_for(run.logged("start mission: accepted"))
         with closing(Forger(run.port)) as forger:
             for number in range(20):
                 forger.send(heartbeat(armed=False))
                 forger.send(position(DAYS_30_MS + 5000 * number))
                 forger.send(position(0))
             run.wait_for(lambda: "source/hawk" in run.alarms())
-            run.wait_for(run.said(f"{forger.address} is left out"))
+            run.wait_for(run.logged(f"{forger.address} is left out"))
             run.flies_on(50)
         run.wait_for(lambda: "source/hawk" not in run.alarms())
         run.stop()
@@ -200,7 +200,7 @@ def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -
         closing(Relay(run.port)) as relay,
         mock(relay.port, tmp_path / "mock.log"),
     ):
-        run.wait_for(run.said("start mission: accepted"))
+        run.wait_for(run.logged("start mission: accepted"))
         run.flies_on(200)
         relay.send(position(DAYS_30_MS))  # one alone
         for number in range(10):
@@ -217,23 +217,23 @@ def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
-def test_who_takes_over_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
+def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with process(run.arguments, run.log) as run.daemon:
         with mock(run.port, tmp_path / "mock1.log"):
-            run.wait_for(run.said("start mission: accepted"))
-        run.wait_for(run.said("link lost"))
+            run.wait_for(run.logged("start mission: accepted"))
+        run.wait_for(run.logged("link lost"))
         with closing(Forger(run.port)) as forger:
             forger.send(position(DAYS_30_MS))  # no heartbeat: not taken
 
             def restored() -> bool:
                 forger.send(heartbeat(armed=True))
-                return run.said("link restored")()
+                return run.logged("link restored")()
 
             run.wait_for(restored)  # once the vehicle has been silent for long enough
-            run.wait_for(run.said(f"heard from {forger.address} now"))
+            run.wait_for(run.logged(f"heard from {forger.address} now"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
-            run.wait_for(run.said("jumped"))
+            run.wait_for(run.logged("jumped"))
         run.stop()
     run.check_places_and_times()

@@ -1,4 +1,4 @@
-"""A flight beside forged frames is the flight without; ``benchmarks.forged_frames`` has 1 M."""
+"""A flight with forged frames is the flight without; ``benchmarks.forged_frames`` has 1 M."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""One UAV's agent: its virtual agent, its orbit, what it says, heat, home."""
+"""One UAV's agent: its virtual agent, its orbit, its messages, heat, home."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ SETTINGS = Settings()
 
 
 def agent_of(name: str = "hawk", **options: object) -> Agent:
-    """An agent that knows of one burning cell in the middle."""
+    """An agent whose map has one burning cell in the middle."""
     return Agent(name, SETTINGS, GRID, np.array([MIDDLE]), 0, **options)  # type: ignore[arg-type]
 
 
@@ -45,7 +45,7 @@ def test_a_virtual_agent_begins_a_radius_ahead_of_its_uav() -> None:
     assert intention.orbit_radius_m == -150.0
 
 
-def test_it_begins_anew_when_its_uav_is_too_far_away() -> None:
+def test_it_starts_again_when_its_uav_is_too_far_away() -> None:
     agent = agent_of()
     agent.step(own_at(0.0, -1000.0, -1000.0))
     agent.agent_m = (-1000.0, -1000.0 + SETTINGS.restart_m + 1.0)
@@ -62,13 +62,13 @@ def test_it_moves_towards_the_fire_and_never_faster_than_it_may() -> None:
     assert before_m - SETTINGS.agent_speed_m_s * 0.5 - 1e-6 <= after_m < before_m
 
 
-def test_it_tells_its_state_twice_a_second_and_what_it_saw_at_once() -> None:
+def test_it_sends_its_state_twice_a_second_and_its_observations_at_once() -> None:
     agent = agent_of(avoidance="none")
-    said = []
+    sent = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -1000.0, -1000.0 + tick))
-        said += agent.messages(tick * 250_000)
-    states = [message for message in said if isinstance(message, State)]
+        sent += agent.messages(tick * 250_000)
+    states = [message for message in sent if isinstance(message, State)]
     assert 20 <= len(states) <= 30
     agent.add_view(np.array([MIDDLE + 1]), np.array([], dtype=np.int64), 10_000_000)
     updates = [m for m in agent.messages(10_000_000) if isinstance(m, FireUpdate)]
@@ -101,7 +101,7 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
     assert east_of(True, True) == east_of(False, False)
 
 
-def test_who_is_silent_for_ten_seconds_is_not_reckoned_with() -> None:
+def test_a_peer_that_is_silent_for_ten_seconds_is_not_counted() -> None:
     agent = agent_of()
     agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
     assert len(agent.peers.rows(9_900_000)) == 1
@@ -138,11 +138,11 @@ def test_others_go_by_where_its_virtual_agent_is_going() -> None:
         with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0)
     )
     assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
-    said = []
+    sent = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -400.0, 0.0))
-        said += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
-    assert said[-1].goal_x_m is not None
+        sent += [m for m in agent.messages(tick * 250_000) if isinstance(m, State)]
+    assert sent[-1].goal_x_m is not None
 
 
 def test_it_is_settled_after_a_while_on_one_orbit() -> None:

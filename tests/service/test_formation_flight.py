@@ -1,4 +1,4 @@
-"""Flight in a formation, event by event, with an agent that means what it is told to."""
+"""Flight in a formation, event by event, with a scripted agent."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -46,20 +46,20 @@ LOITER_UNLIM, TAKEOFF, LAND_START = 17, 22, 189
 
 
 class Scripted:
-    """An agent that means what the test says, and notes what it is told."""
+    """An agent scripted by the test, which records the messages to it."""
 
     def __init__(self, name: str, settings: Any, *rest: Any) -> None:
         self.name, self.settings = name, settings
         self.means = Intention(0.0, 0.0, -150.0, 17.5, 0.0, False, 0.0, 0.0)
         self.owns: list[OwnState] = []
-        self.heard: list[AnyMessage] = []
+        self.received: list[AnyMessage] = []
         self.seen: list[tuple[list[int], list[int]]] = []
         self.left: list[int] = []
         self.home_m: tuple[float, float] | None = None
-        self.to_say: list[AnyMessage] = []
+        self.outgoing: list[AnyMessage] = []
 
     def on_message(self, message: AnyMessage) -> None:
-        self.heard.append(message)
+        self.received.append(message)
 
     def add_view(self, burning: Any, unburned: Any, at_us: int) -> None:
         self.seen.append((burning.tolist(), unburned.tolist()))
@@ -69,8 +69,8 @@ class Scripted:
         return self.means
 
     def messages(self, at_us: int) -> list[AnyMessage]:
-        said, self.to_say = self.to_say, []
-        return said
+        sent, self.outgoing = self.outgoing, []
+        return sent
 
     def leave(self, at_us: int, why: str) -> None:
         self.left.append(at_us)
@@ -88,7 +88,7 @@ def land() -> Landscape:
 
 
 class Flight:
-    """The first vehicle of the scenario, told by hand; a place is metres from its home."""
+    """The scenario's first vehicle, with events of the test; a place is metres from its home."""
 
     def __init__(self, land: Landscape, *overrides: str) -> None:
         overrides = ("fire.initial_cells=40", *overrides)
@@ -102,7 +102,7 @@ class Flight:
         self.ground_m = float(land.elevation_at(*self.home_m))
         self.at_s = 0.0
         self.place_m = (-800.0, 0.0)
-        self.tell(VehicleConnected(0, self.name, "a stack", True))
+        self.handle(VehicleConnected(0, self.name, "a stack", True))
 
     @property
     def agent(self) -> Scripted:
@@ -114,14 +114,14 @@ class Flight:
     def at_us(self) -> int:
         return round(self.at_s * 1e6)
 
-    def tell(self, event: AnyEvent) -> list[AnyCommand]:
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
         return self.core.handle(event)
 
     def at(self, height_m: float, later_s: float = 0.25) -> list[AnyCommand]:
         self.at_s += later_s
         x_m, y_m = (home + off for home, off in zip(self.home_m, self.place_m, strict=True))
         lat_deg, lon_deg = self.land.lat_lon_of(x_m, y_m)
-        return self.tell(
+        return self.handle(
             Telemetry(
                 self.at_us,
                 self.name,
@@ -141,13 +141,15 @@ class Flight:
         self.agent.means = replace(self.agent.means, **orbit, **others)
 
     def mode(self, name: str, armed: bool = True) -> list[AnyCommand]:
-        return self.tell(ModeChanged(self.at_us, self.name, 0, armed, name))
+        return self.handle(ModeChanged(self.at_us, self.name, 0, armed, name))
 
     def done(self, command: str, accepted: bool = True) -> list[AnyCommand]:
-        return self.tell(CommandFinished(self.at_us, self.name, command, accepted, "no"))
+        return self.handle(CommandFinished(self.at_us, self.name, command, accepted, "no"))
 
     def uploaded(self, mission: UploadMission) -> list[AnyCommand]:
-        return self.tell(UploadFinished(self.at_us, self.name, mission.mission_id, "accepted", ""))
+        return self.handle(
+            UploadFinished(self.at_us, self.name, mission.mission_id, "accepted", "")
+        )
 
     def orbiting(self) -> Orbit:
         """Up, taken over, on its first orbit at -800, 0."""
@@ -165,10 +167,10 @@ class Flight:
         """Fly on; every order is carried out at once. (When, what)."""
         found: list[tuple[float, AnyCommand]] = []
         for _ in range(round(seconds / 0.25)):
-            told = self.at(300.0)
-            while told:
-                found += [(self.at_s, command) for command in told]
-                told = [answer for command in told for answer in self.carried_out(command)]
+            commands = self.at(300.0)
+            while commands:
+                found += [(self.at_s, command) for command in commands]
+                commands = [answer for command in commands for answer in self.carried_out(command)]
         return found
 
     def carried_out(self, command: AnyCommand) -> list[AnyCommand]:
@@ -229,7 +231,7 @@ def test_no_two_take_off_together(land: Landscape) -> None:
     (first,) = of(flight.at(0.0), UploadMission)
     assert of(flight.uploaded(first), StartMission)
     flight.name = "stork"
-    flight.tell(VehicleConnected(flight.at_us, "stork", "a stack", True))
+    flight.handle(VehicleConnected(flight.at_us, "stork", "a stack", True))
     (second,) = of(flight.at(0.0), UploadMission)
     assert not of(flight.uploaded(second), StartMission)
     assert not of(flight.at(0.0, later_s=30.0), StartMission)
@@ -248,8 +250,8 @@ def test_it_follows_its_agent_from_where_it_is_clear_of_home_and_ground(land: La
     assert flight.agent.owns == []
     flight.means(-900.0, 50.0)
     (orbit,) = of(flight.at(300.0), Orbit)
-    wanted = land.lat_lon_of(flight.home_m[0] - 900.0, flight.home_m[1] + 50.0)
-    assert (orbit.lat_deg, orbit.lon_deg) == pytest.approx(wanted, abs=1e-6)
+    expected = land.lat_lon_of(flight.home_m[0] - 900.0, flight.home_m[1] + 50.0)
+    assert (orbit.lat_deg, orbit.lon_deg) == pytest.approx(expected, abs=1e-6)
     assert orbit.radius_m == -150.0
     own = flight.agent.owns[-1]
     assert (own.x_m, own.y_m) == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
@@ -326,15 +328,15 @@ def test_one_order_is_under_way_at_a_time_and_a_refused_one_comes_again(land: La
     flight.means(-900.0, 0.0, airspeed_m_s=22.0)
     assert of(flight.at(300.0), Orbit)
     assert all(flight.at(300.0) == [] for _ in range(20))  # no answer yet
-    (told,) = flight.done("orbit", accepted=False)
-    assert isinstance(told, Announce)
-    assert told.level == "warning"
+    (announcement,) = flight.done("orbit", accepted=False)
+    assert isinstance(announcement, Announce)
+    assert announcement.level == "warning"
     again = flight.for_s(10.0)
     (at_s,) = times_s(again, Orbit)
     assert 4.5 <= at_s - (flight.at_s - 10.0) <= 5.5
 
 
-def test_speeds_keep_to_the_airframe_and_are_told_again_in_another_mode(land: Landscape) -> None:
+def test_speeds_keep_to_the_airframe_and_are_sent_again_in_another_mode(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.max_airspeed_m_s=21")
     flight.orbiting()
     flight.means(-800.0, 0.0, airspeed_m_s=24.0)
@@ -388,25 +390,27 @@ def test_the_mission_on_board_ends_not_far_from_where_it_is(land: Landscape) -> 
 def test_a_broken_upload_does_not_end_an_orbit(land: Landscape) -> None:
     """Along the front it makes ArduPilot hold; on an orbit no mission is flown."""
     flight = Flight(land, "vehicles.0.stack=ardupilot")
-    flight.tell(VehicleConnected(flight.at_us, flight.name, "a stack", False))
+    flight.handle(VehicleConnected(flight.at_us, flight.name, "a stack", False))
     flight.orbiting()
-    told = flight.at(300.0)
-    while not (missions := of(told, UploadMission)):
+    commands = flight.at(300.0)
+    while not (missions := of(commands, UploadMission)):
         flight.done("change speed")
-        told = flight.at(300.0)
+        commands = flight.at(300.0)
     failed = UploadFinished(flight.at_us, flight.name, missions[0].mission_id, "failed", "no")
-    assert [type(command) for command in flight.tell(failed)] == [Announce]
+    assert [type(command) for command in flight.handle(failed)] == [Announce]
     assert len(times_s(flight.for_s(10.0), UploadMission)) == 1
 
 
-def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Landscape) -> None:
+def test_a_pilot_with_manual_control_has_it_until_it_is_back_in_its_mission(
+    land: Landscape,
+) -> None:
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    told, alarm = flight.mode("position")
-    assert isinstance(told, Announce)
+    announcement, alarm = flight.mode("position")
+    assert isinstance(announcement, Announce)
     assert isinstance(alarm, RaiseAlarm)
-    assert "position" in told.text
+    assert "position" in announcement.text
     assert len(flight.agent.left) == 1
     flight.means(-1000.0, 0.0)
     assert [command for _, command in flight.for_s(10.0)] == []
@@ -414,33 +418,33 @@ def test_a_pilot_who_takes_it_has_it_until_it_is_back_in_its_mission(land: Lands
     assert times_s(flight.for_s(1.0), Orbit) != []
 
 
-def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape) -> None:
+def test_others_receive_the_motion_of_a_vehicle_under_manual_control(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    heard = flight.core.guidance.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
-    heard.clear()
+    received = flight.core.guidance.formation.members["crane"].agent.received  # type: ignore[attr-defined]
+    received.clear()
     flight.mode("position")
     flight.for_s(10.0)
-    states = [message for message in heard if isinstance(message, State)]
+    states = [message for message in received if isinstance(message, State)]
     assert 18 <= len(states) <= 22  # twice a second
     assert {(state.sender, state.agent_x_m, state.goal_x_m) for state in states} == {
         (flight.name, None, None)
     }
     fix = (states[-1].x_m, states[-1].y_m)
     assert fix == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
-    heard.clear()
-    flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
-    assert heard == [states[-1]]  # from here on they reckon
-    flight.tell(LinkRestored(flight.at_us, flight.name))
+    received.clear()
+    flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
+    assert received == [states[-1]]  # from here on they reckon
+    flight.handle(LinkRestored(flight.at_us, flight.name))
     flight.for_s(1.0)
-    heard.clear()
+    received.clear()
     flight.mode("position", armed=False)
-    assert Leaving(flight.at_us, flight.name, "flies otherwise") in heard
+    assert Leaving(flight.at_us, flight.name, "flies otherwise") in received
 
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
-def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
+def test_the_circle_of_a_turning_vehicle_is_measured(turn_rad_s: float) -> None:
     def at(time_s: float) -> ObservedMotion:
         course = 1.0 + turn_rad_s * time_s
         place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
@@ -452,7 +456,7 @@ def test_the_circle_of_who_turns_is_measured(turn_rad_s: float) -> None:
     assert radius_m == pytest.approx(-200.0 if turn_rad_s > 0 else 200.0, rel=0.01)
 
 
-def test_who_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
+def test_a_vehicle_that_flies_straight_or_stands_is_expected_ahead_or_there() -> None:
     still: ObservedMotion = (0.0, 10.0, 20.0, 0.2, 0.0)
     assert expected_orbit(still, (1.0, 10.0, 20.0, 0.0, 0.1), 150.0) == (10.0, 20.0, -150.0)
     ahead = expected_orbit((0.0, 0.0, 0.0, 15.0, 0.0), (1.0, 15.0, 0.0, 15.0, 0.1), 150.0)
@@ -463,16 +467,16 @@ def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape)
     flight = Flight(land)
     flight.orbiting()
     flight.for_s(5.0)
-    (told,) = flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
-    assert isinstance(told, Announce)
-    assert "keeps circling" in told.text
+    (announcement,) = flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
+    assert isinstance(announcement, Announce)
+    assert "keeps circling" in announcement.text
     assert len(flight.agent.left) == 1
     assert flight.for_s(10.0) == []
-    flight.tell(LinkRestored(flight.at_us, flight.name))
+    flight.handle(LinkRestored(flight.at_us, flight.name))
     assert [type(command) for _, command in flight.for_s(4.0)] == [Orbit, ChangeSpeed]
 
 
-def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_otherwise(
+def test_others_use_the_last_state_of_a_lost_vehicle_until_a_newer_report(
     land: Landscape,
 ) -> None:
     flight = Flight(land)
@@ -482,20 +486,20 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
         flight.at_us, flight.name, x_m + 150.0, y_m, 700.0, 0.0, 15.0, x_m, y_m, x_m, y_m, -150.0,
         15.0, settled=True,
     )  # fmt: skip
-    flight.agent.to_say.append(state)
+    flight.agent.outgoing.append(state)
     flight.at(300.0)
-    heard = flight.core.guidance.formation.members["crane"].agent.heard  # type: ignore[attr-defined]
-    heard.clear()
-    flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
-    assert heard == [state]
-    flight.tell(VehicleRebooted(flight.at_us, flight.name))
-    assert heard[1:] == [Leaving(flight.at_us, flight.name, "flies otherwise")]
+    received = flight.core.guidance.formation.members["crane"].agent.received  # type: ignore[attr-defined]
+    received.clear()
+    flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
+    assert received == [state]
+    flight.handle(VehicleRebooted(flight.at_us, flight.name))
+    assert received[1:] == [Leaving(flight.at_us, flight.name, "flies otherwise")]
 
 
 def test_a_restart_in_the_air_leaves_it_alone_until_it_is_in_its_mission(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
-    flight.tell(VehicleRebooted(flight.at_us, flight.name))
+    flight.handle(VehicleRebooted(flight.at_us, flight.name))
     found = [command for _, command in flight.for_s(5.0)]
     assert {type(command) for command in found} <= {Announce, RaiseAlarm}
     flight.mode("mission")
@@ -523,30 +527,30 @@ def test_it_is_led_home_in_time_and_comes_back_after_a_new_start(land: Landscape
     flight.place_m = (0.0, 0.0)
     (mission,) = of(flight.at(0.0, later_s=10.0), UploadMission)
     assert mission.items[0].command == TAKEOFF
-    assert not of(flight.uploaded(mission), StartMission)  # its crew does that
+    assert not of(flight.uploaded(mission), StartMission)  # operators do that
     flight.mode("mission")
     flight.place_m = (-800.0, 0.0)
     assert of(flight.at(300.0, later_s=60.0), Orbit)
 
 
-def test_what_it_sees_measures_and_says_reaches_agents(land: Landscape) -> None:
+def test_observations_measurements_and_states_reach_agents(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
     cols = land.shape[1]
-    flight.tell(Observed(flight.at_us, flight.name, 10, 20, (".ub", "ubb", "uu.")))
+    flight.handle(Observed(flight.at_us, flight.name, 10, 20, (".ub", "ubb", "uu.")))
     burning, unburned = flight.agent.seen[-1]
     assert burning == [10 * cols + 22, 11 * cols + 21, 11 * cols + 22]
     assert unburned == [10 * cols + 21, 11 * cols + 20, 12 * cols + 20, 12 * cols + 21]
-    flight.tell(WindMeasured(flight.at_us, flight.name, 5.0, 270.0))
+    flight.handle(WindMeasured(flight.at_us, flight.name, 5.0, 270.0))
     update = FireUpdate(flight.at_us, flight.name, (1, 2))
-    flight.agent.to_say.append(update)
+    flight.agent.outgoing.append(update)
     flight.at(300.0)
     own = flight.agent.owns[-1]
     assert own.hot  # fire in the middle of the picture
     assert own.wind_x_m_s == pytest.approx(5.0, abs=0.01)
     assert own.airspeed_m_s == pytest.approx(12.5)
     seats = flight.core.guidance.formation.members  # type: ignore[attr-defined]
-    others = [member.agent.heard for name, member in seats.items() if name != flight.name]
+    others = [member.agent.received for name, member in seats.items() if name != flight.name]
     assert len(others) == 7
-    assert all(heard == [update] for heard in others)
-    assert flight.agent.heard == []
+    assert all(received == [update] for received in others)
+    assert flight.agent.received == []

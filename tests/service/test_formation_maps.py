@@ -1,4 +1,4 @@
-"""Local maps of a UAV and the monitoring area: kept step by step, they are what one gets anew."""
+"""Local maps of a UAV and the monitoring area: updated by steps they equal new ones."""
 
 import numpy as np
 import pytest

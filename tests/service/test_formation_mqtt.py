@@ -1,4 +1,4 @@
-"""What UAVs say over MQTT, with a real Mosquitto: nothing waits for it, nothing absurd comes in."""
+"""Messages of UAVs over MQTT, with a real Mosquitto: nothing waits, nothing absurd is accepted."""
 
 import asyncio
 import time
@@ -35,7 +35,7 @@ from mission_service.peer_messages import (
 from tests.patience import PATIENCE_S, until
 
 needs_mosquitto = pytest.mark.skipif(
-    MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto"
+    MOSQUITTO is None, reason="no mosquitto: apt-get install mosquitto"
 )
 CELLS = 10_000
 CHANNEL = Channel(Broker("127.0.0.1"), "test", "fire")
@@ -53,13 +53,13 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
     mosquitto.kill()
 
 
-class Talker:
+class Peer:
     """One vehicle's end of the exchange, and what came out of it."""
 
     def __init__(self, name: str, port: int) -> None:
         self.name = name
-        self.heard: list[AnyMessage] = []
-        self.told: list[str] = []
+        self.received: list[AnyMessage] = []
+        self.announcements: list[str] = []
         self.mission_us = 0
         self.contacts: list[bool] = []
         channel = Channel(Broker("127.0.0.1", port), "test", "fire")
@@ -69,24 +69,24 @@ class Talker:
         self.mission_us = max(self.mission_us, mission_us)
 
     def on_message(self, message: AnyMessage) -> None:
-        self.heard.append(message)
+        self.received.append(message)
 
     def on_link(self, there: bool) -> None:
         self.contacts.append(there)
 
     def announce(self, text: str, warning: bool) -> None:
-        self.told.append(text)
+        self.announcements.append(text)
 
-    def says(self, at_us: int) -> None:
+    def broadcast(self, at_us: int) -> None:
         self.exchange.broadcast(state(self.name, at_us))
 
 
 @asynccontextmanager
-async def talking(port: int, *names: str) -> AsyncIterator[list[Talker]]:
-    talkers = [Talker(name, port) for name in names]
-    tasks = [asyncio.create_task(talker.exchange.run(cast(Any, talker))) for talker in talkers]
+async def connected_peers(port: int, *names: str) -> AsyncIterator[list[Peer]]:
+    peers = [Peer(name, port) for name in names]
+    tasks = [asyncio.create_task(peer.exchange.run(cast(Any, peer))) for peer in peers]
     try:
-        yield talkers
+        yield peers
         assert not any(task.done() for task in tasks)
     finally:
         for task in tasks:
@@ -105,25 +105,25 @@ ALL_KINDS: tuple[AnyMessage, ...] = (
 
 
 @needs_mosquitto
-def test_all_kinds_reach_the_others_and_nobody_hears_itself(broker: Mosquitto) -> None:
-    async def talk() -> None:
-        async with talking(broker.port, "hawk", "kite", "wren") as (hawk, kite, wren):
+def test_all_kinds_reach_the_others_and_no_peer_receives_its_own(broker: Mosquitto) -> None:
+    async def exchange() -> None:
+        async with connected_peers(broker.port, "hawk", "kite", "wren") as (hawk, kite, wren):
             await until(lambda: all(one.exchange.connected for one in (hawk, kite, wren)))
             for message in ALL_KINDS:
                 hawk.exchange.broadcast(message)
-            await until(lambda: len(kite.heard) == len(wren.heard) == len(ALL_KINDS))
-            assert set(kite.heard) == set(wren.heard) == set(ALL_KINDS)
-            assert hawk.heard == []
+            await until(lambda: len(kite.received) == len(wren.received) == len(ALL_KINDS))
+            assert set(kite.received) == set(wren.received) == set(ALL_KINDS)
+            assert hawk.received == []
 
     broker.start()
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @needs_mosquitto
-def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) -> None:
-    async def talk() -> None:
+def test_impossible_messages_are_left_out_and_reported_once(broker: Mosquitto) -> None:
+    async def exchange() -> None:
         async with (
-            talking(broker.port, "kite") as (kite,),
+            connected_peers(broker.port, "kite") as (kite,),
             aiomqtt.Client("127.0.0.1", broker.port) as stranger,
         ):
             await until(lambda: kite.exchange.connected)
@@ -132,25 +132,25 @@ def test_what_nobody_can_have_said_is_left_out_and_told_once(broker: Mosquitto) 
                 await stranger.publish(topic, payload)
             await stranger.publish(CHANNEL.topic("hawk", "odd"), b"x")
             await stranger.publish(topic, encoded(state("hawk", 9))[1])
-            await until(lambda: bool(kite.heard))
-            assert kite.heard == [state("hawk", 9)]
+            await until(lambda: bool(kite.received))
+            assert kite.received == [state("hawk", 9)]
             assert kite.exchange.refused == {"hawk": 5}
-            assert len([line for line in kite.told if "left out" in line]) == 1
+            assert len([line for line in kite.announcements if "left out" in line]) == 1
 
     broker.start()
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @needs_mosquitto
-def test_mission_time_is_the_latest_there_is_and_who_joins_is_told_at_once(
+def test_mission_time_is_the_latest_there_is_and_a_joining_peer_gets_it_at_once(
     broker: Mosquitto,
 ) -> None:
-    async def talk() -> None:
-        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
+    async def exchange() -> None:
+        async with connected_peers(broker.port, "hawk", "kite") as (hawk, kite):
             await until(lambda: hawk.exchange.connected and kite.exchange.connected)
             hawk.mission_us = 600_000_000
             await until(lambda: kite.mission_us == 600_000_000)
-            async with talking(broker.port, "wren") as (wren,):
+            async with connected_peers(broker.port, "wren") as (wren,):
                 await until(lambda: wren.exchange.connected)
                 await until(lambda: wren.mission_us == 600_000_000)
             async with aiomqtt.Client("127.0.0.1", broker.port) as stranger:
@@ -161,50 +161,50 @@ def test_mission_time_is_the_latest_there_is_and_who_joins_is_told_at_once(
             assert hawk.mission_us == 600_000_000
 
     broker.start()
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @needs_mosquitto
 def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> None:
-    async def talk() -> None:
-        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
-            for at_us in range(1000):  # nobody there: the newest state is what remains
-                hawk.says(at_us)
-            await until(lambda: any("no broker" in line for line in hawk.told))
+    async def exchange() -> None:
+        async with connected_peers(broker.port, "hawk", "kite") as (hawk, kite):
+            for at_us in range(1000):  # no subscriber: the newest state is what remains
+                hawk.broadcast(at_us)
+            await until(lambda: any("no broker" in line for line in hawk.announcements))
             broker.start()
             await until(lambda: hawk.exchange.connected and kite.exchange.connected)
             await until(lambda: hawk.exchange.sent["state"] == 1)
-            hawk.says(1000)
-            await until(lambda: state("hawk", 1000) in kite.heard)
-            assert set(kite.heard) <= {state("hawk", 999), state("hawk", 1000)}
+            hawk.broadcast(1000)
+            await until(lambda: state("hawk", 1000) in kite.received)
+            assert set(kite.received) <= {state("hawk", 999), state("hawk", 1000)}
             for number in range(2):
                 broker.kill()
                 await until(lambda: not hawk.exchange.connected and not kite.exchange.connected)
-                hawk.says(2000 + number)
+                hawk.broadcast(2000 + number)
                 broker.start()
                 await until(lambda: hawk.exchange.connected and kite.exchange.connected)
-                hawk.says(3000 + number)
+                hawk.broadcast(3000 + number)
                 last = state("hawk", 3000 + number)
-                await until(lambda last=last: last in kite.heard)  # type: ignore[misc]
-            assert len(hawk.told) <= 6, hawk.told
+                await until(lambda last=last: last in kite.received)  # type: ignore[misc]
+            assert len(hawk.announcements) <= 6, hawk.announcements
             assert hawk.contacts == []  # never for as long as all need to come back
             await until(lambda: hawk.contacts == kite.contacts == [True])
             broker.kill()
             await until(lambda: hawk.contacts == kite.contacts == [True, False])
 
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @needs_mosquitto
 def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
-    async def talk() -> None:
-        async with talking(broker.port, "hawk", "kite") as (hawk, kite):
+    async def exchange() -> None:
+        async with connected_peers(broker.port, "hawk", "kite") as (hawk, kite):
             await until(lambda: hawk.exchange.connected and kite.exchange.connected)
             broker.freeze(True)
             longest_s, last_s = 0.0, time.monotonic()
             cells = tuple(range(CELLS))
             for number in range(200):  # some 10 MB: more than sockets hold
-                hawk.says(number)
+                hawk.broadcast(number)
                 hawk.exchange.broadcast(FireUpdate(number, "hawk", cells))
                 await asyncio.sleep(0.005)
                 now_s = time.monotonic()
@@ -212,18 +212,18 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
             assert longest_s < PATIENCE_S / 2  # for ever, if anything waited for the broker
             assert hawk.exchange.sent["fireupdate"] < 200  # the rest waits, or is dropped
             broker.freeze(False)
-            hawk.says(1000)
-            await until(lambda: state("hawk", 1000) in kite.heard)
+            hawk.broadcast(1000)
+            await until(lambda: state("hawk", 1000) in kite.received)
 
     broker.start()
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @needs_mosquitto
 def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
-    async def talk() -> None:
+    async def exchange() -> None:
         try:
-            async with talking(broker.port, "hawk") as (hawk,):
+            async with connected_peers(broker.port, "hawk") as (hawk,):
                 await until(lambda: hawk.exchange.connected)
                 broker.freeze(True)
                 for number in range(200):  # until nothing more goes into the socket
@@ -233,10 +233,10 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
             broker.kill()
 
     broker.start()
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
-def test_who_falls_behind_hears_only_the_newest_state_of_each() -> None:
+def test_a_slow_peer_receives_only_the_newest_state_of_each() -> None:
     inbox = Inbox(3, newest=OVERTAKEN)
     for at_us in range(50):
         for name in ("hawk", "kite"):

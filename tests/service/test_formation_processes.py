@@ -18,7 +18,7 @@ TRIES = 10
 
 
 def later_than(stage: Stage, names: Iterable[str], at_us: int) -> Callable[[], bool]:
-    """Whether all of these have told a state since then."""
+    """Whether all of these have sent a state since then."""
     return lambda: all(name in stage.states and stage.states[name].at_us > at_us for name in names)
 
 
@@ -34,7 +34,7 @@ def maps_agree(folder: Path) -> bool:
     return grown > 50 and all((heron != other).sum() < 0.2 * grown for other in others)
 
 
-@pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here: apt-get install mosquitto")
+@pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto: apt-get install mosquitto")
 @pytest.mark.long
 def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
     async def fly() -> None:
@@ -45,7 +45,7 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             await stage.passes(30.0)
             assert {state.sender for state in stage.present()} == {first, third}
 
-            # It joins the others' time. What the killed one said last may come late.
+            # It joins the others' time. The last message of the killed one may come late.
             await stage.take_over(killed)
 
             stage.broker.kill()
@@ -55,7 +55,7 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             stage.broker.start()
             # They have flown on meanwhile.
             on = later_than(stage, NAMES, at_us + 20_000_000)
-            await stage.until(on, 30.0, "all talk again")
+            await stage.until(on, 30.0, "all send again")
             await stage.passes(40.0)
             for _ in range(TRIES):  # on a loaded machine messages are late
                 if maps_agree(tmp_path):
@@ -69,5 +69,5 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
     assert "no broker at" in (tmp_path / "heron.log").read_text(encoding="utf-8")
     journals = sorted(tmp_path.glob("*/journal.jsonl"))
     assert len(journals) == len(NAMES) + 1
-    result = verify(journals[-1])  # what was heard and said is reproduced too
+    result = verify(journals[-1])  # messages sent and received are reproduced too
     assert result.difference is None

@@ -60,17 +60,17 @@ def test_centres_on_an_edge_are_in_view() -> None:
 
 
 @given(VIEWS)
-def test_a_look_tells_what_differs_from_what_is_known(
+def test_an_observation_gives_the_differences_from_the_map(
     view: tuple[float, float, float, float, float],
 ) -> None:
     arrival_s = np.hypot(X - 100.0, Y - 550.0)
     arrival_s[:, 40:] = np.inf
-    known: np.ndarray = np.equal((X // 10 + Y // 20) % 3, 0)
-    burning, unburned = changed_cells(GRID, view, arrival_s, 120.0, known)
-    seen = np.zeros(known.shape, dtype=np.bool_)
+    known_burning: np.ndarray = np.equal((X // 10 + Y // 20) % 3, 0)
+    burning, unburned = changed_cells(GRID, view, arrival_s, 120.0, known_burning)
+    seen = np.zeros(known_burning.shape, dtype=np.bool_)
     seen.ravel()[cells_in_view(GRID, view)] = True
-    assert np.array_equal(burning, np.flatnonzero(seen & ~known & (arrival_s <= 120.0)))
-    assert np.array_equal(unburned, np.flatnonzero(seen & known & (arrival_s > 120.0)))
+    assert np.array_equal(burning, np.flatnonzero(seen & ~known_burning & (arrival_s <= 120.0)))
+    assert np.array_equal(unburned, np.flatnonzero(seen & known_burning & (arrival_s > 120.0)))
 
 
 def test_marking_keeps_when_each_cell_was_seen_last() -> None:

@@ -44,7 +44,7 @@ class Run:
     journal: Path
     record: RunStatistics
     figures: dict[str, Any]
-    said: list[str]
+    announcements: list[str]
 
 
 def flown(scenario: Scenario, path: Path, from_s: float) -> Run:
@@ -96,7 +96,7 @@ def test_a_replay_reproduces_every_order(eight: Run) -> None:
     assert result.commands > 500
 
 
-def test_planners_alone_say_that_there_are_no_decisions(eight: Run) -> None:
+def test_planners_alone_report_that_there_are_no_decisions(eight: Run) -> None:
     with pytest.raises(
         MissionServiceError, match="takes no decisions along a front; use replay --verify"
     ):
@@ -117,7 +117,7 @@ def test_both_stacks_fly_together_over_a_bad_link(tmp_path: Path) -> None:
     assert verify(run.journal).difference is None
 
 
-def test_one_that_somebody_holds_is_kept_clear_of_for_as_long_as_that_takes(
+def test_a_held_vehicle_is_kept_clear_of_for_as_long_as_the_hold_takes(
     tmp_path: Path,
 ) -> None:
     scenario = at_once(load_scenario("virtual-agents", ("duration_s=800",)))

@@ -42,7 +42,7 @@ def kept_bytes(how: str) -> int:
     return int(found.stdout)
 
 
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="no glibc here")
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="no glibc")
 def test_large_blocks_that_were_freed_are_given_back() -> None:
     assert kept_bytes("leave it") > 50 * MIB  # so this would show
     assert kept_bytes("give back") < 5 * MIB

@@ -1,4 +1,4 @@
-"""The core's words and the client's: what is asked for, ordered and told."""
+"""Between core and client: requests, commands and events."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ from mission_service.simulation.sim import simulate
 
 
 class Client:
-    """Notes what is ordered; tells what it is given."""
+    """Records commands; reports the given events."""
 
     stack: Stack | None = None
 
@@ -33,9 +33,9 @@ class Client:
         self._events = list(events)
 
     def __getattr__(self, name: str) -> Any:
-        return lambda *told: self.orders.append(told[0] if name == "command" else name)
+        return lambda *args: self.orders.append(args[0] if name == "command" else name)
 
-    def hears(self, event: bridge.ClientEvent) -> None:
+    def report(self, event: bridge.ClientEvent) -> None:
         self._events.append(event)
 
     def next_event(self) -> bridge.ClientEvent | None:
@@ -55,7 +55,7 @@ def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
 
     class Ordered(Client):
         def __getattr__(self, name: str) -> Any:
-            return lambda *told: ordered.append((name, *told))
+            return lambda *args: ordered.append((name, *args))
 
     gateway = Gateway("hawk", Ordered(), MissionClock(0, wall=False))
     gateway.execute(Orbit("hawk", 36.0, -84.0, 700.0, -150.0), 5)
@@ -66,7 +66,7 @@ def test_orbits_and_speeds_are_the_clients_own_orders() -> None:
     ]
 
 
-def test_wind_and_modes_are_told_with_mission_time() -> None:
+def test_wind_and_modes_are_reported_with_mission_time() -> None:
     client = Client(bridge.Wind(7, 45.04, 6.001), bridge.ModeChanged(8, 5, True, "return"))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
     assert list(gateway.events(9)) == [
@@ -119,7 +119,7 @@ def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: A
 
 
 def at(boot_s: float) -> bridge.Position:
-    """A position told at a time of the autopilot's own clock."""
+    """A position reported at a time of the autopilot's own clock."""
     return bridge.Position(0, round(boot_s * 1e6), 36.0, -84.0, 500.0, 100.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -132,7 +132,7 @@ def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> 
     for second in range(seconds):
         reached_s = {}
         for name, client in clients.items():
-            client.hears(at(100.0 + rates[name] * second))
+            client.report(at(100.0 + rates[name] * second))
             held = name == "swift" and second in delay
             for event in [] if held else gateways[name].events(second * 1_000_000):
                 reached_s[name] = event.at_us / 1e6
@@ -141,33 +141,35 @@ def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> 
     return found
 
 
-def test_who_is_slower_than_the_others_stays_with_them() -> None:
+def test_a_vehicle_slower_than_the_others_stays_with_them() -> None:
     # Two simulators at 4 and 3.9 times real time; found with ArduCopter 13 s behind PX4.
     found = behind_s({"hawk": 4.0, "swift": 3.9}, 300)
     assert max(found) < 2.5
     assert found[-1] >= 0.0
 
 
-def test_who_was_only_delayed_is_not_set_forward() -> None:
+def test_a_vehicle_that_was_only_delayed_is_not_set_forward() -> None:
     assert set(behind_s({"hawk": 1.0, "swift": 1.0}, 60, delay=range(20, 45))) == {0.0}
 
 
-def test_who_joined_while_another_was_not_heard_is_seen_by_it() -> None:
+def test_a_vehicle_that_joined_while_another_was_lost_is_seen_by_it() -> None:
     clock = MissionClock(0, wall=False)
     hawk, swift = Client(), Client()
     gateways = Gateway("hawk", hawk, clock), Gateway("swift", swift, clock)
     for second in range(100):
         if not 10 <= second < 70:
-            hawk.hears(at(500.0 + second))
+            hawk.report(at(500.0 + second))
         if second >= 60:
-            swift.hears(at(20.0 + second))
-        told = [[*gateway.events(second * 1_000_000)] for gateway in gateways]
-    assert told[0][0].at_us - told[1][0].at_us == 0
+            swift.report(at(20.0 + second))
+        events = [[*gateway.events(second * 1_000_000)] for gateway in gateways]
+    assert events[0][0].at_us - events[1][0].at_us == 0
 
 
-def texts(*told: tuple[float, int, str]) -> list[tuple[int, str]]:
+def texts(*reported: tuple[float, int, str]) -> list[tuple[int, str]]:
     """What is passed on of texts written at these seconds of the link's clock."""
-    client = Client(*(bridge.Text(round(at_s * 1e6), level, text) for at_s, level, text in told))
+    client = Client(
+        *(bridge.Text(round(at_s * 1e6), level, text) for at_s, level, text in reported)
+    )
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))
     passed_on = list(gateway.events(9))
     return [(e.severity, e.text) for e in passed_on if isinstance(e, AutopilotText)]
@@ -210,8 +212,8 @@ def test_states_of_trouble_are_the_cores_events() -> None:
     ]
 
 
-def test_states_are_told_anew_with_the_mission_that_is_read_back() -> None:
-    """After writing to a full disk began to work again: nothing before is known."""
+def test_states_are_reported_again_with_the_mission_that_is_read_back() -> None:
+    """After writing to a full disk began to work again: nothing before is reported."""
     plane = stack_named("px4", "plane")
     client = Client(bridge.Connected(1, plane), bridge.SystemState(2, "critical"))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))

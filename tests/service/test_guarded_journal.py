@@ -103,15 +103,15 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
     on_for(simulation, 60.0)
     recording.journal.close()
 
-    told = entries(path)[len(whole.splitlines()) - 1 :]
-    kinds = [type(each) for each in told]
-    resumed = next(each for each in told if isinstance(each, Resumed))
+    recorded = entries(path)[len(whole.splitlines()) - 1 :]
+    kinds = [type(each) for each in recorded]
+    resumed = next(each for each in recorded if isinstance(each, Resumed))
     assert kinds.index(Aborted) < kinds.index(Resumed) < kinds.index(VehicleConnected)
     assert 50.0 <= resumed.down_s < 60.0
-    held = next(each for each in told if isinstance(each, MissionReadBack))
+    held = next(each for each in recorded if isinstance(each, MissionReadBack))
     assert held.mission_id > 0
     assert kinds.index(MissionReadBack) < kinds.index(UploadMission)
-    assert not any(isinstance(each, Telemetry) and each.at_us < down_us for each in told)
+    assert not any(isinstance(each, Telemetry) and each.at_us < down_us for each in recorded)
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
 
@@ -154,7 +154,7 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
     simulation = flight(path, 12.0)
     service, now_us = simulation.service, simulation.clock.now_us
     done: list[Any] = []
-    monkeypatch.setattr(simulation.rigs[0].gateway, "execute", lambda *told: done.append(told[0]))
+    monkeypatch.setattr(simulation.rigs[0].gateway, "execute", lambda *args: done.append(args[0]))
     works = os.write
 
     def fails(file: int, data: memoryview) -> int:
@@ -168,12 +168,12 @@ def test_an_order_that_cannot_be_written_down_is_not_given(
     monkeypatch.setattr(os, "write", works)
     assert service.retry(now_us + 5_000_000, simulation.link_us)
     service.recording.journal.close()
-    told = [type(each) for each in entries(path)]
-    assert told.index(OrderGiven) < told.index(Hold) < told.index(Resumed)
+    args = [type(each) for each in entries(path)]
+    assert args.index(OrderGiven) < args.index(Hold) < args.index(Resumed)
     assert verify(path).difference is None
 
 
-def test_what_people_say_is_on_the_disk_before_they_are_answered(
+def test_operator_events_are_on_the_disk_before_they_are_answered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "journal.jsonl"

@@ -74,10 +74,10 @@ def test_what_a_face_exports_is_documented(name: str) -> None:
         text = inspect.getdoc(thing) or ""
         if inspect.isfunction(thing):
             signature = inspect.signature(thing)
-            wanted = ["Args:"] if signature.parameters else []
-            wanted += ["Returns:"] if signature.return_annotation not in (None, "None") else []
-            wanted += ["Raises:"] if _raises(thing) else []
-            missing += [f"{export}: {each}" for each in wanted if each not in text]
+            required = ["Args:"] if signature.parameters else []
+            required += ["Returns:"] if signature.return_annotation not in (None, "None") else []
+            required += ["Raises:"] if _raises(thing) else []
+            missing += [f"{export}: {each}" for each in required if each not in text]
             missing += [f"{export}: {each}" for each in signature.parameters if each not in text]
         elif not text:
             missing.append(export)

@@ -1,4 +1,4 @@
-"""The house rules on who may import what."""
+"""The house rules on imports."""
 
 import ast
 from pathlib import Path
@@ -49,7 +49,7 @@ SHELL = {
     "mission_service/runtime/run_context.py",
     "mission_service/runtime/journal_retention.py",
     "mission_service/runtime/vehicle_links.py",
-    "mission_service/runtime/service_log.py",  # says when a line was written
+    "mission_service/runtime/service_log.py",  # stamps lines with the time
     "mission_service/fire/estimated_forecast.py",
     "mission_service/fire/forecast.py",
     "mission_service/simulation/mocks.py",
@@ -73,7 +73,7 @@ def imported(path: Path) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: imports are absolute here"
+            assert node.level == 0, f"{path}: imports are absolute"
             names.add((node.module or "").split(".")[0])
     return names
 

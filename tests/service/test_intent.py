@@ -1,4 +1,4 @@
-"""Avoidance by intentions: nobody meets anybody, and all get where they want to be."""
+"""Avoidance by intentions: no vehicles meet, and all reach their goals."""
 
 import dataclasses
 import math
@@ -26,9 +26,9 @@ from tests.service.formation_worlds import (
 )
 
 RULES = avoidance_rules(Settings())
-HERE = IntendedOrbit(0.0, 0.0, -150.0, 17.5)
+CURRENT = IntendedOrbit(0.0, 0.0, -150.0, 17.5)
 OWN = OwnMotion(7, 150.0, 0.0, 300.0, math.pi / 2, 17.5)
-NOBODY = np.zeros((0, peers.COLUMNS))
+NO_PEERS = np.zeros((0, peers.COLUMNS))
 
 
 def on_orbit(
@@ -50,71 +50,71 @@ def on_orbit(
 
 
 def think(
-    wanted: IntendedOrbit,
+    desired: IntendedOrbit,
     others: NDArray[np.float64],
     at_s: float = 101.5,
     rules: AvoidanceRules = RULES,
 ) -> AdoptedOrbit:
-    return choose_orbit(at_s, OWN, wanted, AdoptedOrbit(HERE), others, rules)
+    return choose_orbit(at_s, OWN, desired, AdoptedOrbit(CURRENT), others, rules)
 
 
-def test_alone_what_is_wanted_is_flown() -> None:
-    wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
-    choice = think(wanted, NOBODY)
-    assert choice.orbit == wanted
+def test_a_single_vehicle_flies_its_desired_course() -> None:
+    desired = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
+    choice = think(desired, NO_PEERS)
+    assert choice.orbit == desired
     assert not choice.in_conflict
     assert choice.clear_s == RULES.horizon_s
 
 
-def test_what_is_hardly_other_is_not_adopted_and_nobody_thinks_all_the_time() -> None:
-    assert think(IntendedOrbit(0.5, 0.5, -150.0, 17.6), NOBODY).orbit == HERE
-    held = choose_orbit(100.0, OWN, HERE, AdoptedOrbit(HERE), NOBODY, RULES)
-    wanted = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
-    assert choose_orbit(100.25, OWN, wanted, held, NOBODY, RULES) == held
-    assert choose_orbit(100.5, OWN, wanted, held, NOBODY, RULES).orbit == wanted
+def test_small_changes_are_not_adopted_and_no_vehicle_replans_all_the_time() -> None:
+    assert think(IntendedOrbit(0.5, 0.5, -150.0, 17.6), NO_PEERS).orbit == CURRENT
+    held = choose_orbit(100.0, OWN, CURRENT, AdoptedOrbit(CURRENT), NO_PEERS, RULES)
+    desired = IntendedOrbit(300.0, 0.0, -150.0, 20.0)
+    assert choose_orbit(100.25, OWN, desired, held, NO_PEERS, RULES) == held
+    assert choose_orbit(100.5, OWN, desired, held, NO_PEERS, RULES).orbit == desired
 
 
-def test_an_orbit_beside_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
-    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
+def test_an_orbit_next_to_another_in_phase_is_adopted_and_out_of_phase_is_not() -> None:
+    desired = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     turns = np.arange(16) * RULES.turn_s + 1.5
-    in_phase = [think(wanted, on_orbit(270.0, 0.0), at_s) for at_s in turns]
-    assert wanted in [choice.orbit for choice in in_phase]
-    opposite = [think(wanted, on_orbit(270.0, 0.0, math.pi), at_s) for at_s in turns]
-    assert wanted not in [choice.orbit for choice in opposite]
+    in_phase = [think(desired, on_orbit(270.0, 0.0), at_s) for at_s in turns]
+    assert desired in [choice.orbit for choice in in_phase]
+    opposite = [think(desired, on_orbit(270.0, 0.0, math.pi), at_s) for at_s in turns]
+    assert desired not in [choice.orbit for choice in opposite]
     assert any(choice.in_conflict for choice in opposite)
 
 
-def test_near_ones_take_turns_and_a_turn_needs_news() -> None:
-    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
+def test_near_ones_take_turns_and_a_turn_needs_a_new_message() -> None:
+    desired = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     seconds = np.arange(64) * RULES.turn_s + 1.5
     other = on_orbit(160.0, 0.0)
-    mine = [think(wanted, other, at_s).orbit == wanted for at_s in seconds]
+    mine = [think(desired, other, at_s).orbit == desired for at_s in seconds]
     assert 8 < sum(mine) < 56
     theirs = [
         choose_orbit(
             at_s,
             OWN._replace(key=3),
-            wanted,
-            AdoptedOrbit(HERE),
+            desired,
+            AdoptedOrbit(CURRENT),
             on_orbit(160.0, 0.0, key=7),
             RULES,
         ).orbit
-        == wanted
+        == desired
         for at_s in seconds
     ]
     assert [not turn for turn in mine] == theirs
     late = on_orbit(160.0, 0.0, age_s=1.6)  # from before the turn began
-    assert not any(think(wanted, late, at_s).orbit == wanted for at_s in seconds)
+    assert not any(think(desired, late, at_s).orbit == desired for at_s in seconds)
 
 
 def test_layers_need_no_avoidance() -> None:
-    wanted = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
+    desired = IntendedOrbit(20.0, 0.0, -150.0, 17.5)
     above = on_orbit(270.0, 0.0, math.pi, altitude_m=360.0)
     turns = np.arange(16) * RULES.turn_s + 1.5
     layered = dataclasses.replace(RULES, layers_m=60.0)
-    # Turns are for those that could meet: here they are not needed either, but do no harm.
-    assert wanted in [think(wanted, above, at_s, layered).orbit for at_s in turns]
-    assert wanted not in [think(wanted, above, at_s).orbit for at_s in turns]
+    # Turns are for those that could meet: in layers they are not needed either, but do no harm.
+    assert desired in [think(desired, above, at_s, layered).orbit for at_s in turns]
+    assert desired not in [think(desired, above, at_s).orbit for at_s in turns]
 
 
 WIND = (6.0, 5.0)
@@ -133,7 +133,7 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_nobody_meets_anybody_and_all_arrive(name: str) -> None:
+def test_no_vehicles_meet_and_all_arrive(name: str) -> None:
     world, until_s = WORLDS[name]
     without = fly(world, "none", until_s)
     outcome = fly(world, "intent", until_s)

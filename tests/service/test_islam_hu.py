@@ -44,8 +44,8 @@ def test_the_walk_goes_round_a_fire_that_stands_still_and_leaves_out_no_cell(
         visited.append(walk.cell)
     burned = DISC_S <= 1000.0
     for row, col in np.argwhere(burned):
-        beside = [burned[row + step[0], col + step[1]] for step in AROUND[::2]]
-        assert ((row, col) in visited) == (not all(beside))
+        neighbours = [burned[row + step[0], col + step[1]] for step in AROUND[::2]]
+        assert ((row, col) in visited) == (not all(neighbours))
     first_east = visited[1][1] > visited[0][1]
     assert first_east == clockwise  # it begins in the north
 
@@ -90,7 +90,7 @@ def test_the_hull_bridges_a_dent_by_a_straight_line() -> None:
 def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> None:
     """A disc that grows 0.01 cells a second, flown round at 0.5 cells a second.
 
-    Seen over three cells' width, so a lap of the believed front is out of date by the time of a
+    Seen over three cells' width, so a lap of the estimated front is out of date by the time of a
     lap at the most: 2 π 24 / 0.5 s, 3 cells.
     """
     burn = islam_hu_burn("slow-even", "anyangle")
@@ -171,7 +171,7 @@ def test_the_damped_rule_is_as_far_below_circling_as_the_papers() -> None:
 
 
 @pytest.mark.long
-def test_the_command_tells_it_as_json_with_figures_and_the_same_each_time(
+def test_the_command_prints_json_with_figures_and_the_same_each_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(islam_hu, "ALPHAS", (0.0, 1.0))

@@ -96,12 +96,12 @@ def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) ->
 
     a_run("service.journal.rotate_mb=0.001")
     first = texts()
-    told = a_run("planner.alpha=1.5")
-    assert "journal-1.jsonl" in told
+    printed = a_run("planner.alpha=1.5")
+    assert "journal-1.jsonl" in printed
     assert first < texts()
     second = texts()
-    told = a_run("planner.alpha=1.5", fresh=True)
-    assert "journal-2.jsonl" in told
+    printed = a_run("planner.alpha=1.5", fresh=True)
+    assert "journal-2.jsonl" in printed
     assert second < texts()
     for kept in ("journal-1.jsonl", "journal-2.jsonl"):
         assert verify(out / kept).difference is None
@@ -110,10 +110,10 @@ def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) ->
 def test_what_is_no_journal_is_kept_too(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / "journal.jsonl").write_text("somebody's notes\n", encoding="utf-8")
+    (out / "journal.jsonl").write_text("a user's notes\n", encoding="utf-8")
     with running(arguments(out), out) as (_, child):
         stopped(child, signal.SIGTERM)
-    assert (out / "journal-1.jsonl").read_text(encoding="utf-8") == "somebody's notes\n"
+    assert (out / "journal-1.jsonl").read_text(encoding="utf-8") == "a user's notes\n"
 
 
 def test_what_a_run_leaves_is_for_its_user_alone(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Signed links as a user meets them: keys named, told, refused, and never written down."""
+"""Signed links as a user meets them: keys named, shared, refused, and never written down."""
 
 import contextlib
 import json
@@ -118,7 +118,7 @@ def test_a_bare_key_on_the_command_line_is_refused(tmp_path: Path) -> None:
         with_signing_key(load_scenario("default"), PASSPHRASE)
 
 
-# What is shared and told ----------------------------------------------------------------------
+# Sharing and reports --------------------------------------------------------------------------
 
 
 def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
@@ -127,9 +127,9 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
     file = tmp_path / "the.key"
     file.write_text(PASSPHRASE + "\n", encoding="utf-8")
     file.chmod(0o644)
-    said: list[str] = []
+    lines: list[str] = []
     sources = (f"file:{file}", "env:THE_KEY", None, "env:OTHER_KEY")
-    with signings(sources, lambda: 1_800_000_000_000_000, said.append) as of:
+    with signings(sources, lambda: 1_800_000_000_000_000, lines.append) as of:
         assert of[f"file:{file}"] is of["env:THE_KEY"] is not of["env:OTHER_KEY"]
         assert of.get(None) is None
         frame = bytes.fromhex("fd0100000001010000000000ff")
@@ -138,27 +138,27 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
     assert second == first + 1
     assert timestamps_file() == state / "mission-service" / "signing-timestamp"
     assert int(timestamps_file().read_text(encoding="ascii")) == second
-    assert said == [f"signing key: {file} can be read by others on this machine; chmod 600 {file}"]
-    assert stat.S_IMODE(file.stat().st_mode) == 0o644  # told, not changed
-    with signings((None,), wall_us, said.append) as of:
+    assert lines == [f"signing key: {file} can be read by others on this machine; chmod 600 {file}"]
+    assert stat.S_IMODE(file.stat().st_mode) == 0o644  # reported, not changed
+    with signings((None,), wall_us, lines.append) as of:
         assert of == {}
 
 
-def test_what_was_refused_most_is_told_once() -> None:
+def test_the_most_frequent_refusal_is_reported_once() -> None:
     assert refusal(Counts(good=9, wrong=265, unsigned=2), "udpin:h:1") == (
         "refused 265 frames with a wrong signature on udpin:h:1; is the key the vehicle's?"
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
-    told = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
-    assert told.announcements(Counts(unsigned=3), False) == []
-    (line,) = told.announcements(Counts(unsigned=12), False)
+    refusals = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
+    assert refusals.announcements(Counts(unsigned=3), False) == []
+    (line,) = refusals.announcements(Counts(unsigned=12), False)
     assert line.startswith("refused 12 frames without a signature on udpin:h:1; has the vehicle")
-    assert told.announcements(Counts(unsigned=40), False) == []
+    assert refusals.announcements(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
     assert "no signing key is given" in silent.announcements(Counts(), True)[0]
 
 
-def test_a_vehicle_whose_clock_is_ahead_is_told_of() -> None:
+def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
     key = Key(bytes(range(32)))
     ours = Signing(key, Timestamps(lambda: 1_800_000_000_000_000))
     theirs = Signing(key, Timestamps(lambda: 1_800_000_090_000_000))
@@ -222,12 +222,12 @@ def test_a_vehicle_is_given_a_key_another_one_and_none(tmp_path: Path) -> None:
     assert holds_no_key(tlog)
 
 
-def test_a_vehicle_that_does_not_do_as_told_is_named(
+def test_a_vehicle_that_ignores_its_commands_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mission_service.cli.signing_setup.TIMING", TransferTiming(200_000, 2))
     ours = f"udpin:127.0.0.1:{free_port()}"
-    with autopilot_on(other_end(ours)):  # it learns no key
+    with autopilot_on(other_end(ours)):  # it gets no key
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
@@ -241,7 +241,7 @@ def test_a_vehicle_that_does_not_do_as_told_is_named(
         assert "no autopilot was accepted" in off.stderr
 
 
-def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
+def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
     tmp_path: Path,
 ) -> None:
     """One vehicle with its key through MAVSDK, one with it natively, one with another key."""
@@ -259,7 +259,7 @@ def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
     words = ["run", str(path), "--out", str(tmp_path), "--tlog", str(tlog)]
     words += ["--set", "start_s=3600", "--set", "duration_s=100000"]
 
-    def said(*texts: str) -> bool:
+    def logged(*texts: str) -> bool:
         held = log.read_text(encoding="utf-8")
         return all(text in held for text in texts)
 
@@ -270,12 +270,12 @@ def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
             key = ["--signing-key", "env:OTHER_KEY" if number == 3 else "env:THE_KEY"]
             mock = ["mock", "--stack", "px4", "--speedup", "5", *link, *key]
             stack.enter_context(process(mock, tmp_path / f"mock{number}.log"))
-        wait_for(lambda: said("v1: connected", "v2: connected", "v3: refused"), 60)
+        wait_for(lambda: logged("v1: connected", "v2: connected", "v3: refused"), 60)
         wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
-    assert said("with a wrong signature on udpin", "is the key the vehicle's?")
-    assert not said("v3: connected")
+    assert logged("with a wrong signature on udpin", "is the key the vehicle's?")
+    assert not logged("v3: connected")
     journal = tmp_path / "journal.jsonl"
     assert '"env:THE_KEY"' in journal.read_text(encoding="utf-8")
     assert all(holds_no_key(file) for file in (journal, tlog, log, tmp_path / "summary.json"))

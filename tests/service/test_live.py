@@ -70,25 +70,25 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     port, arguments = daemon_arguments
     log = tmp_path / "daemon.log"
 
-    def said(words: str, times: int = 1) -> Callable[[], bool]:
+    def logged(words: str, times: int = 1) -> Callable[[], bool]:
         return lambda: log.read_text(encoding="utf-8").count(words) >= times
 
     with process(arguments, log) as daemon:
         with mock(port, tmp_path / "mock1.log"):
-            wait_for(said("connected (px4 plane)"), 60)
-            wait_for(said("start mission: accepted"), 60)
-            wait_for(said("phase: monitor"), 60)
-        wait_for(said("link lost"), 60)
+            wait_for(logged("connected (px4 plane)"), 60)
+            wait_for(logged("start mission: accepted"), 60)
+            wait_for(logged("phase: monitor"), 60)
+        wait_for(logged("link lost"), 60)
         with mock(port, tmp_path / "mock2.log"):
-            wait_for(said("link restored"), 60)
-            wait_for(said("autopilot restarted: it waits for an operator to start it"), 60)
-            wait_for(said("on the ground: it waits for an operator to start it"), 60)
-            assert not said("start mission: accepted", times=2)()
+            wait_for(logged("link restored"), 60)
+            wait_for(logged("autopilot restarted: it waits for an operator to start it"), 60)
+            wait_for(logged("on the ground: it waits for an operator to start it"), 60)
+            assert not logged("start mission: accepted", times=2)()
             with ControlClient(tmp_path) as operator:
                 operator.ask(do="start", vehicle="hawk", by="ann", station="desk")
-            wait_for(said("start mission: accepted", times=2), 60)
+            wait_for(logged("start mission: accepted", times=2), 60)
             uploads = log.read_text(encoding="utf-8").count("uploads accepted")
-            wait_for(said("uploads accepted", times=uploads + 1), 60)
+            wait_for(logged("uploads accepted", times=uploads + 1), 60)
             daemon.send_signal(signal.SIGTERM)
             assert daemon.wait(timeout=PATIENCE_S) == 0
     text = log.read_text(encoding="utf-8")
@@ -110,7 +110,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert summary["alarms"]["link"] >= 1
     assert (summary["requests"], summary["service_restarts"]) == ({"OrderGiven": 1}, 0)
     # Started again it goes on with what it has counted.
-    went_on = said("resumes the run of")
+    went_on = logged("resumes the run of")
     with process(arguments, log) as daemon:
         wait_for(went_on, 60)
         daemon.send_signal(signal.SIGTERM)
@@ -134,7 +134,7 @@ def test_a_vehicle_that_never_answers_is_named(
         assert daemon.wait(timeout=PATIENCE_S) == 0
 
 
-def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
+def test_a_port_in_use_is_reported_and_an_earlier_journal_survives(
     tmp_path: Path, daemon_arguments: tuple[int, list[str]]
 ) -> None:
     port, arguments = daemon_arguments
@@ -151,7 +151,7 @@ def test_a_port_in_use_is_told_and_an_earlier_journal_survives(
     assert journal.read_text(encoding="utf-8") == "an earlier run\n"
 
 
-def test_a_recording_in_which_vehicles_look_alike_is_told_of(tmp_path: Path) -> None:
+def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) -> None:
     log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
     ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]

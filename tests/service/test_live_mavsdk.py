@@ -77,7 +77,7 @@ SECOND = {
         ({"link": "udpin:0.0.0.0:14551"}, "have the same port"),
     ],
 )
-def test_a_missing_port_or_the_same_twice_is_told_in_one_line(
+def test_a_missing_port_or_the_same_twice_is_reported_in_one_line(
     tmp_path: Path, changes: dict[str, str], named: str
 ) -> None:
     scenario = load_scenario("default")

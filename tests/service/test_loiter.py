@@ -73,8 +73,8 @@ def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_eve
     assert math.hypot(states[-1, 0], states[-1, 1] + 30.0) == pytest.approx(150.0, rel=0.02)
 
 
-def test_who_must_turn_about_turns_the_way_of_the_orbit() -> None:
-    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # wanted near 0: outwards
+def test_a_vehicle_that_must_turn_about_turns_the_way_of_the_orbit() -> None:
+    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # the law asks for about 0: outwards
         state = (10.0, 0.0, heading_rad, 17.5)
         anticlockwise = loiter.orbit_step(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
         clockwise = loiter.orbit_step(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
@@ -82,7 +82,7 @@ def test_who_must_turn_about_turns_the_way_of_the_orbit() -> None:
         assert math.sin(clockwise[2] - heading_rad) < -0.1
 
 
-def test_a_wanted_heading_steered_is_the_same_flight() -> None:
+def test_a_commanded_heading_is_the_same_flight() -> None:
     state = (400.0, 50.0, 2.0, 17.5)
     orbit, wind = (0.0, 0.0, -150.0), (6.0, 3.0)
     for _ in range(200):
@@ -109,7 +109,7 @@ def test_the_path_ahead_is_the_one_flown(
     assert np.hypot(*(coarse_m - flown[:200:4, :2]).T).max() < 6.0
 
 
-def test_news_of_some_age_is_carried_on_to_now() -> None:
+def test_an_old_state_is_extrapolated_to_now() -> None:
     state, orbit, wind = (300.0, 50.0, 2.5, 17.5), (0.0, 0.0, -150.0, 14.0), (3.0, 0.0)
     now = fly(state, orbit, wind, 1.5)[-1]
     late_m, fresh_m = np.empty((40, 2)), np.empty((40, 2))
@@ -119,11 +119,11 @@ def test_news_of_some_age_is_carried_on_to_now() -> None:
     assert np.hypot(*(fresh_m[0] - now[:2])) == 0.0
 
 
-def test_where_left_or_right_is_a_matter_of_little_is_known() -> None:
+def test_near_ties_between_left_and_right_are_detected() -> None:
     orbit = (0.0, 0.0, -150.0, 0.0, 0.0)
-    wanted_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
+    course_rad = loiter.wanted_course_rad(20.0, 0.0, *orbit[:3])
     about_rad = math.acos(loiter.ABOUT)
-    assert loiter.at_fork(20.0, 0.0, wanted_rad + about_rad, 17.5, *orbit)
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad - about_rad, 17.5, *orbit)  # left anyway
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad + math.pi, 17.5, *orbit)
-    assert not loiter.at_fork(20.0, 0.0, wanted_rad + 1.0, 17.5, *orbit)
+    assert loiter.at_fork(20.0, 0.0, course_rad + about_rad, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, course_rad - about_rad, 17.5, *orbit)  # left anyway
+    assert not loiter.at_fork(20.0, 0.0, course_rad + math.pi, 17.5, *orbit)
+    assert not loiter.at_fork(20.0, 0.0, course_rad + 1.0, 17.5, *orbit)

@@ -65,7 +65,7 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
     assert (last.battery_percent, last.missions.faults.loss) == (100.0, 0.5)
 
 
-def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
+def system_ids_received(station: socket.socket, address: tuple[str, int]) -> set[int]:
     """The system ids that answer a ground station's heartbeats."""
     codec = Codec(255, 190)
     found: set[int] = set()
@@ -83,7 +83,7 @@ def hears(station: socket.socket, address: tuple[str, int]) -> set[int]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_mocks_listen_tell_of_themselves_and_end_cleanly(
+def test_mocks_listen_report_themselves_and_end_cleanly(
     number: signal.Signals, tmp_path: Path
 ) -> None:
     port = free_port()
@@ -96,8 +96,8 @@ def test_mocks_listen_tell_of_themselves_and_end_cleanly(
     assert process.stdout is not None
     try:
         with process.stdout as output, socket.socket(type=socket.SOCK_DGRAM) as station:
-            told = [json.loads(output.readline()) for _ in range(2)]
-            assert hears(station, ("127.0.0.1", port)) == {1, 2}
+            reports = [json.loads(output.readline()) for _ in range(2)]
+            assert system_ids_received(station, ("127.0.0.1", port)) == {1, 2}
             process.send_signal(number)
             assert process.wait(timeout=PATIENCE_S) == 0
             assert output.read() == ""
@@ -105,14 +105,14 @@ def test_mocks_listen_tell_of_themselves_and_end_cleanly(
         process.kill()
         process.wait(timeout=PATIENCE_S)
     assert (tmp_path / "errors").read_text() == ""
-    assert [one["system_id"] for one in told] == [1, 2]
-    assert {(one["stack"], one["vehicle"], one["wind_speed_m_s"]) for one in told} == {
+    assert [one["system_id"] for one in reports] == [1, 2]
+    assert {(one["stack"], one["vehicle"], one["wind_speed_m_s"]) for one in reports} == {
         ("ardupilot", "copter", 5.0)
     }
-    assert told[0]["link"] == f"udpin:127.0.0.1:{port}"
+    assert reports[0]["link"] == f"udpin:127.0.0.1:{port}"
 
 
-def test_it_does_not_outlive_who_has_the_other_end_of_its_standard_input() -> None:
+def test_it_does_not_outlive_the_process_at_the_other_end_of_its_standard_input() -> None:
     command = [*CLI, "mock", "--until-eof", "--link", f"udpout:127.0.0.1:{free_port()}"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as mock:
         assert mock.stdin is not None

@@ -1,4 +1,4 @@
-"""A process that flies one vehicle of many: whom it flies, what it says and hears, its time."""
+"""A process that flies one vehicle of many: its vehicle, its messages, its time."""
 
 from pathlib import Path
 from typing import cast
@@ -64,14 +64,14 @@ class Flown:
         return Telemetry(second * S, "crane", *place, 17.0, 0.0, 0.0)
 
     def flies(self, *seconds: int) -> list[AnyMessage]:
-        """What is said meanwhile."""
-        said: list[AnyMessage] = []
+        """The messages sent meanwhile."""
+        sent: list[AnyMessage] = []
         for second in seconds:
             commands = self.core.handle(self.at(second, 0.006 + 15e-5 * second))
-            said += [each.message for each in commands if isinstance(each, BroadcastMessage)]
-        return said
+            sent += [each.message for each in commands if isinstance(each, BroadcastMessage)]
+        return sent
 
-    def hears(self, second: int, message: AnyMessage) -> list[str]:
+    def receive(self, second: int, message: AnyMessage) -> list[str]:
         commands = self.core.handle(PeerMessage(second * S, "crane", message))
         return [each.text for each in commands if isinstance(each, Announce)]
 
@@ -91,18 +91,18 @@ def state_of(state: State, sender: str, north_m: float) -> State:
     )  # fmt: skip
 
 
-def test_what_its_agent_says_is_a_command_and_what_others_say_an_event() -> None:
+def test_messages_of_its_agent_are_commands_and_those_of_others_events() -> None:
     crane = Flown()
-    said = crane.flies(9)
-    states = [message for message in said if isinstance(message, State)]
-    assert {message.sender for message in said} == {"crane"}
+    sent = crane.flies(9)
+    states = [message for message in sent if isinstance(message, State)]
+    assert {message.sender for message in sent} == {"crane"}
     assert len(states) == 1
-    assert any(isinstance(message, Digest) for message in said)
-    assert crane.hears(9, state_of(states[0], "eagle", 500.0)) == []
+    assert any(isinstance(message, Digest) for message in sent)
+    assert crane.receive(9, state_of(states[0], "eagle", 500.0)) == []
     assert crane.peers == 1
-    crane.hears(9, state_of(states[0], "heron", 2500.0))  # farther than states are heard
+    crane.receive(9, state_of(states[0], "heron", 2500.0))  # farther than states are received
     assert crane.peers == 1
-    crane.hears(9, Leaving(9 * S, "eagle", "home"))
+    crane.receive(9, Leaving(9 * S, "eagle", "home"))
     assert crane.peers == 0
 
 
@@ -132,31 +132,31 @@ def test_each_has_its_time_to_take_off() -> None:
     assert started_at_s == pytest.approx(2 * TAKEOFF_EVERY_S, abs=2.0)  # it is the third
 
 
-def test_who_talks_to_nobody_says_nothing() -> None:
+def test_an_agent_without_peers_sends_nothing() -> None:
     assert Flown(peer_messaging=False).flies(9, 10, 11) == []
 
 
-def test_cells_of_another_map_are_left_out_and_told_once() -> None:
+def test_cells_of_another_map_are_left_out_and_reported_once() -> None:
     crane = Flown()
     wrong = FireUpdate(9 * S, "eagle", (10**9,))
-    (told,) = crane.hears(9, wrong)
-    assert "eagle" in told
-    assert "not on the map" in told
-    assert crane.hears(10, wrong) == []
+    (line,) = crane.receive(9, wrong)
+    assert "eagle" in line
+    assert "not on the map" in line
+    assert crane.receive(10, wrong) == []
 
 
-def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> None:
+def test_a_journal_holds_messages_sent_and_received_and_replays(tmp_path: Path) -> None:
     crane = Flown()
     fresh = Core(crane.scenario, landscape_of(crane.scenario))
     path = tmp_path / "journal.jsonl"
     journal = Journal(path, header_of(crane.scenario, fresh.landscape.digest(), ""), durable=False)
     (state,) = [each for each in crane.flies(9) if isinstance(each, State)]
-    heard: list[AnyEvent] = [
+    events: list[AnyEvent] = [
         PeerMessage(9 * S, "crane", state_of(state, "eagle", 200.0)),
         PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (7,))),
         PeerMessage(9 * S, "crane", FireUpdate(9 * S, "eagle", (10**9,))),
     ]
-    for event in [*crane.events, crane.at(9, 0.006), *heard, crane.at(10, 0.0062)]:
+    for event in [*crane.events, crane.at(9, 0.006), *events, crane.at(10, 0.0062)]:
         journal.write_event(event)
         journal.write_commands(fresh.handle(event))
     journal.close()
@@ -166,7 +166,7 @@ def test_a_journal_holds_what_was_said_and_heard_and_replays(tmp_path: Path) -> 
     assert (result.difference, result.cut_at_line) == (None, None)
 
 
-def test_orders_to_all_go_to_the_vehicle_flown_here() -> None:
+def test_orders_to_all_go_to_the_local_vehicle() -> None:
     crane, ann = Flown(), ("ann", "desk")
     crane.flies(9)
     for event in (
@@ -202,7 +202,7 @@ def test_only_its_own_vehicle_is_flown() -> None:
         (["--vehicle", "dodo"], "--vehicle dodo"),
     ],
 )
-def test_the_command_says_what_is_wrong_with_its_flags(
+def test_the_command_reports_what_is_wrong_with_its_flags(
     tmp_path: Path, flags: list[str], words: str
 ) -> None:
     result = CliRunner().invoke(main, ["run", "virtual-agents", "--out", str(tmp_path), *flags])
@@ -211,23 +211,23 @@ def test_the_command_says_what_is_wrong_with_its_flags(
     assert not list(tmp_path.iterdir())
 
 
-def test_who_joins_late_joins_at_the_latest_time_there_is() -> None:
+def test_a_late_peer_joins_at_the_latest_time_there_is() -> None:
     clock = MissionClock(0, wall=False)
     clock.others_passed(600 * S, 0)
-    assert clock.now_us == 0  # a process is on its own time until its vehicle tells one
+    assert clock.now_us == 0  # a process is on its own time until its vehicle reports one
     client = Client(at(5.0))
-    (told,) = Gateway("crane", client, clock).events(0)
-    assert told.at_us == clock.now_us == 600 * S
+    (event,) = Gateway("crane", client, clock).events(0)
+    assert event.at_us == clock.now_us == 600 * S
 
 
-def test_who_is_behind_the_others_catches_up() -> None:
+def test_a_peer_that_is_behind_the_others_catches_up() -> None:
     clock = MissionClock(0, wall=False)
     client = Client()
     gateway = Gateway("crane", client, clock)
     at_us = []
     for second in range(14):
         clock.others_passed((100 + second) * S if second > 2 else 0, second * S)
-        client.hears(at(second))
+        client.report(at(second))
         at_us += [event.at_us for event in gateway.events(second * S)]
     assert at_us[3] == 3 * S
     assert at_us[-1] == pytest.approx(113 * S, abs=1.1 * S)
@@ -240,6 +240,6 @@ def test_with_the_wall_clock_it_joins_at_once_and_goes_on_from_there() -> None:
     clock.others_passed(600 * S, 51 * S)
     clock.wall_passed(52 * S)
     assert clock.now_us == 601 * S
-    clock.others_passed(500 * S, 52 * S)  # who is behind changes nothing
+    clock.others_passed(500 * S, 52 * S)  # a process that is behind changes nothing
     clock.wall_passed(53 * S)
     assert clock.now_us == 602 * S

@@ -48,8 +48,8 @@ def fly(tmp_path: Path) -> Iterator[Fly]:
     yield from flights_in(tmp_path)
 
 
-def commands(said: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[AnyCommand]:
-    return [each for each in said if isinstance(each, kind)]
+def commands(entries: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[AnyCommand]:
+    return [each for each in entries if isinstance(each, kind)]
 
 
 def around(flight: Flight, row: float, col: float, half_m: float) -> tuple[Place, ...]:
@@ -63,37 +63,37 @@ def test_hold_resume_return_and_abort_are_obeyed_and_replay(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     assert flight.mode == "mission"
-    assert flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "hold")) == ["hold ordered by ann"]
+    assert flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "hold")) == ["hold ordered by ann"]
     uploads = flight.state_view.vehicles["hawk"].uploads_accepted
     flight.run(120.0)
     assert flight.mode == "hold"
     assert flight.state_view.vehicles["hawk"].order == "hold"
     assert flight.state_view.vehicles["hawk"].uploads_accepted <= uploads + 1
-    flight.tell(OrderGiven(flight.now_us, *ANN, "", "resume"))
+    flight.submit(OrderGiven(flight.now_us, *ANN, "", "resume"))
     flight.run(60.0)
     assert flight.mode == "mission"
     assert flight.state_view.vehicles["hawk"].order == ""
-    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.submit(Aborted(flight.now_us, "", ""))
     flight.run(30.0)
     assert flight.mode == "hold"
     assert flight.state_view.alarms["abort"].severity == "severe"
-    flight.tell(OrderGiven(flight.now_us, *ANN, "", "resume"))
+    flight.submit(OrderGiven(flight.now_us, *ANN, "", "resume"))
     assert "abort" not in flight.state_view.alarms
     flight.run(60.0)
     assert flight.mode == "mission"
-    flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
+    flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
     flight.run(60.0)
     assert flight.mode == "return"
-    flight.tell(OrderGiven(flight.now_us, *ANN, "hawk", "resume"))
+    flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "resume"))
     flight.run(60.0)
     assert flight.mode == "mission"
     flight.over()
 
 
-def test_a_hold_is_told_again_until_the_autopilot_says_yes(fly: Fly) -> None:
+def test_a_hold_is_sent_again_until_the_autopilot_accepts(fly: Fly) -> None:
     flight = fly("link.loss=0.4")
     flight.run(400.0)
-    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.submit(Aborted(flight.now_us, "", ""))
     flight.run(60.0)
     assert flight.mode == "hold"
     flight.over()
@@ -107,7 +107,7 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     row, col = np.argwhere(before).max(axis=0).tolist()  # its south-east end
     places = around(flight, row + 4.0, col + 4.0, 150.0)
     drawn = Corrected(flight.now_us, *ANN, "burned", "polygon", places, flight.now_us)
-    flight.tell(drawn)
+    flight.submit(drawn)
     after = flight.sim.world.fire.burned()
     assert after[row + 4, col + 4]
     assert not before[row + 4, col + 4]
@@ -118,23 +118,23 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     assert isinstance(planner, PerimeterPlanner) or rule != "islam_hu_damped"
     shape = planner.shape(row, col)  # type: ignore[attr-defined]
     assert flight.sim.world.corrections()[0]["by"] == "ann"
-    said = flight.state_view.missions["hawk"]
-    mission = said.sending or said.on_board
+    mission_view = flight.state_view.missions["hawk"]
+    mission = mission_view.sending or mission_view.on_board
     assert mission is not None
     assert mission.at_us >= drawn.at_us, "the mission was renewed at once"
-    flight.tell(Undone(flight.now_us, *ANN))
+    flight.submit(Undone(flight.now_us, *ANN))
     assert not flight.sim.world.fire.burned()[row + 4, col + 4]
     assert not flight.sim.world.corrections()
     back = planner.shape(row, col)  # type: ignore[attr-defined]
     assert (shape - back).max() > 3.0, "the planner has it as it was"
-    flight.tell(Redone(flight.now_us, *ANN))
+    flight.submit(Redone(flight.now_us, *ANN))
     assert flight.sim.world.fire.burned()[row + 4, col + 4]
     flight.run(60.0)
     seen = [each for each in flight.over() if isinstance(each, Observed) and each.corrects]
     assert len(seen) == 3 * len(flight.scenario.vehicles)
 
 
-def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
+def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
     burned = np.argwhere(flight.sim.world.fire.burned())
@@ -142,12 +142,12 @@ def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
     north = int(burned[:, 0].min())
     places = around(flight, (row + north) / 2, col, 120.0)
     now = flight.now_us
-    flight.tell(Corrected(now, *ANN, "unburned", "polygon", places, now))
+    flight.submit(Corrected(now, *ANN, "unburned", "polygon", places, now))
     assert not flight.sim.world.fire.burned()[round((row + north) / 2), col]
     lat, lon = flight.landscape.lat_lon_of(*flight.landscape.xy_of((row + north) / 2, float(col)))
-    flight.tell(Erased(now, *ANN, float(lat), float(lon), 400.0))
+    flight.submit(Erased(now, *ANN, float(lat), float(lon), 400.0))
     assert np.array_equal(np.argwhere(flight.sim.world.fire.burned()), burned)
-    flight.tell(WindSet(now, *ANN, 12.0, 270.0))
+    flight.submit(WindSet(now, *ANN, 12.0, 270.0))
     weather = flight.sim.world.fire.weather.at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
     flight.run(600.0)
@@ -156,20 +156,20 @@ def test_ground_said_unburned_and_erasures_and_wind(fly: Fly) -> None:
     bow_tie = (places[0], places[2], places[1], places[3])
     crossed = Corrected(now, *ANN, "burned", "polygon", bow_tie, now)
     with pytest.raises(FireModelError, match="crosses itself"):
-        flight.tell(crossed)
+        flight.submit(crossed)
     flight.over()
 
 
-def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
+def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     flight = fly('mission.approval="each"')
     flight.run(30.0)
     first = flight.state_view.missions["hawk"].proposed
     assert first is not None
     assert flight.state_view.missions["hawk"].on_board is None
     wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
-    assert flight.tell(wrong) == ["no such mission is proposed; load the proposal again"]
+    assert flight.submit(wrong) == ["no such mission is proposed; load the proposal again"]
     accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
-    assert "accepted by ann" in flight.tell(accept)[0]
+    assert "accepted by ann" in flight.submit(accept)[0]
     flight.run(60.0)
     assert (
         flight.state_view.missions["hawk"].on_board == flight.state_view.missions["hawk"].on_board
@@ -178,11 +178,11 @@ def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
     assert on_board is not None
     assert on_board.mission_hash == first.mission_hash
     assert flight.mode == "mission"
-    flight.tell(MissionRequested(flight.now_us, *ANN, "hawk"))
+    flight.submit(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(5.0)
     second = flight.state_view.missions["hawk"].proposed
     assert second is not None
-    flight.tell(MissionRefused(flight.now_us, *ANN, "hawk", second.mission_hash))
+    flight.submit(MissionRefused(flight.now_us, *ANN, "hawk", second.mission_hash))
     assert flight.state_view.missions["hawk"].proposed is None
     refused_hash = second.mission_hash
     flight.run(20.0)  # meanwhile it comes to the front: another mission is due
@@ -192,32 +192,32 @@ def test_missions_wait_for_a_word_where_that_is_wanted(fly: Fly) -> None:
     flight.run(300.0)
     lapsed = flight.state_view.missions["hawk"].proposed
     assert lapsed is not None
-    said = flight.over()
-    assert len(commands(said, UploadMission)) == 1
-    assert len(commands(said, ProposeMission)) > 3, "what waits too long is proposed anew"
-    assert len(commands(said, StartMission)) == 1
+    entries = flight.over()
+    assert len(commands(entries, UploadMission)) == 1
+    assert len(commands(entries, ProposeMission)) > 3, "what waits too long is proposed again"
+    assert len(commands(entries, StartMission)) == 1
 
 
-def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
+def test_settings_are_passed_to_planners_that_have_them(fly: Fly) -> None:
     flight = fly()
-    said = flight.tell(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
-    assert said == ["settings by ann: alpha = 2.5, dwell_s = 50"]
+    messages = flight.submit(SettingsChanged(flight.now_us, *ANN, alpha=2.5, dwell_s=50.0))
+    assert messages == ["settings by ann: alpha = 2.5, dwell_s = 50"]
     planner = flight.sim.core.decision_engine.planners["hawk"]
     assert isinstance(planner, PerimeterPlanner)
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
     flight.over()
     team = fly(rule="team.balanced")
-    assert "nothing was changed" in team.tell(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
+    assert "nothing was changed" in team.submit(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
 
 
 def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:
     flight = fly()
-    flight.tell(Aborted(flight.now_us, "", ""))
+    flight.submit(Aborted(flight.now_us, "", ""))
     flight.run(60.0)
-    said = flight.over()
+    entries = flight.over()
     for kind in (Hold, StartMission, UploadMission):
-        assert not commands(said, kind), "it stands: there is nothing to hold"
-    texts = [each.text for each in said if isinstance(each, Announce)]
+        assert not commands(entries, kind), "it stands: there is nothing to hold"
+    texts = [each.text for each in entries if isinstance(each, Announce)]
     assert "aborted by unknown" not in texts
 
 

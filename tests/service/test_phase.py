@@ -1,4 +1,4 @@
-"""Phases (eqs. 16 to 18): who is ahead slows down, until all are alike."""
+"""Phases (eqs. 16 to 18): the vehicle ahead slows down, until all are alike."""
 
 import math
 
@@ -52,7 +52,7 @@ def test_shares_of_thrust_are_airspeeds_of_the_airframe() -> None:
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 0.0) == pytest.approx(10.0)
     assert phase.airspeed_of_share_m_s(1.0, *LIMITS, 0.0) == pytest.approx(25.0)
     assert phase.airspeed_of_share_m_s(0.4, 14.0, 25.0, 0.0) == pytest.approx(14.0)
-    # In wind nobody is blown backwards, as far as the airframe goes.
+    # In wind no vehicle is blown backwards, as far as the airframe goes.
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 12.0) == pytest.approx(14.0)
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 40.0) == pytest.approx(25.0)
 
@@ -64,14 +64,14 @@ def test_the_mean_is_taken_on_the_circle() -> None:
 
 
 def test_phases_without_a_mean_go_by_the_lowest_key() -> None:
-    """Else it is a matter of rounding who is ahead and who behind of a mean that is opposite."""
+    """Else rounding decides which is ahead and which behind of a mean that is opposite."""
     quarter = math.pi / 2.0
     others = [row(number * quarter, 300.0 * number, key=3 + number) for number in (1, 2, 3)]
     assert ahead(0.0, *others, key=9) == pytest.approx(-quarter)
     assert ahead(0.0, *others, key=1) == pytest.approx(0.0)
 
 
-def test_news_is_carried_on_and_who_is_not_on_its_orbit_does_not_count() -> None:
+def test_states_are_extrapolated_and_a_vehicle_off_its_orbit_does_not_count() -> None:
     assert ahead(0.0, row(0.0, age_s=2.0)) == pytest.approx(-0.2)
     assert ahead(0.0, row(1.0, at_m=500.0), row(0.5, 300.0)) == pytest.approx(-0.5)
     assert ahead(0.0, row(1.0, 5000.0), row(0.5, 300.0)) == pytest.approx(-0.5)  # out of range
@@ -145,7 +145,7 @@ def test_phases_wound_round_a_ring_come_undone(wound: int) -> None:
 
 
 def test_phases_wound_once_stay_so_if_all_look_at_the_next_ones_only() -> None:
-    """What the paper's rule does: why everybody within range counts."""
+    """What the paper's rule does: why every vehicle within range counts."""
     angles = 2.0 * np.pi * np.arange(8) / 8
     assert synchronised_rad(angles, 420.0) > math.radians(90.0)
 

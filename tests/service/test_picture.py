@@ -41,10 +41,10 @@ def test_what_changed_has_a_newer_version_and_nothing_else(state_view: StateView
     changed = {key for key, version in state_view.changed.items() if version > before}
     assert changed == {"telemetry/hawk"}
     assert then.keys() <= state_view.changed.keys()
-    told = state_view.telemetry["hawk"]
-    assert told.ground_speed_m_s == 5.0
-    assert told.track_deg == pytest.approx(53.1)
-    assert told.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
+    shown = state_view.telemetry["hawk"]
+    assert shown.ground_speed_m_s == 5.0
+    assert shown.track_deg == pytest.approx(53.1)
+    assert shown.height_agl_m == pytest.approx(500.0 - 348.0, abs=2.0)
 
 
 def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
@@ -68,7 +68,7 @@ def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
     assert state_view.cleared[0].cleared_at_us == 7
 
 
-def test_news_are_bounded_and_numbered(state_view: StateView) -> None:
+def test_announcements_are_bounded_and_numbered(state_view: StateView) -> None:
     for _ in range(MAX_ANNOUNCEMENTS + 10):
         state_view.apply(LinkRestored(1, "hawk"), [Announce("hawk", "there")])
     assert len(state_view.announcements) == MAX_ANNOUNCEMENTS
@@ -100,10 +100,10 @@ def test_pairs_too_near_are_found() -> None:
     found = near_pairs(there, 0, 30.0)
     assert list(found) == [("a", "b")]
     assert found["a", "b"] == pytest.approx((20.0**2 + 10.0**2) ** 0.5, abs=0.1)
-    assert not near_pairs(there, 10_000_000, 30.0), "old places say nothing"
+    assert not near_pairs(there, 10_000_000, 30.0), "old places do not count"
 
 
-def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateView) -> None:
+def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) -> None:
     health_monitor = HealthMonitor(state_view, 30.0, 200_000)
     state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
     health_monitor.check(0)
@@ -126,10 +126,10 @@ def test_the_health_monitor_tells_of_pairs_and_of_being_late(state_view: StateVi
     ],
 )
 def test_settings_of_the_service_are_checked(overrides: tuple[str, ...], words: str) -> None:
-    with pytest.raises(ScenarioError) as told:
+    with pytest.raises(ScenarioError) as error:
         load_run("demo", overrides)
-    assert words in str(told.value)
-    assert "hunter2" not in str(told.value)
+    assert words in str(error.value)
+    assert "hunter2" not in str(error.value)
 
 
 def test_settings_are_no_part_of_the_scenario(tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def test_it_flies_live(tmp_path: Path) -> None:
     assert summary["vehicles"][0]["decisions"] >= 1
 
 
-def said_of(*keys: str) -> str:
+def error_of(*keys: str) -> str:
     done = service("config", "check", "default", *changed(*keys))
     assert done.returncode != 0
     return done.stderr
@@ -121,12 +121,12 @@ def test_its_table_is_checked_by_its_own_model() -> None:
     checked = service("config", "check", "default", *changed(*RULE))
     assert checked.returncode == 0, checked.stderr
     rule = "planner.rule=pendulum"
-    assert "pendulum.turn_every_s: Input should be greater" in said_of(
+    assert "pendulum.turn_every_s: Input should be greater" in error_of(
         rule, "pendulum.turn_every_s=0"
     )
-    assert "pendulum.turns: unknown key" in said_of(rule, "pendulum.turns=1")
-    assert "pendulum: unknown key" in said_of("pendulum.turn_every_s=60")
-    assert "burn, pendulum (got 'nonsense')" in said_of("planner.rule=nonsense")
+    assert "pendulum.turns: unknown key" in error_of(rule, "pendulum.turns=1")
+    assert "pendulum: unknown key" in error_of("pendulum.turn_every_s=60")
+    assert "burn, pendulum (got 'nonsense')" in error_of("planner.rule=nonsense")
 
 
 @pytest.mark.parametrize(
@@ -147,8 +147,8 @@ def test_a_package_that_cannot_be_used_is_named(
     install(tmp_path / "site", module, entry_point)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "site"), str(ROOT))))
     rule = entry_point.partition(" ")[0]
-    said = said_of(f"planner.rule={rule}")
-    assert words in said
-    assert f"entry point {entry_point}" in said
-    assert "Traceback" not in said
+    error = error_of(f"planner.rule={rule}")
+    assert words in error
+    assert f"entry point {entry_point}" in error
+    assert "Traceback" not in error
     assert service("config", "check", "default").returncode == 0, "other rules fly all the same"

@@ -1,4 +1,4 @@
-"""The believed front that goes on growing, and the planner that flies by it."""
+"""The estimated front that goes on growing, and the planner that flies by it."""
 
 from dataclasses import replace
 
@@ -56,12 +56,12 @@ def turning() -> Burn:
     return brush_fire((0.0, 6.0, 180.0), (5400.0, 6.0, 60.0))
 
 
-def believed(fire: Burn, told: bool = True) -> FrontEstimate:
-    """From the ignition on; the wind is told exactly, or only the first one."""
+def estimated(fire: Burn, wind_given: bool = True) -> FrontEstimate:
+    """From the ignition on; with the exact wind, or only the first one."""
     model = model_of(fire.landscape, fire.weather.entries[0])
     estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
-        now = fire.weather.at(at_s if told else 0.0)
+        now = fire.weather.at(at_s if wind_given else 0.0)
         estimate.add_wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
         estimate.advance(at_s + 60.0)
     return estimate
@@ -83,7 +83,7 @@ def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
 def test_the_model_alone_grows_the_fire_that_burns() -> None:
     fire = brush_fire((0.0, 4.0, 225.0))
     true = TrueShape(fire.arrival_s, fire.ignition).at(END_S)
-    off = np.abs(believed(fire).front - true)
+    off = np.abs(estimated(fire).front - true)
     assert true.max() > 25.0
     assert off.max() < 3.0
     assert off.mean() < 1.0
@@ -91,9 +91,9 @@ def test_the_model_alone_grows_the_fire_that_burns() -> None:
 
 def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
     true = TrueShape(turning.arrival_s, turning.ignition).at(END_S)
-    told, untold = (believed(turning, told).front for told in (True, False))
-    assert np.abs(told - true).mean() < 1.5
-    assert np.abs(untold - true).mean() > 4.0 * np.abs(told - true).mean()
+    given, first_only = (estimated(turning, given).front for given in (True, False))
+    assert np.abs(given - true).mean() < 1.5
+    assert np.abs(first_only - true).mean() > 4.0 * np.abs(given - true).mean()
 
 
 def test_two_looks_seconds_apart_teach_nothing() -> None:
@@ -101,11 +101,11 @@ def test_two_looks_seconds_apart_teach_nothing() -> None:
     estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
         estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
-    known = estimate.factors()
+    before = estimate.factors()
     estimate.observe(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
-    assert np.abs(estimate.factors() - known).max() < 0.02
+    assert np.abs(estimate.factors() - before).max() < 0.02
     estimate.observe(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
-    assert (estimate.factors() > 1.2 * known)[60:120].all()
+    assert (estimate.factors() > 1.2 * before)[60:120].all()
 
 
 def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
@@ -123,7 +123,7 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     assert np.abs(off[10:]).max() < 0.15
 
 
-def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
+def test_the_factor_adapts_to_a_fire_slower_than_the_model() -> None:
     fire = brush_fire((0.0, 7.0, 225.0), scheme="devs8")  # an octagon inside the model's ellipse
     true = TrueShape(fire.arrival_s, fire.ignition)
     estimate = FrontEstimate(
@@ -133,13 +133,13 @@ def test_the_factor_learns_a_fire_slower_than_the_model() -> None:
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
         estimate.observe(0, 0, window, at_s)
-    unlearned = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
-    unlearned.add_wind(7.0, 225.0, 7200.0)
-    for one in (estimate, unlearned):
+    unadapted = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
+    unadapted.add_wind(7.0, 225.0, 7200.0)
+    for one in (estimate, unadapted):
         one.advance(END_S)
-    learned_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unlearned))
-    assert learned_off.mean() < 0.7 * plain_off.mean()
-    assert learned_off.max() < 4.0
+    adapted_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unadapted))
+    assert adapted_off.mean() < 0.7 * plain_off.mean()
+    assert adapted_off.max() < 4.0
 
 
 def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
@@ -209,14 +209,14 @@ def test_better_than_circling_worse_without_model_and_always_the_same(turning: B
 
 
 def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
-    known = predictive_planner(turning)
+    with_ignition = predictive_planner(turning)
     unknown = PredictivePlanner(
-        replace(known.settings, ignition_known=False),
+        replace(with_ignition.settings, ignition_known=False),
         SHAPE,
         (CENTRE[0] - 4.0, CENTRE[1] + 3.0),
         0.0,
         turning.landscape.cell_size_m,
-        known.estimate.model,
+        with_ignition.estimate.model,
     )
     fly(turning, unknown, measured=MeasuredWind(turning.weather, 1))
     estimate = unknown.estimate

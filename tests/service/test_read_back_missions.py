@@ -47,7 +47,7 @@ class Flight:
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         self.scenario, self.landscape = scenario, landscape_of(scenario)
         self.path = folder / "journal.jsonl"
-        self.known = Known(scenario, self.landscape)
+        self.shared = Known(scenario, self.landscape)
         header = header_of(scenario, self.landscape.digest(), "")
         self.simulation = self._with(Journal(self.path, header, durable=True))
 
@@ -82,14 +82,14 @@ class Flight:
     def keep_state(self) -> None:
         """As the daemon does now and then."""
         service = self.simulation.service
-        frozen = Frozen(service.snapshot_fields(), self.known)
+        frozen = Frozen(service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, service.recording.journal.rest)
 
     def begin_again(self) -> None:
         """What the daemon does; the vehicles have flown on for four seconds."""
         before = self.simulation
         before.service.recording.journal.close()
-        cut_off = unfinished(self.path, self.known, self.scenario)
+        cut_off = unfinished(self.path, self.shared, self.scenario)
         assert cut_off is not None
         journal = Journal(self.path, {}, durable=True, rest=cut_off.rest())
         again = self.simulation = self._with(journal)
@@ -110,7 +110,7 @@ class Flight:
         again.clock.go_on(announcements.at_us, 0)
         again.service.resume(cut_off.missing, announcements, link_us + DOWN_US)
 
-    def tell(self, order: str) -> None:
+    def give_order(self, order: str) -> None:
         asked = OrderGiven(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]
         self.simulation.service.submit(asked, self.simulation.link_us)
 
@@ -122,9 +122,9 @@ class Flight:
         """All of the journal that follows the restart; it must be what a replay gives."""
         result = verify(self.path)
         assert (result.difference, result.cut_at_line) == (None, None)
-        told: list[Any] = [entry.content for entry in SegmentReader(self.path)]
-        last = max(place for place, each in enumerate(told) if isinstance(each, Resumed))
-        return told[last:]
+        entries: list[Any] = [entry.content for entry in SegmentReader(self.path)]
+        last = max(place for place, each in enumerate(entries) if isinstance(each, Resumed))
+        return entries[last:]
 
 
 def alone(stack: str, **changes: object) -> Scenario:
@@ -133,8 +133,8 @@ def alone(stack: str, **changes: object) -> Scenario:
     return scenario.model_copy(update={"vehicles": (section,)})
 
 
-def kinds(told: list[Any]) -> list[type]:
-    return [type(each) for each in told]
+def kinds(entries: list[Any]) -> list[type]:
+    return [type(each) for each in entries]
 
 
 @pytest.fixture(params=["px4", "ardupilot"])
@@ -149,13 +149,13 @@ def test_a_mission_that_never_left_is_not_counted_on_and_the_one_before_is_flown
     flight.fly_until(UploadMission, 2)
     flight.begin_again()
     flight.fly(25.0)
-    told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionReadBack))
+    entries = flight.after_resumed()
+    held = next(each for each in entries if isinstance(each, MissionReadBack))
     sent = [entry.content for entry in SegmentReader(flight.path)]
     accepted = [each.mission_id for each in sent if isinstance(each, UploadFinished)]
     assert held.mission_id in accepted
-    assert UploadMission not in kinds(told)[: told.index(held)]
-    assert StartMission not in kinds(told)
+    assert UploadMission not in kinds(entries)[: entries.index(held)]
+    assert StartMission not in kinds(entries)
     assert flight.modes == ["mission"]
     vehicle = flight.simulation.core.vehicles["hawk"]
     assert vehicle.flown_line is not None or vehicle.pending is not None
@@ -173,8 +173,8 @@ def test_an_upload_that_was_cut_off_ends_in_a_mission_that_is_flown(
     flight.fly(later_s)
     flight.begin_again()
     flight.fly(40.0)
-    told = flight.after_resumed()
-    assert MissionReadBack in kinds(told)
+    entries = flight.after_resumed()
+    assert MissionReadBack in kinds(entries)
     assert flight.modes == ["mission"]
     vehicle = flight.simulation.core.vehicles["hawk"]
     assert vehicle.flown_line is not None or vehicle.pending is not None
@@ -184,10 +184,10 @@ def test_a_start_that_never_left_is_ordered_again(flight: Flight) -> None:
     flight.fly_until(StartMission)
     flight.begin_again()
     flight.fly(40.0)
-    told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionReadBack))
+    entries = flight.after_resumed()
+    held = next(each for each in entries if isinstance(each, MissionReadBack))
     assert held.mission_id == 1
-    assert kinds(told).index(StartMission) > told.index(held)
+    assert kinds(entries).index(StartMission) > entries.index(held)
     assert flight.simulation.core.vehicles["hawk"].availability.airborne
 
 
@@ -199,7 +199,7 @@ def test_a_hold_and_a_return_that_never_left_are_ordered_again(flight: Flight) -
             flight.simulation.rigs[0].gateway, kind, 1
         )
         with pytest.raises(KilledError):
-            flight.tell(order)
+            flight.give_order(order)
         flight.simulation.rigs[0].gateway.execute = execute  # type: ignore[method-assign]
         flight.begin_again()
         flight.fly(15.0)
@@ -208,7 +208,7 @@ def test_a_hold_and_a_return_that_never_left_are_ordered_again(flight: Flight) -
     assert kind in kinds(flight.after_resumed())
 
 
-def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
+def test_a_mission_of_another_sender_is_replaced_and_so_is_an_unreadable_one(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flight.fly(60.0)
@@ -218,11 +218,11 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     rig.mock.missions.items = [*mine[:-1], replace(mine[-1], z=mine[-1].z + 30.0)]
     flight.begin_again()
     flight.fly(20.0)
-    told = flight.after_resumed()
-    held = next(each for each in told if isinstance(each, MissionReadBack))
+    entries = flight.after_resumed()
+    held = next(each for each in entries if isinstance(each, MissionReadBack))
     assert held.mission_id == 0
     assert held.items
-    assert UploadMission in kinds(told)[told.index(held) :]
+    assert UploadMission in kinds(entries)[entries.index(held) :]
 
     def unanswered(self: Any, now_us: int) -> list[Any]:
         self.result = TransferResult("failed", "the autopilot did not answer")
@@ -236,16 +236,16 @@ def test_what_somebody_else_has_sent_is_replaced_and_so_is_what_cannot_be_read(
     assert (held.mission_id, held.items) == (0, None)
 
 
-def test_one_that_came_down_unseen_waits_for_a_start_and_says_so(flight: Flight) -> None:
+def test_one_that_landed_unobserved_waits_for_a_start_and_announces_it(flight: Flight) -> None:
     flight.fly(60.0)
     flight.keep_state()
     flight.simulation.rigs[0].mock.reboot(flight.simulation.link_us)
     flight.begin_again()
     flight.fly(30.0)
-    told = flight.after_resumed()
-    words = [each.text for each in told if isinstance(each, Announce)]
+    entries = flight.after_resumed()
+    words = [each.text for each in entries if isinstance(each, Announce)]
     assert any("waits for an operator to start it" in text for text in words)
-    assert StartMission not in kinds(told)
+    assert StartMission not in kinds(entries)
 
 
 def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
@@ -259,36 +259,38 @@ def test_a_formation_goes_on_with_its_orbits(tmp_path: Path) -> None:
     flight.fly(25.0)
     orbits_in = ("hold", "guided", "orbit")
     assert all(mode in orbits_in for mode in flight.modes), flight.modes
-    told = flight.after_resumed()
-    texts = [each.text for each in told if hasattr(each, "text")]
+    entries = flight.after_resumed()
+    texts = [each.text for each in entries if hasattr(each, "text")]
     assert not any("not ours" in text for text in texts), texts
     for name in flight.simulation.core.vehicles:
-        mine = [each for each in told if getattr(each, "vehicle", "") == name]
+        mine = [each for each in entries if getattr(each, "vehicle", "") == name]
         first = next(place for place, each in enumerate(mine) if isinstance(each, MissionReadBack))
         assert any(isinstance(each, Orbit) for each in mine[first:]), name
         assert not any(isinstance(each, Orbit | UploadMission) for each in mine[:first]), name
 
 
-def test_who_is_resumed_in_a_formation_is_started_when_its_mission_is_known(tmp_path: Path) -> None:
+def test_a_resumed_formation_member_is_started_when_its_mission_is_read_back(
+    tmp_path: Path,
+) -> None:
     scenario = flying(load_scenario("virtual-agents"))
     scenario = at_once(scenario.model_copy(update={"vehicles": scenario.vehicles[:2]}))
     flight = Flight(tmp_path, scenario)
     flight.fly_until(Orbit, 2)
     flight.begin_again()
     flight.fly(20.0)
-    flight.tell("hold")
+    flight.give_order("hold")
     flight.fly(10.0)
     flight.keep_state()
     flight.begin_again()
     vehicles = flight.simulation.core.vehicles
     while not any(vehicle.availability.online for vehicle in vehicles.values()):
         flight.simulation.step()
-    heard = next(name for name, vehicle in vehicles.items() if vehicle.availability.online)
-    assert vehicles[heard].unconfirmed is not None
-    flight.tell("resume")
+    connected = next(name for name, vehicle in vehicles.items() if vehicle.availability.online)
+    assert vehicles[connected].unconfirmed is not None
+    flight.give_order("resume")
     flight.fly(20.0)
-    told = flight.after_resumed()
-    mine = [each for each in told if getattr(each, "vehicle", "") == heard]
+    entries = flight.after_resumed()
+    mine = [each for each in entries if getattr(each, "vehicle", "") == connected]
     first = next(place for place, each in enumerate(mine) if isinstance(each, MissionReadBack))
     assert StartMission not in kinds(mine[:first])
     assert StartMission in kinds(mine[first:])

@@ -1,4 +1,4 @@
-"""Vehicles that fail, are recalled or go home in time: told, and out of their team."""
+"""Vehicles that fail, are recalled or go home in time: reported, and out of their team."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def land() -> Landscape:
 
 
 class Watched:
-    """A planner that notes who left."""
+    """A planner that records departures."""
 
     phase, clockwise, reversals = "approach", True, 0
 
@@ -56,7 +56,7 @@ class Watched:
 
 
 class Flight:
-    """One vehicle, 1,200 m west of its home, 150 m up, told by hand."""
+    """One vehicle, 1,200 m west of its home, 150 m up, with events of the test."""
 
     def __init__(self, land: Landscape, *overrides: str) -> None:
         scenario = load_scenario("default", overrides)
@@ -64,7 +64,7 @@ class Flight:
         self.planner = Watched()
         self.core.decision_engine.planners["hawk"] = self.planner  # type: ignore[index]
         self.at_s = scenario.deploy_at_s
-        self.tell(VehicleConnected(self.at_us, "hawk", "a stack", True))
+        self.handle(VehicleConnected(self.at_us, "hawk", "a stack", True))
         self.at(0.0)
         self.at(150.0)
 
@@ -72,7 +72,7 @@ class Flight:
     def at_us(self) -> int:
         return round(self.at_s * 1e6)
 
-    def tell(self, event: AnyEvent) -> list[AnyCommand]:
+    def handle(self, event: AnyEvent) -> list[AnyCommand]:
         commands = self.core.handle(event)
         for command in commands:
             if isinstance(command, UploadMission):
@@ -83,11 +83,11 @@ class Flight:
     def at(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
         self.at_s += later_s
         lat, lon = self.home.home_lat_deg, self.home.home_lon_deg - 0.0134
-        told = Telemetry(self.at_us, "hawk", lat, lon, 400.0 + height_m, height_m, 0.0, 12.0, 0.0)
-        return self.tell(told)
+        report = Telemetry(self.at_us, "hawk", lat, lon, 400.0 + height_m, height_m, 0.0, 12.0, 0.0)
+        return self.handle(report)
 
     def mode(self, name: str, armed: bool = True) -> list[AnyCommand]:
-        return self.tell(ModeChanged(self.at_us, "hawk", 0, armed, name))
+        return self.handle(ModeChanged(self.at_us, "hawk", 0, armed, name))
 
 
 def returns(commands: list[AnyCommand]) -> bool:
@@ -109,28 +109,28 @@ def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: La
 
 def test_wind_makes_the_way_home_longer(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=1000", "vehicles.0.endurance_reserve_s=100")
-    flight.tell(WindMeasured(flight.at_us, "hawk", 6.0, 45.0))
+    flight.handle(WindMeasured(flight.at_us, "hawk", 6.0, 45.0))
     assert flight.planner.winds == [(6.0, 45.0, flight.at_s)]
     assert returns(flight.at(150.0, later_s=705.0))
 
 
-def test_wind_told_on_the_ground_is_not_believed(land: Landscape) -> None:
+def test_wind_reported_on_the_ground_is_ignored(land: Landscape) -> None:
     flight = Flight(land)
     flight.mode("hold", armed=False)
-    flight.tell(WindMeasured(flight.at_us, "hawk", 0.7, 0.0))
+    flight.handle(WindMeasured(flight.at_us, "hawk", 0.7, 0.0))
     assert flight.planner.winds == []
 
 
 def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=300")
     assert returns(flight.at(150.0, later_s=300.0))
-    flight.tell(CommandFinished(flight.at_us, "hawk", "return", False, "not now"))
+    flight.handle(CommandFinished(flight.at_us, "hawk", "return", False, "not now"))
     assert flight.at(150.0, later_s=5.0) == []
     assert returns(flight.at(150.0, later_s=6.0))
     assert flight.at(150.0, later_s=20.0) == []
 
 
-def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_its_crew(land: Landscape) -> None:
+def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_an_operator(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=300")
     flight.at(150.0, later_s=300.0)
     flight.mode("return")
@@ -143,7 +143,7 @@ def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_its_crew(land: La
     flight.mode("mission")
     flight.at(150.0, later_s=60.0)
     assert flight.planner.places == places + 1
-    assert not returns(flight.at(150.0, later_s=10.0))  # its time counts anew
+    assert not returns(flight.at(150.0, later_s=10.0))  # its time counts from zero
 
 
 @pytest.mark.parametrize("mode", ["return", "land"])
@@ -151,11 +151,11 @@ def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
     land: Landscape, mode: str
 ) -> None:
     flight = Flight(land)
-    told, alarm = flight.mode(mode)
-    assert isinstance(told, Announce)
+    announcement, alarm = flight.mode(mode)
+    assert isinstance(announcement, Announce)
     assert isinstance(alarm, RaiseAlarm)
-    assert mode in told.text
-    assert "not ordered" in told.text
+    assert mode in announcement.text
+    assert "not ordered" in announcement.text
     assert flight.planner.left_at_s == [flight.at_s]
     assert flight.at(150.0, later_s=60.0) == []
     flight.mode("mission")
@@ -164,26 +164,28 @@ def test_a_vehicle_recalled_by_its_pilot_leaves_until_it_is_sent_back(
     assert flight.planner.places == places + 1
 
 
-def test_one_on_its_way_home_when_it_is_first_heard_is_left_alone(land: Landscape) -> None:
+def test_one_on_its_way_home_when_it_is_discovered_is_left_alone(land: Landscape) -> None:
     scenario = load_scenario("default")
     core, home = Core(scenario, land), scenario.vehicles[0]
     at_us = round(scenario.deploy_at_s * 1e6)
     core.handle(VehicleConnected(at_us, "hawk", "a stack", True))
     assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []  # may be on the ground
     place = (home.home_lat_deg, home.home_lon_deg)
-    told, alarm = core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0))
-    assert isinstance(told, Announce)
+    announcement, alarm = core.handle(
+        Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)
+    )
+    assert isinstance(announcement, Announce)
     assert isinstance(alarm, RaiseAlarm)
-    assert "on its way home" in told.text
+    assert "on its way home" in announcement.text
     assert core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)) == []
 
 
 def test_a_lost_link_a_restart_and_disarming_leave_too(land: Landscape) -> None:
     flight = Flight(land)
-    flight.tell(LinkLost(flight.at_us, "hawk", 3.0))
+    flight.handle(LinkLost(flight.at_us, "hawk", 3.0))
     assert len(flight.planner.left_at_s) == 1
-    flight.tell(LinkRestored(flight.at_us, "hawk"))
-    flight.tell(VehicleRebooted(flight.at_us, "hawk"))
+    flight.handle(LinkRestored(flight.at_us, "hawk"))
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))
     assert len(flight.planner.left_at_s) == 2
     flight.at(150.0)
     flight.mode("mission", armed=False)

@@ -57,7 +57,7 @@ def flight(path: Path, seconds: float) -> Simulation:
 
 
 def folds(service: Engine) -> dict[str, Any]:
-    """All that a restart would know, copied."""
+    """All that a restart would restore, copied."""
     return copied(service.snapshot_fields(), service.shared_references)
 
 
@@ -76,7 +76,7 @@ def without_alarms(service: Engine) -> dict[str, Any]:
 def fix(simulation: Simulation, **changes: Any) -> Telemetry:
     """The next position of the vehicle, changed."""
     last = simulation.service.state_view.telemetry["hawk"]
-    told = Telemetry(
+    report = Telemetry(
         simulation.clock.now_us + 250_000,
         "hawk",
         last.lat_deg,
@@ -87,7 +87,7 @@ def fix(simulation: Simulation, **changes: Any) -> Telemetry:
         1.0,
         90.0,
     )
-    return msgspec.structs.replace(told, **changes)
+    return msgspec.structs.replace(report, **changes)
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
             service.handle_events([fix(simulation)], simulation.link_us)
         assert path.read_bytes() == written
     service.recording.journal.close()
-    assert len(gone_on(path)[0]) == 0
+    assert len(continued(path)[0]) == 0
     assert verify(path).difference is None
 
 
@@ -236,16 +236,16 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
 
 
 class Silent:
-    """The gateway of a vehicle that is not heard."""
+    """The gateway of a vehicle that is not received."""
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """Nobody is there."""
+        """No vehicle takes it."""
 
     def read_back(self, recognise: object, now_us: int) -> None:
-        """Nobody is heard."""
+        """No vehicle is received."""
 
 
-def gone_on(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
+def continued(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
     """What a restart makes of a journal: why lines were skipped now, and the service."""
     scenario = scenario_flown()
     landscape = landscape_of(scenario)
@@ -340,22 +340,22 @@ def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
     damage(path, number)
     broken = path.read_bytes()
     with pytest.raises(JournalError, match=rf"line {number} .*--skip-unreadable goes on") as caught:
-        gone_on(path)
+        continued(path)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == broken
     assert verify(path).difference is not None
 
-    skipped, service = gone_on(path, skip=True)
+    skipped, service = continued(path, skip=True)
     assert len(skipped) == 1
     assert f"line {number} " in skipped[0]
     assert path.read_bytes().startswith(broken)
-    told = [entry.content for entry in SegmentReader(path).trusted(SegmentReader(path).begin)
+    recorded = [entry.content for entry in SegmentReader(path).trusted(SegmentReader(path).begin)
             if not hasattr(entry, "why")][-8:]  # fmt: skip
-    assert any(isinstance(each, LinesSkipped) for each in told)
-    assert any(isinstance(each, Resumed) for each in told)
+    assert any(isinstance(each, LinesSkipped) for each in recorded)
+    assert any(isinstance(each, Resumed) for each in recorded)
     assert service.core.vehicles["hawk"].unconfirmed is not None
-    # Later restarts know, and so does a replay.
-    assert gone_on(path)[0] == ()
+    # Later restarts skip them too, and so does a replay.
+    assert continued(path)[0] == ()
     found = verify(path)
     assert found.difference is None
     assert found.stage("file").counts["skipped"] == 1
@@ -376,12 +376,12 @@ def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> Non
     simulation.run(FROM_S + 150.0)
     service.recording.journal.close()
     damaged_byte(path, 20)
-    assert gone_on(path)[0] == ()  # before the state: nothing is lost
+    assert continued(path)[0] == ()  # before the state: nothing is lost
     number = behind + 7
     damaged_byte(path, number)
     with pytest.raises(JournalError, match=rf"line {number} "):
-        gone_on(path)
-    assert len(gone_on(path, skip=True)[0]) == 1
+        continued(path)
+    assert len(continued(path, skip=True)[0]) == 1
 
 
 def test_an_event_whose_handling_was_cut_off_is_skipped_without_a_request(
@@ -393,7 +393,7 @@ def test_an_event_whose_handling_was_cut_off_is_skipped_without_a_request(
     last = path.read_bytes().splitlines(keepends=True)[-1]
     path.write_bytes(path.read_bytes() + last)
     without_name(path, lines + 1)
-    skipped, _ = gone_on(path)
+    skipped, _ = continued(path)
     assert len(skipped) == 1
     assert f"line {lines + 1} cannot be handled" in skipped[0]
     assert verify(path).difference is None

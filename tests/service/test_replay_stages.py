@@ -36,18 +36,18 @@ SMALL = ("start_s=3590", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
 ANN = ("ann", "desk")
 FIRE = (36.364232, -84.140907)
 
-Tell = Callable[[Simulation], None]
+Submit = Callable[[Simulation], None]
 
 
-def flown(path: Path, seconds: float, *overrides: str, tell: Tell | None = None) -> Path:
-    """A short flight as a live service writes it down; people speak half way."""
+def flown(path: Path, seconds: float, *overrides: str, submit: Submit | None = None) -> Path:
+    """A short flight as a live service writes it down; operators submit events half way."""
     scenario = flying(load_scenario("default", (*SMALL, *overrides)))
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
     simulation.run(scenario.start_s + seconds / 2)
-    if tell is not None:
-        tell(simulation)
+    if submit is not None:
+        submit(simulation)
     simulation.run(scenario.start_s + seconds)
     journal.close()
     return path
@@ -66,7 +66,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rewritten(path: Path, to: Path, change: Callable[[int, Any], Any]) -> Path:
-    """The journal with lines changed by someone who knows how checksums are made."""
+    """The journal with lines changed by a person with the means to make checksums."""
     reader = SegmentReader(path)
     journal = Journal(to, reader.header, durable=False)
     for entry in reader:
@@ -158,10 +158,10 @@ def test_a_journal_cut_anywhere_is_verified_up_to_there(
 
 def test_a_digit_of_a_checksum_that_means_the_same_is_altered(small: Path, tmp_path: Path) -> None:
     whole = small.read_bytes()
-    for wanted, other in ((b',"crc":"0', b',"crc":"+'), (b"a", b"A")):
+    for pattern, other in ((b',"crc":"0', b',"crc":"+'), (b"a", b"A")):
         start = whole.index(b"\n") + 1
-        at = whole.index(wanted, whole.index(b',"crc":"0', start)) + len(wanted) - 1
-        if wanted == b"a":
+        at = whole.index(pattern, whole.index(b',"crc":"0', start)) + len(pattern) - 1
+        if pattern == b"a":
             at = next(
                 place + 8 + number
                 for place in _places(whole, b',"crc":"', start)
@@ -174,9 +174,9 @@ def test_a_digit_of_a_checksum_that_means_the_same_is_altered(small: Path, tmp_p
         assert str(found.difference).startswith(f"line {line_of(whole, at)}: altered")
 
 
-def _places(data: bytes, wanted: bytes, start: int) -> list[int]:
+def _places(data: bytes, pattern: bytes, start: int) -> list[int]:
     found = []
-    while (start := data.find(wanted, start)) >= 0:
+    while (start := data.find(pattern, start)) >= 0:
         found.append(start)
         start += 1
     return found
@@ -272,10 +272,10 @@ def test_cells_on_the_edge_of_fire_or_footprint_may_differ(
 
 
 @pytest.mark.parametrize("scheme", ["devs8", "anyangle", "probabilistic"])
-def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
+def test_the_fire_is_rebuilt_to_the_last_cell_with_all_operator_events(
     tmp_path: Path, scheme: str
 ) -> None:
-    def told(simulation: Simulation) -> None:
+    def submit_events(simulation: Simulation) -> None:
         now_us = simulation.clock.now_us
         lat, lon = FIRE
         line = ((lat + 0.004, lon + 0.004), (lat + 0.004, lon))
@@ -287,7 +287,7 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
         ):
             simulation.service.submit(event, simulation.link_us)
 
-    path = flown(tmp_path / "journal.jsonl", 300.0, f"fire.scheme={scheme}", tell=told)
+    path = flown(tmp_path / "journal.jsonl", 300.0, f"fire.scheme={scheme}", submit=submit_events)
     found = verify(path)
     assert found.differing == []
     counts = found.stage("fire").counts
@@ -299,8 +299,8 @@ def test_the_fire_is_rebuilt_to_the_last_cell_with_all_that_people_say(
 # Planner and core ---------------------------------------------------------------------------------
 
 
-def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
-    def told(simulation: Simulation) -> None:
+def test_planners_alone_receive_the_operator_events(tmp_path: Path) -> None:
+    def submit_events(simulation: Simulation) -> None:
         orders = (
             *(("hold", 30.0), ("resume", 60.0), ("return", 20.0), ("resume", 20.0)),
             *(("return", 20.0), ("abort", 30.0), ("start", 20.0), ("resume", 20.0)),
@@ -313,7 +313,7 @@ def test_planners_alone_know_what_people_said(tmp_path: Path) -> None:
             simulation.service.submit(event, simulation.link_us)
             simulation.run(now_us / 1e6 + seconds)
 
-    path = flown(tmp_path / "journal.jsonl", 500.0, tell=told)
+    path = flown(tmp_path / "journal.jsonl", 500.0, submit=submit_events)
     assert verify(path).differing == []
     alone = decide(path)
     assert alone.difference is None

@@ -8,7 +8,7 @@ SEED = 3
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_no_request_raises_and_a_restart_knows_what_the_live_run_knew(name: str) -> None:
+def test_no_request_raises_and_a_restart_restores_the_state_of_the_live_run(name: str) -> None:
     found = Found()
     run(name, 40, SEED, found, a_fork=20)
     assert found.wrong == []

@@ -73,7 +73,7 @@ def test_vehicles_that_bump_never_pass_each_other() -> None:
 
 def test_costs_are_those_of_the_thesis() -> None:
     flight = fly_team(still(40, 2, rate=0.5), Circling(), 1, 0.001)
-    # Nobody moves: all cells are 20 s old but the one that is sat on, whose visit was at 0 s too.
+    # No vehicle moves: all cells are 20 s old but the occupied one, whose visit was at 0 s too.
     assert flight.linear.tolist() == [0.0, 10.0]
     assert flight.exponential[1] == pytest.approx(20.0**1.5)
     assert flight.mean_std("linear") == (5.0, 5.0)

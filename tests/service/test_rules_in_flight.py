@@ -48,8 +48,8 @@ def fly(
 ) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
     """Fly all vehicles along their planners' paths: them, all decisions, distances to the front."""
     scenario, landscape, arrival_s = site
-    told = scenario.planner.model_copy(update={"rule": rule})
-    core = Core(scenario.model_copy(update={"planner": told}), landscape)
+    settings = scenario.planner.model_copy(update={"rule": rule})
+    core = Core(scenario.model_copy(update={"planner": settings}), landscape)
     planners = cast(dict[str, Planner], core.guidance.planners)
     ignition = scenario.ignition[0]
     assert ignition.lat_deg is not None

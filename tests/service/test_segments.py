@@ -1,4 +1,4 @@
-"""The journal in segments: closed, chained, verified, deleted; gone on with after any kill."""
+"""The journal in segments: closed, chained, verified, deleted; continued after any kill."""
 
 import json
 import os
@@ -43,18 +43,18 @@ class Kept:
     def __init__(self, folder: Path) -> None:
         self.scenario: Scenario = flying(load_scenario("default", ("start_s=3590",)))
         self.landscape: Landscape = landscape_of(self.scenario)
-        self.known = Known(self.scenario, self.landscape)
+        self.shared = Known(self.scenario, self.landscape)
         self.path = folder / "journal.jsonl"
         header = header_of(self.scenario, self.landscape.digest(), "")
         journal = Journal(self.path, header, durable=True)
         simulation = Simulation(self.scenario, journal, self.landscape)
         for seconds in (60, 120):
             simulation.run(self.scenario.start_s + seconds)
-            frozen = Frozen(simulation.service.snapshot_fields(), self.known)
+            frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
             journal.begin_segment()
             write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
         simulation.run(self.scenario.start_s + 150)
-        frozen = Frozen(simulation.service.snapshot_fields(), self.known)
+        frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, journal.rest)
         simulation.run(self.scenario.start_s + 170)
         journal.close()
@@ -112,10 +112,10 @@ def test_a_changed_byte_is_found_in_any_segment(kept: Kept, tmp_path: Path) -> N
         changed[at] ^= 1
         (tmp_path / name).write_bytes(bytes(changed))
         try:
-            told = str(verify(path).difference)
+            reported = str(verify(path).difference)
         except JournalError as error:
-            told = str(error)
-        assert name in told
+            reported = str(error)
+        assert name in reported
 
 
 def test_lines_that_are_missing_between_two_segments_are_found(kept: Kept, tmp_path: Path) -> None:
@@ -133,9 +133,9 @@ def test_lines_that_are_missing_between_two_segments_are_found(kept: Kept, tmp_p
         Chain(path)
 
 
-def gone_on(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
-    """The core after a restart, how many events it was told, and the states passed over."""
-    cut_off = unfinished(path, kept.known, kept.scenario)
+def continued(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
+    """The core after a restart, the number of its events, and the states skipped."""
+    cut_off = unfinished(path, kept.shared, kept.scenario)
     assert cut_off is not None
     rest = cut_off.rest()
     from mission_service.core.core import Core
@@ -143,25 +143,25 @@ def gone_on(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
     core = Core(kept.scenario, kept.landscape)
     if cut_off.objects is not None:
         core = cut_off.objects["core"]
-    told = sum(1 for _ in cut_off.turns(core.handle))
+    event_count = sum(1 for _ in cut_off.turns(core.handle))
     assert rest == kept.last
     assert not cut_off.missing
-    return core, told, cut_off.passed_over
+    return core, event_count, cut_off.passed_over
 
 
 def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: Path) -> None:
     path = kept.again(tmp_path)
     cores, counts = [], []
-    core, told, passed_over = gone_on(kept, path)
-    cores, counts = [core], [told]
+    core, event_count, passed_over = continued(kept, path)
+    cores, counts = [core], [event_count]
     assert passed_over == []
     half = newest_state(path).read_bytes()
     newest_state(path).write_bytes(half[: len(half) // 2])
     for words in ("sha256 does not match", "is damaged", "of another code"):
-        core, told, passed_over = gone_on(kept, path)
+        core, event_count, passed_over = continued(kept, path)
         assert words in " ".join(passed_over)
         cores.append(core)
-        counts.append(told)
+        counts.append(event_count)
         if words == "sha256 does not match":
             newest_state(path).unlink()
             begin_state(path, 3).write_bytes(b"no state\n")
@@ -171,13 +171,13 @@ def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: 
                 state.write_bytes(json.dumps(text).encode() + b"\nanything")
     assert counts == sorted(counts)
     assert counts[-1] == verify(path).events
-    # From whichever state: the same core, to the last bit of what it will say.
+    # From whichever state: the same core, to the last bit of its commands.
     events = [entry.content for entry in SegmentReader(path) if entry.is_event][-200:]
-    told_by = [[each.handle(event) for event in events] for each in cores]
-    assert all(said == told_by[0] for said in told_by)
+    commands_by_core = [[each.handle(event) for event in events] for each in cores]
+    assert all(commands == commands_by_core[0] for commands in commands_by_core)
     segment_path(path, 1).unlink()
     with pytest.raises(JournalError, match="its beginning was deleted, and no state can be used"):
-        gone_on(kept, path)
+        continued(kept, path)
 
 
 def read_header(state: bytes) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def read_header(state: bytes) -> dict[str, Any]:
     return found
 
 
-def test_a_kill_between_two_segments_leaves_what_can_be_gone_on_with(
+def test_a_kill_between_two_segments_leaves_a_journal_that_can_be_continued(
     kept: Kept, tmp_path: Path
 ) -> None:
     path = kept.again(tmp_path)
@@ -193,7 +193,7 @@ def test_a_kill_between_two_segments_leaves_what_can_be_gone_on_with(
     path.rename(next_path(path))
     (tmp_path / "journal-000004.state.half").write_bytes(b"half")
     complete(path)
-    assert gone_on(kept, path)[1] > 0
+    assert continued(kept, path)[1] > 0
     assert sorted(each.name for each in tmp_path.iterdir()) == sorted(kept.files)
     # Killed before: the new one is of no use.
     next_path(path).write_bytes(b'{"header"')
@@ -203,7 +203,7 @@ def test_a_kill_between_two_segments_leaves_what_can_be_gone_on_with(
     # Killed before the state of the third segment was there: an older one does.
     begin_state(path, 3).unlink()
     newest_state(path).unlink()
-    assert gone_on(kept, path)[2] == []
+    assert continued(kept, path)[2] == []
 
 
 def test_the_oldest_segments_are_deleted_and_never_the_newest_two(
@@ -224,12 +224,12 @@ def test_a_state_is_for_its_user_alone_and_no_others_are_read(kept: Kept, tmp_pa
     ours = newest_state(kept.again(tmp_path))
     ours.chmod(0o660)
     with pytest.raises(StateError, match="other users could have written it"):
-        read(ours, kept.known)
+        read(ours, kept.shared)
     ours.chmod(0o600)
     other = kept.scenario.model_copy(update={"seed": 7})
     with pytest.raises(StateError, match="of another scenario"):
         read(ours, Known(other, kept.landscape))
-    assert read(ours, kept.known)["core"].landscape is kept.landscape
+    assert read(ours, kept.shared)["core"].landscape is kept.landscape
 
 
 def test_a_state_that_cannot_be_written_leaves_the_one_before(
@@ -243,7 +243,7 @@ def test_a_state_that_cannot_be_written_leaves_the_one_before(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
-        write(state, Frozen({"core": None}, kept.known), Rest(0, 0))
+        write(state, Frozen({"core": None}, kept.shared), Rest(0, 0))
     assert state.read_bytes() == before
     assert not list(tmp_path.glob("*.half"))
     assert not earlier_state(state.with_suffix(".jsonl")).exists()
@@ -285,9 +285,9 @@ def test_the_state_of_the_last_segments_beginning_may_be_the_newest(
 ) -> None:
     path = kept.again(tmp_path)
     newest_state(path).unlink()
-    from_third = gone_on(kept, path)[1]
+    from_third = continued(kept, path)[1]
     newest_state(path).write_bytes(begin_state(path, 2).read_bytes())
     newest_state(path).chmod(0o600)
-    assert gone_on(kept, path)[1] == from_third
+    assert continued(kept, path)[1] == from_third
     begin_state(path, 3).unlink()
-    assert gone_on(kept, path)[1] > from_third
+    assert continued(kept, path)[1] > from_third

@@ -74,7 +74,7 @@ def test_of_any_two_exactly_one_gives_way() -> None:
         assert gives_way(a, b, own_comes_later=True) != gives_way(b, a, own_comes_later=False)
 
 
-def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() -> None:
+def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_passed() -> None:
     own = fix(0, 0, 0, 15)
     (place,) = place_aside(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
     assert place[0] == pytest.approx(400.0)
@@ -86,7 +86,7 @@ def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_gone_by() 
     assert has_passed(own, fix(0, -310, 0, -15), SEPARATION_M, TURN_M)
 
 
-def test_a_scenario_gives_each_vehicle_a_layer_unless_it_says_its_altitude() -> None:
+def test_a_scenario_gives_each_vehicle_a_layer_unless_it_sets_an_altitude() -> None:
     team = load_scenario("team", ("mission.layer_m=50", "vehicles.2.altitude_agl_m=120"))
     assert [vehicle.altitude_agl_m for vehicle in team.vehicles] == [150, 200, 120, 300]
 
@@ -115,7 +115,7 @@ def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landsc
 
 
 class Flight:
-    """A core with a team, told of each vehicle by hand."""
+    """A core with a team, with events of each vehicle from the test."""
 
     def __init__(self, scenario: Scenario, land: Landscape) -> None:
         self.core, self.land, self.scenario = Core(scenario, land), land, scenario
@@ -131,10 +131,10 @@ class Flight:
         self, name: str, x_m: float, y_m: float, velocity: tuple[float, float], height_m: float
     ) -> list[AnyCommand]:
         lat, lon = (float(value) for value in self.land.lat_lon_of(x_m, y_m))
-        told = Telemetry(
+        report = Telemetry(
             self.at_us, name, lat, lon, 400 + height_m, height_m, velocity[1], velocity[0], 0.0
         )
-        commands = self.core.handle(told)
+        commands = self.core.handle(report)
         for command in commands:
             if isinstance(command, UploadMission):
                 done = UploadFinished(self.at_us, name, command.mission_id, "accepted", "")
@@ -176,18 +176,18 @@ def test_head_on_in_one_layer_the_later_in_order_steps_aside_and_goes_on_after(
     layers = tuple(f"vehicles.{n}.altitude_agl_m={height}" for n, height in enumerate(altitudes))
     flight = Flight(load_scenario("team", layers), land)
     x_m, y_m = land.west_m + 2000.0, land.north_m - 1000.0
-    told: dict[str, list[str]] = {"hawk": [], "kite": []}
+    given: dict[str, list[str]] = {"hawk": [], "kite": []}
     for second in range(60):
         flight.at_s += 1.0
         for name, side, height_m in zip(("hawk", "kite"), (-1.0, 1.0), altitudes, strict=True):
             along_m = side * (450.0 - 15.0 * second)
-            told[name] += reasons(flight.at(name, x_m + along_m, y_m, (-15.0 * side, 0), height_m))
-    assert not any("give way" in why for why in told["hawk"])
+            given[name] += reasons(flight.at(name, x_m + along_m, y_m, (-15.0 * side, 0), height_m))
+    assert not any("give way" in why for why in given["hawk"])
     if yields:
-        assert told["kite"].index("give way to hawk") < len(told["kite"]) - 1
-        assert math.isclose(told["kite"].count("give way to hawk"), 1)
+        assert given["kite"].index("give way to hawk") < len(given["kite"]) - 1
+        assert math.isclose(given["kite"].count("give way to hawk"), 1)
     else:
-        assert not any("give way" in why for why in told["kite"])
+        assert not any("give way" in why for why in given["kite"])
 
 
 def test_giving_way_waits_for_no_approval(land: Landscape) -> None:

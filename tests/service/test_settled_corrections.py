@@ -43,10 +43,10 @@ class Drawn:
 
     def spot(self, place: tuple[float, float], state: str = "burned") -> None:
         """A correction of one cell."""
-        self.tell(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
+        self.submit(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
 
-    def tell(self, event: AnyOperatorEvent) -> None:
-        """Somebody does something."""
+    def submit(self, event: AnyOperatorEvent) -> None:
+        """An operator's event."""
         self.world.apply_report(event)
 
 
@@ -68,7 +68,7 @@ def test_the_older_half_is_part_of_the_fire_and_the_newer_can_be_undone(drawn: D
     listed = drawn.world.corrections()
     assert len(listed) == MAX_STEPS + 1 - MAX_STEPS // 2
     for _ in range(2 * MAX_STEPS):
-        drawn.tell(Undone(AT_US, *ANN))
+        drawn.submit(Undone(AT_US, *ANN))
     assert drawn.world.corrections() == []
     assert [drawn.burned(each) for each in places] == [True, True, False, False, False]
 
@@ -78,19 +78,19 @@ def test_their_number_and_that_of_winds_is_bounded(drawn: Drawn) -> None:
         drawn.spot(drawn.place(-40 - 2 * number, -60))
         drawn.world.advance(AT_US + 60_000_000 * (number + 1))
         at_us = round(drawn.world.fire.time_s * 1e6)
-        drawn.tell(WindSet(at_us, *ANN, 1.0 + 0.1 * number, 90.0))
+        drawn.submit(WindSet(at_us, *ANN, 1.0 + 0.1 * number, 90.0))
         assert len(drawn.world.corrections()) <= MAX_STEPS
         weather = drawn.world.fire.weather
         assert len(weather.entries) <= 1 + len(drawn.scenario.weather)
-        told = weather.at(drawn.world.fire.time_s)
-        assert (told.wind_speed_m_s, told.wind_from_deg) == (1.0 + 0.1 * number, 90.0)
+        now = weather.at(drawn.world.fire.time_s)
+        assert (now.wind_speed_m_s, now.wind_from_deg) == (1.0 + 0.1 * number, 90.0)
 
 
 def test_what_was_erased_later_is_not_settled(drawn: Drawn) -> None:
     first, second = drawn.place(-40, -60), drawn.place(-50, -60)
     drawn.spot(first)
     drawn.spot(second)
-    drawn.tell(Erased(AT_US, *ANN, *first, drawn.world.landscape.cell_size_m))
+    drawn.submit(Erased(AT_US, *ANN, *first, drawn.world.landscape.cell_size_m))
     for number in range(MAX_STEPS):
         drawn.spot(drawn.place(-60 - 4 * number, -60))
     assert not drawn.burned(first)

@@ -27,11 +27,11 @@ def test_two_vehicles_behind_one_port_are_flown(tmp_path: Path) -> None:
     mocks += ["--link", f"udpout:127.0.0.1:{run.port}", "--param", "MIS_TKO_LAND_REQ=0"]
     with process(run.arguments, run.log) as run.daemon:
         with process(mocks, tmp_path / "mocks.log"):
-            run.wait_for(run.said("connected (px4 plane)", 2))
-            run.wait_for(run.said("start mission: accepted", 2))
+            run.wait_for(run.logged("connected (px4 plane)", 2))
+            run.wait_for(run.logged("start mission: accepted", 2))
             for name in ("hawk", "kite"):
                 run.wait_for(lambda name=name: flown(run, name))  # type: ignore[misc]
-        run.wait_for(run.said("link lost", 2))
+        run.wait_for(run.logged("link lost", 2))
         run.stop()
     assert "source/" not in run.log.read_text(encoding="utf-8")
     assert not run.events("VehicleRebooted")
@@ -39,8 +39,8 @@ def test_two_vehicles_behind_one_port_are_flown(tmp_path: Path) -> None:
 
 
 def flown(run: Run, name: str) -> bool:
-    told = [event for event in run.events("Telemetry") if event["vehicle"] == name]
-    return bool(told) and told[-1]["altitude_relative_m"] > 30.0
+    positions = [event for event in run.events("Telemetry") if event["vehicle"] == name]
+    return bool(positions) and positions[-1]["altitude_relative_m"] > 30.0
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def flown(run: Run, name: str) -> bool:
         ((), ""),
     ],
 )
-def test_vehicles_that_cannot_share_a_link_are_told_of_in_one_line(
+def test_vehicles_that_cannot_share_a_link_are_reported_in_one_line(
     sets: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("KEY", "k" * 32)

@@ -42,7 +42,7 @@ def quiet(*maps: SharedMap) -> None:
 
 
 def exchange(maps: list[SharedMap], from_us: int, max_s: float) -> float:
-    """Everybody hears everything; returns the seconds until all are the same."""
+    """Every peer receives everything; returns the seconds until all are the same."""
     for tick in range(int(max_s * S / TICK_US)):
         at_us = from_us + tick * TICK_US
         for message in [message for shared in maps for message in shared.messages(at_us)]:
@@ -53,29 +53,29 @@ def exchange(maps: list[SharedMap], from_us: int, max_s: float) -> float:
     return math.inf
 
 
-def test_what_is_seen_is_said_once_with_its_time_and_heard_by_others() -> None:
+def test_an_observation_is_sent_once_with_its_time_and_received_by_others() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     quiet(one)
     assert [found.tolist() for found in one.add_view(cells(7, 8), cells(9), 100)] == [[7, 8], []]
     assert [found.tolist() for found in one.add_view(cells(7, 60), NONE, 200)] == [[60], []]
-    said = one.messages(300)
-    assert said == [FireUpdate(100, "one", (7, 8)), FireUpdate(200, "one", (60,))]
+    sent = one.messages(300)
+    assert sent == [FireUpdate(100, "one", (7, 8)), FireUpdate(200, "one", (60,))]
     assert one.messages(400) == []
-    assert [found.tolist() for found in other.on_message(said[0])] == [[7, 8], []]
-    assert [found.tolist() for found in other.on_message(said[0])] == [[], []]
+    assert [found.tolist() for found in other.on_message(sent[0])] == [[7, 8], []]
+    assert [found.tolist() for found in other.on_message(sent[0])] == [[], []]
     assert fire_of(other) == [7, 8]
     assert [found.tolist() for found in other.add_view(cells(8), cells(7), 500)] == [[], [7]]
     assert of_type(other.messages(600), FireUpdate) == [FireUpdate(500, "other", (), (7,))]
 
 
-def test_the_map_from_before_the_mission_is_known_and_no_news() -> None:
+def test_the_map_from_before_the_mission_is_given_and_not_sent() -> None:
     shared = SharedMap("one", SHAPE)
     shared.set_initial(cells(3, 4), 0)
     assert fire_of(shared) == [3, 4]
     assert not of_type(shared.messages(0), FireUpdate)
 
 
-def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
+def test_the_later_observation_wins_in_whatever_order_it_is_received() -> None:
     burns, cleared = FireUpdate(100, "x", (5,)), FireUpdate(200, "y", (), (5,))
     again = FireUpdate(300, "x", (5,))
     for order, expected in (
@@ -92,7 +92,7 @@ def test_the_later_sight_wins_in_whatever_order_it_is_heard() -> None:
         assert fire_of(shared) == expected, order
 
 
-def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> None:
+def test_of_a_cell_that_is_twice_in_one_message_only_the_end_counts() -> None:
     shared = SharedMap("one", SHAPE)
     shared.set_initial(cells(5, 6), 0)
     runs = ((5, 1, 10, False), (5, 1, 20, True), (6, 1, 10, False), (7, 1, 30, True))
@@ -104,15 +104,15 @@ def test_of_a_cell_that_is_said_twice_in_one_message_only_the_end_counts() -> No
     assert 6 in off
 
 
-def test_what_one_sees_itself_is_later_than_all_it_heard_whatever_the_clocks_say() -> None:
+def test_an_own_observation_is_later_than_all_received_whatever_the_clocks_show() -> None:
     shared = SharedMap("one", SHAPE)
     quiet(shared)
     shared.on_message(FireUpdate(9_000, "ahead", (5, 6)))
     assert shared.add_view(NONE, cells(5), 1_000)[1].tolist() == [5]
-    (said,) = shared.messages(1_000)
+    (sent,) = shared.messages(1_000)
     other = SharedMap("other", SHAPE)
     other.on_message(FireUpdate(9_000, "ahead", (5, 6)))
-    other.on_message(said)
+    other.on_message(sent)
     assert fire_of(other) == fire_of(shared) == [6]
 
 
@@ -138,7 +138,7 @@ def test_checksums_are_those_of_the_cells_whatever_happened_to_them() -> None:
     assert np.array_equal(shared.fire, shared.stamps % 2 == 1)
 
 
-def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
+def test_a_peer_that_lacks_a_cell_or_two_gets_just_these() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared in (one, other):
         shared.set_initial(np.arange(400), 0)
@@ -148,35 +148,35 @@ def test_who_lacks_a_cell_or_two_gets_just_these() -> None:
     one.on_message(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
     one.on_message(FireUpdate(70, "x", (433, 482)))
     one.on_message(digest)
-    said = [message for k in range(12) for message in one.messages(k * TICK_US)]
-    runs = [run for found in of_type(said, Difference) for run in found.cells]  # type: ignore[union-attr]
+    sent = [message for k in range(12) for message in one.messages(k * TICK_US)]
+    runs = [run for found in of_type(sent, Difference) for run in found.cells]  # type: ignore[union-attr]
     assert (405, 1, 50, True) in runs
     assert (433, 1, 70, True) in runs
-    for message in said:
+    for message in sent:
         other.on_message(message)
     # Cell 20 has taken the place of an older one, which a sum does not show: that is asked for.
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
 
-def test_where_each_lacks_much_of_a_tile_one_says_it_whole_and_the_other_what_is_newer() -> None:
+def test_where_each_lacks_much_of_a_tile_one_sends_it_whole_and_the_other_the_newer_cells() -> None:
     one, other = SharedMap("one", SHAPE), SharedMap("other", SHAPE)
     for shared, new in ((one, (400, 401, 402, 403)), (other, (405, 406, 407, 409))):
         shared.set_initial(np.arange(400), 0)
         shared.on_message(FireUpdate(50, "x", new))
-    said: list[MapMessage] = []
+    sent: list[MapMessage] = []
     for tick in range(24):
         for speaker, hearer in ((one, other), (other, one)):
             for message in speaker.messages(tick * TICK_US):
-                said.append(message)
+                sent.append(message)
                 hearer.on_message(message)
     assert np.array_equal(one.stamps, other.stamps)
-    differences = [message for message in said if isinstance(message, Difference)]
+    differences = [message for message in sent if isinstance(message, Difference)]
     assert [message.whole for message in differences if message.whole] == [(0,)]
     of_whole = 8 * 16 + 4
     assert sum(run[1] for message in differences for run in message.cells) == of_whole + 4
 
 
-def test_nobody_says_what_another_said_meanwhile() -> None:
+def test_no_peer_sends_what_another_sent_meanwhile() -> None:
     team = [SharedMap(f"uav{k}", SHAPE) for k in range(9)]
     for shared in team:
         shared.set_initial(np.arange(100), 0)
@@ -188,18 +188,18 @@ def test_nobody_says_what_another_said_meanwhile() -> None:
     for shared in others:
         shared.on_message(FireUpdate(50, "x", (200,)))
         shared.on_message(digest)
-    said = []
+    sent = []
     for tick in range(20):
         for shared in others:
             for message in of_type(shared.messages(tick * TICK_US), Difference):
-                said.append(message)
+                sent.append(message)
                 for hearer in team:
                     hearer.on_message(message)
-    assert 1 <= len(said) <= 3  # of eight
+    assert 1 <= len(sent) <= 3  # of eight
     assert fire_of(lacks) == [*range(100), 200]
 
 
-def test_who_comes_without_a_map_gets_it_at_once() -> None:
+def test_a_peer_that_joins_without_a_map_gets_it_at_once() -> None:
     rng = np.random.default_rng(3)
     team = [SharedMap(f"uav{k}", (500, 500)) for k in range(8)]
     rows, cols = np.divmod(np.arange(250_000), 500)
@@ -215,7 +215,7 @@ def test_who_comes_without_a_map_gets_it_at_once() -> None:
     assert team[0].fire.sum() == 3400
 
 
-def test_fire_goes_from_neighbour_to_neighbour_where_not_all_hear_all() -> None:
+def test_fire_is_passed_from_neighbour_to_neighbour_where_not_all_receive_all() -> None:
     line = [SharedMap(f"uav{k}", SHAPE) for k in range(5)]
     quiet(*line)
     line[0].add_view(cells(*range(100, 110)), NONE, S)
@@ -260,7 +260,7 @@ def test_a_large_difference_goes_in_several_messages_bounded_in_size_and_rate() 
     assert max(sum(of_a_second) for of_a_second in sizes.values()) < 25_000
 
 
-def test_more_tiles_than_fit_a_digest_are_said_in_turns() -> None:
+def test_more_tiles_than_fit_a_digest_are_sent_in_turns() -> None:
     shape = (300, 300)  # 361 tiles
     one, other = SharedMap("one", shape), SharedMap("other", shape)
     for shared in (one, other):
@@ -271,7 +271,7 @@ def test_more_tiles_than_fit_a_digest_are_said_in_turns() -> None:
 
 
 SIGHTS = st.tuples(
-    st.integers(0, 3),  # who
+    st.integers(0, 3),  # the member
     st.lists(st.integers(0, 199), max_size=6).map(lambda some: cells(*some)),
     st.lists(st.integers(0, 199), max_size=3).map(lambda some: cells(*some)),
 )
@@ -290,8 +290,8 @@ def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
     for event in schedule:
         at_us += TICK_US
         if isinstance(event, tuple):
-            who, burning, unburned = event
-            team[who].add_view(burning, unburned, at_us)
+            member, burning, unburned = event
+            team[member].add_view(burning, unburned, at_us)
         under_way += [message for shared in team for message in shared.messages(at_us)]
         if isinstance(event, int) and under_way:
             for bit in range(12):
@@ -352,7 +352,7 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
 
 
 @pytest.mark.parametrize(("count", "max_bytes_s"), [(8, 300), (32, 120)])
-def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
+def test_a_uav_sends_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
     """With as much fire as in the paper's experiments and 30 % of messages lost."""
     rng = np.random.default_rng(4)
     rows, cols = np.divmod(np.arange(250_000), 500)
@@ -361,7 +361,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -
     for shared in team:
         shared.set_initial(order[:3000], 0)
     under_way: list[tuple[int, MapMessage]] = []
-    said, burned = 0, 3000
+    sent_bytes, burned = 0, 3000
     for tick in range(240):
         for receiver, message in under_way:
             team[receiver].on_message(message)
@@ -372,10 +372,10 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -
             burned += 1
         for k, shared in enumerate(team):
             for message in shared.messages(tick * TICK_US):
-                said += len(msgspec.json.encode(message))
-                heard = np.flatnonzero(rng.random(count) >= 0.3).tolist()
-                under_way += [(i, message) for i in heard if i != k]
-    assert said / 60.0 / count < max_bytes_s
+                sent_bytes += len(msgspec.json.encode(message))
+                receivers = np.flatnonzero(rng.random(count) >= 0.3).tolist()
+                under_way += [(i, message) for i in receivers if i != k]
+    assert sent_bytes / 60.0 / count < max_bytes_s
     fire = np.zeros(250_000, dtype=np.bool_)
     fire[order[:burned]] = True
     assert inaccuracy_cells(fire.reshape(500, 500), [shared.fire for shared in team]) < 2.0
@@ -395,7 +395,7 @@ def test_a_uav_says_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -
         Digest(5, "x", (), 7, 6),
     ],
 )
-def test_what_is_not_on_the_map_is_an_error_that_says_whose_it_is(message: MapMessage) -> None:
+def test_an_item_off_the_map_is_an_error_that_names_its_owner(message: MapMessage) -> None:
     shared = SharedMap("one", SHAPE)
     with pytest.raises(MissionServiceError, match=r"x: .* not on the map of 40 x 50 cells"):
         shared.on_message(message)

@@ -21,8 +21,8 @@ def reports(flown: Iterable[Flown]) -> list[AirspeedMeasured | ThrustStatusChang
 
 
 def thrust(flown: Iterable[Flown]) -> list[tuple[float, bool]]:
-    told = [each for each in reports(flown) if isinstance(each, ThrustStatusChanged)]
-    return [(each.at_us / 1e6, each.sufficient) for each in told]
+    events = [each for each in reports(flown) if isinstance(each, ThrustStatusChanged)]
+    return [(each.at_us / 1e6, each.sufficient) for each in events]
 
 
 CRUISE: list[Flown] = [(18.0, 0.0, 45)] * 40  # twenty seconds
@@ -48,7 +48,7 @@ def test_a_plane_that_levels_off_or_dives_is_not_reported() -> None:
 
 
 def test_a_mean_airspeed_is_reported_when_it_has_changed() -> None:
-    told = reports([*CRUISE, *CRUISE, *[(12.0, 0.0, 45)] * 80, *[(12.3, 0.0, 45)] * 80])
-    means = [each.airspeed_m_s for each in told if isinstance(each, AirspeedMeasured)]
+    events = reports([*CRUISE, *CRUISE, *[(12.0, 0.0, 45)] * 80, *[(12.3, 0.0, 45)] * 80])
+    means = [each.airspeed_m_s for each in events if isinstance(each, AirspeedMeasured)]
     assert (means[0], means[-1]) == (18.0, 12.0)
     assert all(abs(one - other) >= 0.5 for one, other in pairwise(means))

@@ -39,7 +39,7 @@ class Flown:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
-    """Each shipped scenario once: the same events are told to all rules of its kind."""
+    """Each shipped scenario once: the same events for all rules of its kind."""
     folder, found = tmp_path_factory.mktemp("flown"), {}
     for name, seconds in FLOWN_S.items():
         scenario = flying(load_scenario(name, CHANGES[name]))
@@ -67,19 +67,19 @@ def test_a_core_goes_on_from_a_state_as_if_nothing_had_been(
     flown: dict[str, Flown], rule: str
 ) -> None:
     run = flown[kind_of(rule)]
-    told = run.scenario.planner.model_copy(update={"rule": rule})
-    scenario = run.scenario.model_copy(update={"planner": told})
-    known = Known(scenario, run.landscape)
+    planner = run.scenario.planner.model_copy(update={"rule": rule})
+    scenario = run.scenario.model_copy(update={"planner": planner})
+    shared = Known(scenario, run.landscape)
     cores = [Core(scenario, run.landscape)]
     stops = [round(len(run.events) * share) for share in (0.75, 0.9)]
-    said = 0
+    command_count = 0
     for number, event in enumerate(run.events):
         if number in stops:
-            cores = [cores[0], thawed(Frozen({"core": cores[-1]}, known))["core"]]
+            cores = [cores[0], thawed(Frozen({"core": cores[-1]}, shared))["core"]]
         commands = [core.handle(event) for core in cores]
         assert all(each == commands[0] for each in commands), f"event {number}: {event}"
-        said += len(commands[0])
-    assert said > 5
+        command_count += len(commands[0])
+    assert command_count > 5
     restored = cores[-1]
     assert restored is not cores[0]
     assert restored.landscape is run.landscape
@@ -94,9 +94,9 @@ def test_a_fire_burns_on_from_a_state_as_if_nothing_had_been(
     flown: dict[str, Flown], name: str
 ) -> None:
     run = flown[name]
-    known = Known(run.scenario, run.landscape)
+    shared = Known(run.scenario, run.landscape)
     world = run.simulation.world
-    again = thawed(Frozen({"world": world}, known))["world"]
+    again = thawed(Frozen({"world": world}, shared))["world"]
     assert again.landscape is run.landscape
     later_us = round(world.fire.time_s * 1e6) + 900_000_000
     before = np.isfinite(world.fire.arrival_time_s).sum()
@@ -108,7 +108,7 @@ def test_a_fire_burns_on_from_a_state_as_if_nothing_had_been(
 
 def test_arrays_that_share_memory_share_it_again(flown: dict[str, Flown]) -> None:
     run = flown["burn"]
-    known = Known(run.scenario, run.landscape)
+    shared = Known(run.scenario, run.landscape)
     whole = np.arange(24.0).reshape(4, 6)
     read_only = whole[1:3]
     read_only.flags.writeable = False
@@ -122,7 +122,7 @@ def test_arrays_that_share_memory_share_it_again(flown: dict[str, Flown]) -> Non
         "words": np.array(["a", None], dtype=object)[:1],
     }
     for _ in range(2):  # what was read can be written again
-        objects = thawed(Frozen(objects, known))
+        objects = thawed(Frozen(objects, shared))
     assert np.array_equal(objects["part"], whole[::-2, 1:4])
     assert np.array_equal(objects["across"], whole.T)
     assert not objects["read_only"].flags.writeable

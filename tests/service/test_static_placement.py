@@ -67,7 +67,7 @@ def places_of(agents_m: Floats) -> Floats:
 
 
 class Team:
-    """Agents that come from one side, each with the fire known; no vehicles under them."""
+    """Agents that come from one side, each with the fire on its map; no vehicles under them."""
 
     def __init__(self, count: int, side_rad: float, away_m: float = 1050.0) -> None:
         along = 80.0 * (np.arange(count) - (count - 1) / 2.0)
@@ -198,23 +198,23 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
     others_m = MIDDLE_M + np.array(
         [[-400.0, 500.0], [-400.0, 0.0], [-400.0, -500.0], [0.0, 750.0], [0.0, -750.0]]
     )
-    goal, gone_m = None, 0.0
+    goal, flown_m = None, 0.0
     for tick in range(200):
         if tick % 2 == 0:
             goal = next_goal(tick * STEP_S, x_m, y_m, goal, others_m, maps, GRID, SETTINGS)
         assert goal is not None
         east_m_s, north_m_s = velocity(x_m, y_m, goal, 25.0, STEP_S)
         x_m, y_m = x_m + east_m_s * STEP_S, y_m + north_m_s * STEP_S
-        gone_m += math.hypot(east_m_s, north_m_s) * STEP_S
+        flown_m += math.hypot(east_m_s, north_m_s) * STEP_S
         row, col = GRID.row_col_of(x_m, y_m)
         assert not over_fire[round(row), round(col)]
     assert x_m > MIDDLE_M + 200.0
-    assert gone_m > 1200.0
+    assert flown_m > 1200.0
 
 
 def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_forces() -> None:
     maps = maps_of(ellipse(700.0, 700.0))
-    nobody = np.empty(0)
+    no_others = np.empty(0)
 
     def asked(x_m: float, y_m: float) -> object:
         place_m = (MIDDLE_M + x_m, MIDDLE_M + y_m)
@@ -225,9 +225,9 @@ def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_f
     assert asked(-600.0, 0.0) is not None  # in the fire, near its edge
     assert asked(-1000.0, 0.0) is not None
     mover = AgentMover(SETTINGS, GRID, 0.0)
-    assert mover.velocity(0.0, 50.0, 50.0, nobody, nobody, maps, STEP_S)[0] > 1.0
+    assert mover.velocity(0.0, 50.0, 50.0, no_others, no_others, maps, STEP_S)[0] > 1.0
     nothing = maps_of(np.zeros(GRID.shape, dtype=bool))
-    assert mover.velocity(1.0, 50.0, 50.0, nobody, nobody, nothing, STEP_S) == (0.0, 0.0)
+    assert mover.velocity(1.0, 50.0, 50.0, no_others, no_others, nothing, STEP_S) == (0.0, 0.0)
 
 
 def test_others_without_a_virtual_agent_do_not_count() -> None:
@@ -242,7 +242,7 @@ def test_others_without_a_virtual_agent_do_not_count() -> None:
     assert goal(nowhere, nowhere) == goal(np.empty(0), np.empty(0)) is not None
 
 
-def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
+def test_a_standing_vehicle_does_not_give_way_to_one_that_passes() -> None:
     maps = maps_of(ellipse(330.0, 330.0))
     team = Team(4, 0.0)
     for _ in team.fly(maps, 400.0):
@@ -251,7 +251,7 @@ def test_who_stands_still_does_not_give_way_to_one_that_passes() -> None:
     stays = mover.goal
     assert stays is not None
     goals = set()
-    for tick in range(40):  # 25 m/s, 20 m beside it
+    for tick in range(40):  # 25 m/s, 20 m next to it
         passing_m = np.delete(team.agents_m, 0, axis=0)
         passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
         at_s = team.time_s + tick

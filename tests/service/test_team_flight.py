@@ -69,7 +69,7 @@ class Run:
     record: RunStatistics
     world: SimulatedFire
     cores: list[Core]
-    said: list[str] = field(default_factory=list)
+    announcements: list[str] = field(default_factory=list)
 
     @property
     def member(self) -> TeamMember:
@@ -116,10 +116,10 @@ def test_the_first_lap_is_shared(run: Run) -> None:
     assert began < 4500.0
 
 
-def test_the_death_of_one_is_told_and_the_others_fly_without_it_from_their_next_decision_on(
+def test_the_loss_of_one_is_announced_and_the_others_fly_without_it_from_their_next_decision_on(
     run: Run,
 ) -> None:
-    assert any(line.startswith("swift: no heartbeat") for line in run.said)
+    assert any(line.startswith("swift: no heartbeat") for line in run.announcements)
     shown = run.cores[0].decision_engine.planners["hawk"]._team.rule.members  # type: ignore[attr-defined]
     before = [members for at_s, members in shown if DIES_S - 30.0 < at_s < DIES_S]
     after = [members for at_s, members in shown if at_s > DIES_S + 4.5]

@@ -32,7 +32,7 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     whole, rest = scenario_of(tmp_path)
     log = tmp_path / "daemon.log"
 
-    def said(words: str) -> Callable[[], bool]:
+    def logged(words: str) -> Callable[[], bool]:
         return lambda: re.search(words, log.read_text(encoding="utf-8")) is not None
 
     def uploads_of(name: str) -> int:
@@ -46,13 +46,13 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     ):
         with process(["mock", str(whole), "--vehicle", "swift", *flags], tmp_path / "swift.log"):
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(said(rf"{name}: connected"), 60)
+                wait_for(logged(rf"{name}: connected"), 60)
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(said(rf"{name}: start mission: accepted"), 60)
-            wait_for(said("swift: phase: (initial circle|monitor)"), 60)
-        wait_for(said("swift: no heartbeat"), PATIENCE_S)
+                wait_for(logged(rf"{name}: start mission: accepted"), 60)
+            wait_for(logged("swift: phase: (initial circle|monitor)"), 60)
+        wait_for(logged("swift: no heartbeat"), PATIENCE_S)
         for name in ("hawk", "kite", "wren"):
-            wait_for(said(f"{name}: phase: monitor"), 90)
+            wait_for(logged(f"{name}: phase: monitor"), 90)
         uploads = uploads_of("hawk")
         wait_for(lambda: uploads_of("hawk") > uploads, 60)
         daemon.send_signal(signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""A team's shared map, its first lap, and who is in its fleet."""
+"""A team's shared map, its first lap, and the members of its fleet."""
 
 from pkgutil import resolve_name
 
@@ -18,8 +18,8 @@ RADIUS = 40.0
 CELL_M = 30.0
 
 
-class Told:
-    """A rule that flies as it is told, and notes what it is shown."""
+class ScriptedRule:
+    """A rule that decides as scripted, and records its inputs."""
 
     def __init__(self) -> None:
         self.clockwise: dict[int, bool] = {}
@@ -35,7 +35,9 @@ class Told:
         raise AssertionError("the bearings stay")
 
 
-def team_of(rule: Told, *names: str, ignition_known: bool = True, centre: float = CENTRE) -> Team:
+def team_of(
+    rule: ScriptedRule, *names: str, ignition_known: bool = True, centre: float = CENTRE
+) -> Team:
     settings = TeamSettings(CELL_M, True, ignition_known, 300.0, 10, PathSettings(80.0, 5.0))
     return Team(
         rule,
@@ -78,8 +80,8 @@ def lap(team: Team) -> float:
     return fly(team, "b", 360, 175, 1000.0)
 
 
-def test_what_one_has_seen_all_know() -> None:
-    team = team_of(Told(), "a", "b")
+def test_an_observation_of_one_reaches_all() -> None:
+    team = team_of(ScriptedRule(), "a", "b")
     fly(team, "a", 0, 90, 1000.0)
     assert np.isfinite(team.map.outer[:90]).all()
     look(team.member("b"), "b", 0, 1200.0)
@@ -87,7 +89,7 @@ def test_what_one_has_seen_all_know() -> None:
 
 
 def test_two_share_the_first_lap_and_it_ends_for_both() -> None:
-    team = team_of(Told(), "a", "b")
+    team = team_of(ScriptedRule(), "a", "b")
     assert team.member("a").clockwise
     assert not team.member("b").clockwise
     assert {team.member(name).phase for name in "ab"} == {"approach"}
@@ -100,7 +102,7 @@ def test_two_share_the_first_lap_and_it_ends_for_both() -> None:
 
 
 def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
-    team = team_of(Told(), "a")
+    team = team_of(ScriptedRule(), "a")
     at_s = 1000.0
     for bearing in range(365):
         if not 90 < bearing < 120:  # smoke
@@ -112,7 +114,7 @@ def test_a_lap_of_its_own_ends_the_survey_though_bearings_are_unseen() -> None:
 
 
 def test_the_ring_is_the_front_in_metres() -> None:
-    rule = Told()
+    rule = ScriptedRule()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
     fly(team, "a", 0, 3, at_s)
@@ -125,7 +127,7 @@ def test_the_ring_is_the_front_in_metres() -> None:
 
 
 def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() -> None:
-    rule = Told()
+    rule = ScriptedRule()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
     a = team.member("a")
@@ -150,8 +152,10 @@ def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() ->
     assert [int(fleet.cell[0]) for fleet in rule.fleets[-2:]] == [15, 14]
 
 
-def test_who_has_left_is_out_of_the_fleet_at_the_next_decision_until_the_front_is_in_view() -> None:
-    rule = Told()
+def test_a_departed_vehicle_is_out_of_the_fleet_at_the_next_decision_until_it_sees_the_front() -> (
+    None
+):
+    rule = ScriptedRule()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
     fly(team, "a", 0, 4, at_s)
@@ -187,7 +191,7 @@ def test_every_rule_directs_a_team_that_loses_one_and_gets_it_back(name: str) ->
 
 
 def test_an_unknown_ignition_is_replaced_by_the_centre_of_what_was_seen() -> None:
-    team = team_of(Told(), "a", "b", ignition_known=False, centre=90.0)
+    team = team_of(ScriptedRule(), "a", "b", ignition_known=False, centre=90.0)
     lap(team)
     assert team.surveyed
     assert team.map.centre_row == pytest.approx(CENTRE, abs=1.0)
@@ -196,7 +200,7 @@ def test_an_unknown_ignition_is_replaced_by_the_centre_of_what_was_seen() -> Non
 
 
 def test_a_path_leads_along_the_front_in_the_flying_direction() -> None:
-    team = team_of(Told(), "a", "b")
+    team = team_of(ScriptedRule(), "a", "b")
     lap(team)
     for name, side in (("a", 1.0), ("b", -1.0)):
         path = team.member(name).path(*place(90))
@@ -206,10 +210,10 @@ def test_a_path_leads_along_the_front_in_the_flying_direction() -> None:
 
 
 def test_a_silent_one_is_reckoned_to_fly_on_and_then_as_lost() -> None:
-    rule = Told()
+    rule = ScriptedRule()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
-    fly(team, "b", 180, 178, at_s)  # heard for the last time 4 s later, flying anticlockwise
+    fly(team, "b", 180, 178, at_s)  # received for the last time 4 s later, flying anticlockwise
     fly(team, "a", 0, 12, at_s)
     ring = rule.rings[-1]
     flown_m = float(ring.step_m[158:178].sum())  # in 20 s at 15 m/s

@@ -176,7 +176,7 @@ def test_a_dask_cluster_finds_what_one_process_does(tmp_path: Path) -> None:
         assert tune(evaluate, 6, *SMALL) == found
 
 
-def test_no_scheduler_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "SECONDS_TO_CONNECT", 1)
     address = f"tcp://127.0.0.1:{free_port()}"
     result = CliRunner().invoke(main, ["tune", "virtual-agents", "--scheduler", address])

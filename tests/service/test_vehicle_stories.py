@@ -133,7 +133,7 @@ def when_a_pilot_takes_over_from_a_landing_and_the_service_restarts(story: Story
 
 def when_a_pilot_flies_it_before_its_first_mission(story: Story) -> None:
     flights, name = story.flights, story.name
-    flights.takes_off_by_hand(name, "manual")
+    flights.takes_off_manually(name, "manual")
     flights.all_goes_well(30)
     assert story.flown.mode == "manual"
 

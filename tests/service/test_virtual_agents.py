@@ -44,7 +44,7 @@ def test_fires_have_the_sizes_of_table_2(experiment: object) -> None:
     assert np.mean(sizes) == pytest.approx(one.paper_final_cells, rel=0.06)
 
 
-def test_eight_uavs_cover_all_and_know_the_fire(eight: Flight) -> None:
+def test_eight_uavs_cover_all_and_estimate_the_fire(eight: Flight) -> None:
     assert eight.at_end("va_coverage", 60.0) >= 0.99
     assert eight.at_end("uav_coverage", 60.0) >= 0.99
     assert eight.at_end("efficiency", 60.0) >= 0.99
@@ -54,7 +54,7 @@ def test_eight_uavs_cover_all_and_know_the_fire(eight: Flight) -> None:
 def test_they_keep_apart(eight: Flight) -> None:
     assert eight.series["collisions"][-1] == 0
     assert eight.closest_m >= APART_M
-    assert eight.series["conflicts"][-1] > 0  # somebody was in somebody's way
+    assert eight.series["conflicts"][-1] > 0  # some were in each other's way
 
 
 def test_without_avoidance_they_do_not() -> None:
@@ -94,7 +94,7 @@ def test_two_leave_for_fuel_and_come_back() -> None:
     before = coverage[(at_s >= 280.0) & (at_s < 300.0)].mean()
     without = coverage[(at_s >= 500.0) & (at_s < 560.0)].mean()
     assert before > 0.97
-    assert without >= six.at_end("va_coverage", 60.0) - 0.03  # the six form anew
+    assert without >= six.at_end("va_coverage", 60.0) - 0.03  # the six spread out again
     assert coverage[at_s >= 840.0].mean() > 0.98
     assert flight.series["collisions"][-1] == 0
 

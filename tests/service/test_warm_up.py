@@ -57,5 +57,5 @@ def compiled_in_flight(*arguments: str) -> str:
 
 
 def test_nothing_is_compiled_in_flight() -> None:
-    assert "intent" in compiled_in_flight()  # the question can tell
+    assert "intent" in compiled_in_flight()  # the check finds it
     assert compiled_in_flight("warm") == ""

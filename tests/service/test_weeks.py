@@ -90,7 +90,7 @@ def attributes(thing: object) -> Iterator[tuple[str, Any]]:
 
 
 class People:
-    """Somebody draws, erases, undoes, holds or tells the wind, every ten seconds."""
+    """An operator draws, erases, undoes, holds or sets the wind, every ten seconds."""
 
     def __init__(self) -> None:
         self._rng = random.Random(3)

@@ -35,14 +35,14 @@ ANN = ("ann", "desk")
 
 def script() -> Script:
     """Wind, other settings and a hold, as people of the first flight have it."""
-    said: list[AnyOperatorEvent] = [
+    events: list[AnyOperatorEvent] = [
         OperatorHeartbeat(3_600_000_000, *ANN),
         WindSet(3_700_000_000, *ANN, 12.0, 10.0),
         SettingsChanged(3_750_000_000, *ANN, alpha=0.2, dwell_s=30.0),
         OrderGiven(3_900_000_000, *ANN, "hawk", "hold"),
         OrderGiven(3_960_000_000, *ANN, "hawk", "resume"),
     ]
-    return Script(said)
+    return Script(events)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def call(*arguments: str) -> Result:
 
 
 def lines(path: Path) -> list[bytes]:
-    """All but the header, which says when it was made."""
+    """All but the header, with its time of writing."""
     return path.read_bytes().splitlines()[1:]
 
 
@@ -73,25 +73,26 @@ def test_with_the_journals_own_settings_it_is_the_same_flight_again(
     assert verify(again).differing == []
 
 
-def test_another_planner_flies_otherwise_and_both_are_told(run: Path, tmp_path: Path) -> None:
+def test_another_planner_flies_otherwise_and_both_are_reported(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("planner=predictive", "dwell_s=90", "baseline_s=300")
     result = call(str(run), "--what-if", *words, "--out", str(out), "--json")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert told["settings"] == {"rule": "predictive", "dwell_s": 90.0, "baseline_s": 300.0}
-    assert told["recorded"] != told["what_if"]
-    assert told["what_if"]["vehicles"]["hawk"]["uploads_accepted"] > 0
+    report = json.loads(result.stdout)
+    assert report["settings"] == {"rule": "predictive", "dwell_s": 90.0, "baseline_s": 300.0}
+    assert report["recorded"] != report["what_if"]
+    assert report["what_if"]["vehicles"]["hawk"]["uploads_accepted"] > 0
     names = {"journal.jsonl", "map.png", "perimeters.geojson", "summary.json", "tracks.geojson"}
     assert names | {"report.html"} <= {each.name for each in out.iterdir()}
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert figures_of(summary) == told["what_if"]
+    assert figures_of(summary) == report["what_if"]
     entries = [entry.content for entry in SegmentReader(out / "journal.jsonl")]
     assert (
-        sum(isinstance(each, DirectionDecision) for each in entries) == told["what_if"]["decisions"]
+        sum(isinstance(each, DirectionDecision) for each in entries)
+        == report["what_if"]["decisions"]
     )
-    said = [each for each in entries if isinstance(each, SettingsChanged)]
-    assert [each.given for each in said] == [{"alpha": 0.2}]
+    settings = [each for each in entries if isinstance(each, SettingsChanged)]
+    assert [each.given for each in settings] == [{"alpha": 0.2}]
     assert sum(isinstance(each, OrderGiven | WindSet | OperatorHeartbeat) for each in entries) == 4
     assert verify(out / "journal.jsonl").differing == []
 
@@ -114,7 +115,7 @@ def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path)
         assert ["recorded", "what-if"] in rows
 
 
-def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
+def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     scenario = flying(load_scenario("default", CHANGES))
     record, world = simulate(scenario, path, "", crew=script().due)
@@ -127,7 +128,7 @@ def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
+def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
     small = ("landscape.rows=120", "landscape.cols=120", "duration_s=150")
     path = tmp_path / "journal.jsonl"
     simulate(flying(load_scenario("burn", small)), path, "")
@@ -138,24 +139,24 @@ def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
     assert "a simulated crew says GO, watches and approves the plans" in found.notes
 
 
-def test_approvals_and_restarts_are_not_told_again() -> None:
-    who = (1, *ANN)
+def test_approvals_and_restarts_are_not_submitted_again() -> None:
+    source = (1, *ANN)
     kept: list[AnyOperatorEvent] = [
-        Aborted(*who),
-        OperatorHeartbeat(*who),
-        SettingsChanged(*who, reversal_margin=0.1),
+        Aborted(*source),
+        OperatorHeartbeat(*source),
+        SettingsChanged(*source, reversal_margin=0.1),
     ]
     people: list[AnyOperatorEvent] = [
-        Approved(*who, "x"),
-        MissionAccepted(*who, "hawk", "y"),
-        Resumed(*who, 3.0),
-        SettingsChanged(*who, alpha=2.0),
+        Approved(*source, "x"),
+        MissionAccepted(*source, "hawk", "y"),
+        Resumed(*source, 3.0),
+        SettingsChanged(*source, alpha=2.0),
         *kept,
     ]
     assert told_again(people, {"alpha": 1.0}) == kept
-    said = Script(kept)
+    filtered = Script(kept)
     core: Core = None  # type: ignore[assignment]
-    assert [said.due(0, core), said.due(1, core), said.due(2, core)] == [[], kept, []]
+    assert [filtered.due(0, core), filtered.due(1, core), filtered.due(2, core)] == [[], kept, []]
 
 
 @pytest.mark.parametrize(
@@ -174,7 +175,7 @@ def test_approvals_and_restarts_are_not_told_again() -> None:
         (("alpha=1",), "1: cannot be read", 1),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(
+def test_invalid_input_is_reported_in_one_line(
     run: Path, tmp_path: Path, arguments: tuple[str, ...], words: str, code: int
 ) -> None:
     where = {"OUT": str(tmp_path), "RUN": str(run.parent)}

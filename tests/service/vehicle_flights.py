@@ -1,4 +1,4 @@
-"""What may happen to vehicles, their links, their service and by its crew, each as one step.
+"""What may happen to vehicles, their links, their service and by its operators, each as one step.
 
 What does happen is decided elsewhere: by hypothesis (``vehicle_machine``).
 """
@@ -39,12 +39,12 @@ class Flights(Turns):
     # The vehicles -----------------------------------------------------------------------------
 
     def pilot(self, name: str, mode: str) -> None:
-        """Somebody switches a mode by radio; in the air or armed on the ground."""
+        """A pilot switches a mode by radio; in the air or armed on the ground."""
         self.bridges[name].autopilot.change(mode, "pilot")
         self.step()
 
     def arm(self, name: str, armed: bool) -> None:
-        """Somebody arms by radio, or disarms on the ground."""
+        """A pilot arms by radio, or disarms on the ground."""
         flown = self.bridges[name].autopilot
         if armed:
             flown.armed = True
@@ -53,8 +53,8 @@ class Flights(Turns):
             flown.land()
         self.step()
 
-    def takes_off_by_hand(self, name: str, mode: str) -> None:
-        """Somebody flies it by radio."""
+    def takes_off_manually(self, name: str, mode: str) -> None:
+        """A pilot flies it by radio."""
         flown = self.bridges[name].autopilot
         flown.armed, flown.height_m = True, max(flown.height_m, 60.0)
         flown.change(mode, "pilot")
@@ -67,13 +67,13 @@ class Flights(Turns):
             self.met[f"failsafe: {kind}"] += 1
             flown.fail(kind)
             if self.bridges[name].linked:
-                self.tell(AutopilotText(self.now_us, name, 2, f"{kind}: {flown.mode}"))
+                self.process(AutopilotText(self.now_us, name, 2, f"{kind}: {flown.mode}"))
         self.step()
 
     def wind(self, name: str, speed_m_s: float) -> None:
         """The autopilot measures the wind."""
         if self.bridges[name].linked:
-            self.tell(WindMeasured(self.now_us, name, speed_m_s, 270.0))
+            self.process(WindMeasured(self.now_us, name, speed_m_s, 270.0))
         self.step()
 
     def lands(self, name: str, reported: bool) -> None:
@@ -93,7 +93,7 @@ class Flights(Turns):
             return
         if heartbeat_first:
             self._heartbeat(name, bridge)
-        self.tell(VehicleRebooted(self.now_us, name))
+        self.process(VehicleRebooted(self.now_us, name))
         ended, bridge.commands = bridge.commands, []
         for sent in ended:
             self._ended(name, sent, "the autopilot was restarted")
@@ -107,7 +107,7 @@ class Flights(Turns):
         if bridge.linked and not works:
             bridge.linked, bridge.lost = False, True
             self.now_us += 3_000_000
-            self.tell(LinkLost(self.now_us, name, 3.0))
+            self.process(LinkLost(self.now_us, name, 3.0))
         bridge.linked = works
         self.step()
 
@@ -131,7 +131,7 @@ class Flights(Turns):
             sent = arrived[number % len(arrived)]
             bridge.commands.remove(sent)
             command, reason = NAMES[type(sent.command)], sent.answer or "accepted"
-            self.tell(CommandFinished(self.now_us, name, command, not sent.answer, reason))
+            self.process(CommandFinished(self.now_us, name, command, not sent.answer, reason))
 
     def unanswered(self, name: str, number: int) -> None:
         """A command got lost, or its answer: the bridge gives up."""
@@ -155,7 +155,7 @@ class Flights(Turns):
         if upload is not None:
             self.met[f"upload {outcome}"] += 1
             mission_id = upload.mission_id
-            self.tell(UploadFinished(self.now_us, name, mission_id, outcome, "because"))
+            self.process(UploadFinished(self.now_us, name, mission_id, outcome, "because"))
         self.step()
 
     def all_goes_well(self, seconds: int) -> None:
@@ -171,10 +171,10 @@ class Flights(Turns):
                     self._answer(name, bridge, 0)
             self.fly(1.0)
 
-    def crew_flies_on(self) -> None:
+    def operators_fly_on(self) -> None:
         """People order all to fly, all goes well: then all must be led again before long."""
-        if self.crew is not None:
-            self.crew_is_there = True
+        if self.operators is not None:
+            self.operators_present = True
             self.renew("")
             self.all_goes_well(10)
             return
@@ -182,7 +182,7 @@ class Flights(Turns):
             bridge.autopilot.trouble = ""
             self.link(name, True)
         for second in range(RECOVERS_WITHIN_S):
-            if second % ORDERS_AGAIN_S == 0:  # one that landed meanwhile waits for its crew
+            if second % ORDERS_AGAIN_S == 0:  # one that landed meanwhile waits for an operator
                 self.order("", "resume", True)
                 self.order("", "start", True)
             for name in list(self.proposed):
@@ -206,30 +206,30 @@ class Flights(Turns):
 
     def order(self, name: str, order: Order, confirmed: bool) -> None:
         """An order to one vehicle, or to all without a name; a burn has none."""
-        if self.crew is None:
-            self.tell(OrderGiven(self.now_us, "ann", "", name, order, confirmed))
+        if self.operators is None:
+            self.process(OrderGiven(self.now_us, "ann", "", name, order, confirmed))
         self.step()
 
     def abort(self) -> None:
-        """Somebody aborts."""
-        self.tell(Aborted(self.now_us, "ann", ""))
+        """An operator aborts."""
+        self.process(Aborted(self.now_us, "ann", ""))
         self.step()
 
     def renew(self, name: str) -> None:
-        """Somebody wants another mission, or another plan of a burn."""
-        if self.crew is None:
-            self.tell(MissionRequested(self.now_us, "ann", "", name))
+        """An operator requests another mission, or another plan of a burn."""
+        if self.operators is None:
+            self.process(MissionRequested(self.now_us, "ann", "", name))
         else:
-            self.tell(PlanRequested(self.now_us, "ann", ""))
+            self.process(PlanRequested(self.now_us, "ann", ""))
         self.step()
 
     def word_on_mission(self, name: str, accepts: bool, newest: bool) -> None:
-        """Somebody accepts or refuses what is proposed, or what was never proposed."""
-        if self.crew is not None:
+        """An operator accepts or refuses what is proposed, or what was never proposed."""
+        if self.operators is not None:
             return
         named = self.proposed.get(name, "") if newest else "0" * 64
         kind = MissionAccepted if accepts else MissionRefused
-        self.tell(kind(self.now_us, "ann", "", name, named))
+        self.process(kind(self.now_us, "ann", "", name, named))
         self.step()
 
     # The service ------------------------------------------------------------------------------
@@ -246,12 +246,12 @@ class Flights(Turns):
         if killed:
             self._replaced.clear()
         self.now_us += round(down_s * 1e6)
-        self.tell(Resumed(self.now_us, "service", "", down_s))
+        self.process(Resumed(self.now_us, "service", "", down_s))
         if not killed:
             for name, bridge in self.bridges.items():
                 if bridge.connected and not bridge.lost:
                     stack = bridge.autopilot.stack
-                    self.tell(VehicleConnected(self.now_us, name, stack, stack == "px4"))
+                    self.process(VehicleConnected(self.now_us, name, stack, stack == "px4"))
         self.step(SERVICE_STARTS_S)
         if read != "later":
             self.read_back(read)
@@ -260,24 +260,24 @@ class Flights(Turns):
         """The service is killed when an order is written down, and what follows is not."""
         event = OrderGiven(self.now_us, "ann", "", name, order, True)
         aborted = Aborted(self.now_us, "ann", "")
-        self.tell(event if self.crew is None else aborted, carried_out=False)
+        self.process(event if self.operators is None else aborted, carried_out=False)
         self.restart(1.0, True, "same")
 
     def read_back(self, read: str) -> None:
-        """What vehicles have on board is reported, as far as they are heard."""
+        """What vehicles have on board is reported, as far as they are received."""
         for name, bridge in self.bridges.items():
             if not (bridge.reads_back and bridge.linked):
                 continue
             bridge.reads_back = False
             flown = bridge.autopilot
-            known, items = (flown.mission, 3) if read == "same" else (0, 3)
-            self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
+            mission_id, items = (flown.mission, 3) if read == "same" else (0, 3)
+            self.process(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
             bridge.mode = (flown.armed, flown.mode)
-            self.tell(
-                MissionReadBack(self.now_us, name, known, None if read == "nothing" else items)
+            self.process(
+                MissionReadBack(self.now_us, name, mission_id, None if read == "nothing" else items)
             )
 
     def restore(self) -> None:
-        """The core goes on from a state on the disk, beside the one that was never stopped."""
+        """The core goes on from a state on the disk, next to the one that was never stopped."""
         self.met["restored from a state"] += 1
-        self.twin = thawed(Frozen({"core": self.core}, self.site.known))["core"]
+        self.twin = thawed(Frozen({"core": self.core}, self.site.shared))["core"]

@@ -84,7 +84,7 @@ class VehicleMachine(RuleBasedStateMachine):
 
     @rule(which=WHICH, mode=st.sampled_from(["manual", "altitude", "hold", "mission"]))
     def pilot_takes_off(self, which: int, mode: str) -> None:
-        self.flights.takes_off_by_hand(self._name(which), mode)
+        self.flights.takes_off_manually(self._name(which), mode)
 
     @rule(which=WHICH, kind=st.sampled_from(sorted(FAILSAFES)))
     def failsafe(self, which: int, kind: str) -> None:
@@ -132,9 +132,9 @@ class VehicleMachine(RuleBasedStateMachine):
             self.flights.order("" if to_all else name, order, confirmed)  # type: ignore[arg-type]
 
     @rule()
-    def crew_flies_on(self) -> None:
+    def operators_fly_on(self) -> None:
         self._name(0)
-        self.flights.crew_flies_on()
+        self.flights.operators_fly_on()
 
     @rule(which=WHICH)
     def renew(self, which: int) -> None:
@@ -163,9 +163,9 @@ class VehicleMachine(RuleBasedStateMachine):
         self.flights.wind(self._name(which), speed_m_s)
 
     @rule(there=st.booleans())
-    def crew_of_a_burn(self, there: bool) -> None:
+    def operators_of_a_burn(self, there: bool) -> None:
         self._name(0)
-        self.flights.crew_is_there = there
+        self.flights.operators_present = there
 
     @rule()
     def restore(self) -> None:

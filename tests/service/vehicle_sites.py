@@ -34,7 +34,7 @@ class Site:
 
     scenario: Scenario
     landscape: Landscape
-    known: Known
+    shared: Known
     fire_m: tuple[float, float]
 
     def ground_amsl_m(self, x_m: float, y_m: float) -> float:
@@ -88,5 +88,5 @@ def site_of(name: str) -> Site:
     else:
         assert scenario.burn.unit is not None
         fire_m = landscape.xy_of_lat_lon(*scenario.burn.unit[0])
-    known = Known(scenario, landscape)
-    return Site(scenario, landscape, known, (float(fire_m[0]), float(fire_m[1])))
+    shared = Known(scenario, landscape)
+    return Site(scenario, landscape, shared, (float(fire_m[0]), float(fire_m[1])))

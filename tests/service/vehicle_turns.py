@@ -37,12 +37,12 @@ from tests.service.vehicle_sites import Site, site_of
 
 FIRE_M, VIEW_CELLS = 200.0, 8
 # Events without commands that need no line in a story.
-UNTOLD = (
+NOT_IN_STORY = (
     *(Observed, SystemStateChanged, LandedStateChanged, FenceStatusChanged),
     *(EstimatorStatusChanged, GpsFixChanged, BatteryUpdated, MissionProgress),
 )
 REMEMBERED = 40  # turns, for the report of a violation
-UNSAID = ("at_us", "by", "station", "custom_mode", "atomic_upload", "stack")
+OMITTED_FIELDS = ("at_us", "by", "station", "custom_mode", "atomic_upload", "stack")
 MIN_STEP_S = 0.01
 
 
@@ -75,9 +75,11 @@ class Turns:
         self.now_us = 0
         self.met = met
         self.proposed: dict[str, str] = {}
-        # A burn's crew says GO, watches and approves, while it is there.
-        self.crew = None if scenario.burn is None else SimulatedCrew(scenario.burn, thinks_s=1.0)
-        self.crew_is_there = True
+        # A burn's operators answer GO, watch and approve, while they are present.
+        self.operators = (
+            None if scenario.burn is None else SimulatedCrew(scenario.burn, thinks_s=1.0)
+        )
+        self.operators_present = True
         self._found = found
         self._log: deque[str] = deque(maxlen=REMEMBERED)
         self._replaced: deque[tuple[str, Sent, str]] = deque()
@@ -86,7 +88,7 @@ class Turns:
 
     # Events and commands ----------------------------------------------------------------------
 
-    def tell(self, event: AnyEvent, carried_out: bool = True) -> list[AnyCommand]:
+    def process(self, event: AnyEvent, carried_out: bool = True) -> list[AnyCommand]:
         """One turn of the service: the core handles an event, its commands are judged and sent."""
         commands = self._handle(event)
         self._note(event, commands)
@@ -119,7 +121,7 @@ class Turns:
 
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """A line for the story; of positions without a command only the last."""
-        if not commands and isinstance(event, UNTOLD):
+        if not commands and isinstance(event, NOT_IN_STORY):
             return
         line = f"{_in_words(event)} -> {', '.join(map(_in_words, commands))}"
         repeats = line.startswith("Telemetry") and line.endswith("-> ") and self._log
@@ -151,26 +153,26 @@ class Turns:
 
     def _ended(self, name: str, sent: Sent, reason: str) -> None:
         """A command is reported as not carried out, whether it was or not."""
-        self.tell(CommandFinished(self.now_us, name, NAMES[type(sent.command)], False, reason))
+        self.process(CommandFinished(self.now_us, name, NAMES[type(sent.command)], False, reason))
 
     def _heartbeat(self, name: str, bridge: Bridge) -> None:
         flown = bridge.autopilot
         if not bridge.connected:
             bridge.connected = True
-            self.tell(VehicleConnected(self.now_us, name, flown.stack, flown.stack == "px4"))
+            self.process(VehicleConnected(self.now_us, name, flown.stack, flown.stack == "px4"))
         if bridge.lost:
             bridge.lost = False
-            self.tell(LinkRestored(self.now_us, name))
+            self.process(LinkRestored(self.now_us, name))
         if bridge.mode != (flown.armed, flown.mode):
             bridge.mode = (flown.armed, flown.mode)
-            self.tell(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
+            self.process(ModeChanged(self.now_us, name, 0, flown.armed, flown.mode))
         if bridge.seq != flown.seq:
             bridge.seq = flown.seq
-            self.tell(MissionProgress(self.now_us, name, flown.seq))
+            self.process(MissionProgress(self.now_us, name, flown.seq))
         for kind, state in flown.states.items():
             if bridge.states.get(kind) != state:
                 bridge.states[kind] = state
-                self.tell(self._state(name, kind, state))
+                self.process(self._state(name, kind, state))
 
     def _state(self, name: str, kind: str, state: str) -> AnyEvent:
         match kind:
@@ -200,17 +202,17 @@ class Turns:
                 if bridge.linked:
                     self._heartbeat(name, bridge)
                     self._position(name, bridge.autopilot)
-            if self.crew is not None and self.crew_is_there:
-                for event in self.crew.due(self.now_us, self.core):
-                    self.tell(event)
+            if self.operators is not None and self.operators_present:
+                for event in self.operators.due(self.now_us, self.core):
+                    self.process(event)
         self.step()
 
     def _position(self, name: str, flown: Autopilot) -> None:
         landscape = self.site.landscape
         lat_deg, lon_deg = landscape.lat_lon_of(flown.x_m, flown.y_m)
-        if flown.height_m > 30.0 and self.crew is None:
-            self.tell(self._seen(name, flown))
-        self.tell(
+        if flown.height_m > 30.0 and self.operators is None:
+            self.process(self._seen(name, flown))
+        self.process(
             Telemetry(
                 self.now_us,
                 name,
@@ -251,8 +253,8 @@ def _in_words(thing: AnyEvent | AnyCommand) -> str:
     """An event or a command, short."""
     at_s = f" at {thing.at_us / 1e6:.2f} s" if hasattr(thing, "at_us") else ""
     fields = thing.__struct_fields__
-    told = [repr(getattr(thing, field)) for field in fields if field not in UNSAID]
-    words = f"{type(thing).__name__}({', '.join(told)}){at_s}"
+    shown = [repr(getattr(thing, field)) for field in fields if field not in OMITTED_FIELDS]
+    words = f"{type(thing).__name__}({', '.join(shown)}){at_s}"
     if isinstance(thing, Observed):
         words = f"Observed({thing.vehicle})"
     elif isinstance(thing, UploadMission | ProposeMission):

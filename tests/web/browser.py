@@ -68,7 +68,7 @@ def _host(url: str) -> str:
 def page_of(
     browser: Browser, address: str, token: str, size: tuple[int, int], touch: bool = False
 ) -> Iterator[tuple[Page, Seen]]:
-    """The map in a window of its own, drawn. It may ask nobody else, and nothing may go wrong."""
+    """The map in a window of its own, drawn, without requests to other hosts and without errors."""
     viewport: Any = {"width": size[0], "height": size[1]}
     context = browser.new_context(viewport=viewport, has_touch=touch)
     seen = Seen(context)

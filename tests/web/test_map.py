@@ -21,9 +21,9 @@ from tests.web.service import BURN, FIRE, FORMATION, Service, running, wait_for
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 
-PICTURES = os.environ.get("MAP_PICTURES", "")
+IMAGES = os.environ.get("MAP_PICTURES", "")
 # Without a graphics card each pixel costs.
-DESKTOP, TABLET = ((1440, 900) if PICTURES else (960, 640)), (1180, 820)
+DESKTOP, TABLET = ((1440, 900) if IMAGES else (960, 640)), (1180, 820)
 SPEEDUP = 10
 
 
@@ -37,21 +37,23 @@ def chromium() -> Iterator[Browser]:
 def fire(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running(tmp_path_factory.mktemp("fire"), FIRE, SPEEDUP) as service:
         # Nothing is drawn until there is something to see: what is drawn costs.
-        wait_for(lambda: service.get("vehicles/hawk")["decisions"] > 0, 120, "hawk knows the front")
+        wait_for(
+            lambda: service.get("vehicles/hawk")["decisions"] > 0, 120, "hawk has a front estimate"
+        )
         yield service
 
 
 @pytest.fixture(scope="module")
 def desktop(chromium: Browser, fire: Service) -> Iterator[tuple[Page, Seen]]:
     with page_of(chromium, fire.address, fire.boss, DESKTOP) as opened:
-        if not PICTURES:  # shading each frame anew is most of the work
+        if not IMAGES:  # shading each frame is most of the work
             opened[0].evaluate("missionMap.setLayoutProperty('hillshade', 'visibility', 'none')")
         yield opened
 
 
 def state_view(page: Page, name: str) -> None:
-    if PICTURES:
-        page.screenshot(path=Path(PICTURES) / f"{name}.png")
+    if IMAGES:
+        page.screenshot(path=Path(IMAGES) / f"{name}.png")
 
 
 def area_ha(service: Service) -> float:
@@ -67,7 +69,7 @@ def corrections(service: Service) -> list[Any]:
     return found
 
 
-def here(service: Service, name: str = "hawk") -> Any:
+def telemetry_of(service: Service, name: str = "hawk") -> Any:
     return next(each for each in service.get("state")["telemetry"] if each["vehicle"] == name)
 
 
@@ -90,7 +92,7 @@ def ring(lat_deg: float, lon_deg: float, radius_m: float = 120.0) -> list[tuple[
 
 
 def off_front_m(service: Service) -> float:
-    at = here(service)
+    at = telemetry_of(service)
     return min(
         111_194 * math.hypot(lat - at["lat_deg"], (lon - at["lon_deg"]) * math.cos(lat / 57.3))
         for lat, lon in front_corners(service)
@@ -101,9 +103,9 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     page, _ = desktop
     # A fire is seen, and a plane that turns along it.
     wait_for(lambda: share_burned(page) > 0.02, 30, "a fire is seen")
-    before = here(fire)["heading_deg"]
+    before = telemetry_of(fire)["heading_deg"]
     wait_for(
-        lambda: abs((here(fire)["heading_deg"] - before + 180) % 360 - 180) > 30,
+        lambda: abs((telemetry_of(fire)["heading_deg"] - before + 180) % 360 - 180) > 30,
         30,
         "hawk turns along the front",
     )
@@ -142,7 +144,7 @@ def test_undo_takes_a_correction_back_and_redo_brings_it(
     page, _ = desktop
     held, larger = len(corrections(fire)), area_ha(fire)
     page.click("#tools .undo")
-    wait_for(lambda: len(corrections(fire)) == held - 1, 30, "the correction is gone")
+    wait_for(lambda: len(corrections(fire)) == held - 1, 30, "the correction is removed")
     wait_for(lambda: area_ha(fire) < larger - 1, 30, "the fire is as it was")
     page.keyboard.press("Control+y")
     wait_for(lambda: len(corrections(fire)) == held, 30, "the correction holds again")
@@ -183,11 +185,11 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
 
     wait_for(drawn, 30, "a wind is drawn")
     button.click()
-    told = wait_for(lambda: fire.get("weather")["wind_set"], 30, "the wind is known")
-    assert (told["from_deg"], told["speed_m_s"], told["by"]) == (270, 10, "boss")
+    wind = wait_for(lambda: fire.get("weather")["wind_set"], 30, "the wind is set")
+    assert (wind["from_deg"], wind["speed_m_s"], wind["by"]) == (270, 10, "boss")
 
 
-def test_planner_settings_are_told(desktop: tuple[Page, Seen], fire: Service) -> None:
+def test_planner_settings_are_submitted(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
     page.click("#tab-planner")
     page.fill("#planner-alpha", "1.7")
@@ -239,7 +241,7 @@ def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
     assert orders(fire) == {""}, "one press is not enough"
     page.click("#abort")
     wait_for(lambda: orders(fire) == {"hold"}, 30, "all hold")
-    wait_for(lambda: page.evaluate("window.sounded").count(960) >= 4, 30, "it is heard")
+    wait_for(lambda: page.evaluate("window.sounded").count(960) >= 4, 30, "it sounds")
     expect(page.locator("#alarms")).to_contain_text("aborted by boss")
     state_view(page, "abort")
     page.keyboard.press("k")
@@ -287,10 +289,10 @@ def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
             " || getComputedStyle(document.activeElement).outlineStyle !== 'none'"
         ), page.evaluate("document.activeElement.outerHTML")
     assert {"abort", "sound", "tab-vehicles", "maplibregl-canvas"} <= reached
-    page.goto("about:blank")  # what nobody looks at need not be drawn
+    page.goto("about:blank")  # a page that is not visible need not be drawn
 
 
-def test_who_may_only_look_is_told_why(chromium: Browser, fire: Service) -> None:
+def test_a_user_with_read_only_access_sees_the_reason(chromium: Browser, fire: Service) -> None:
     with page_of(chromium, fire.address, fire.looker, (1024, 700)) as (page, _):
         for name in ("Burned", "Undo"):
             button = page.get_by_role("button", name=name, exact=True)
@@ -388,7 +390,7 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
         expect(page.locator(".alarm.severe")).to_contain_text("Service lost", timeout=15_000)
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         state_view(page, "service-lost")
-        seen.complaints.clear()  # of each try that nobody answered
+        seen.complaints.clear()  # of each attempt without an answer
 
 
 def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
@@ -433,7 +435,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
                 "what it covers is drawn",
             )
             state_view(page, "orbits")
-            # Figures that were asked for just when somebody else had accepted the mission.
+            # Figures that were asked for just when another operator had accepted the mission.
             seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
 
 

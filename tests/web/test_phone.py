@@ -89,7 +89,7 @@ def test_an_order_that_is_to_be_confirmed_is_asked_about_and_sent_again(
         asked.append(json.loads(route.request.post_data or ""))
         done = bool(asked[-1].get("confirmed"))
         words = "resume: sent" if done else "confirm: kestrel is in RTL by its failsafe. Resume?"
-        route.fulfill(json={"ok": True, "said": [words], "confirm": not done})
+        route.fulfill(json={"ok": True, "messages": [words], "confirm": not done})
 
     page.route("**/vehicles/kestrel/resume", answered)
     page.set_viewport_size({"width": 360, "height": 640})

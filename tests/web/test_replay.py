@@ -1,4 +1,4 @@
-"""The page of a replay: it plays, pauses and seeks, and nobody takes it for a live flight."""
+"""The page of a replay: it plays, pauses and seeks, and is marked as a replay."""
 
 import re
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def log_s(replay: Replay) -> float:
     return float(state["log_at_us"] - state["log_begin_us"]) / 1e6
 
 
-def test_nobody_takes_it_for_a_live_flight(page: Page) -> None:
+def test_it_cannot_be_mistaken_for_a_live_flight(page: Page) -> None:
     expect(page.locator("#top .badge")).to_have_text(re.compile("REPLAY .*/journal.jsonl"))
     assert page.title().startswith("REPLAY")
     expect(page.locator("#top")).not_to_contain_text("live")

@@ -1,4 +1,4 @@
-"""Short exchanges with a mock: what to say to it, and what it said in brief."""
+"""Short exchanges with a mock: messages to send to it, and its replies in brief."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ COPTER = stack_named("ardupilot", "copter")
 TARGET = (1, 1)
 OTHER = (254, 190)
 UNKNOWN = MissionItem(31000, 2, 0, 0, 0.0)
-HERE = waypoint(36.31, -84.19, 400.0)
+WAYPOINT = waypoint(36.31, -84.19, 400.0)
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
 
 
@@ -67,33 +67,33 @@ def texts(lines: list[Line]) -> list[str]:
 
 
 def upload(player: Player, items: tuple[MissionItem, ...], mission_type: int = 0) -> list[Line]:
-    """Follows the requests; returns what was said to the last item."""
-    said = player.say(count(len(items), mission_type))
+    """Follows the requests; returns the replies to the last item."""
+    replies = player.send(count(len(items), mission_type))
     for _ in range(len(items)):
-        asked = [line for line in said if line.name.startswith("MISSION_REQUEST")]
+        asked = [line for line in replies if line.name.startswith("MISSION_REQUEST")]
         if not asked:
             break
         seq = asked[-1].fields["seq"]
-        said = player.say(item(seq, items[seq], mission_type))
-    return said
+        replies = player.send(item(seq, items[seq], mission_type))
+    return replies
 
 
 def read(player: Player, mission_type: int = 0) -> list[MissionItem]:
     """A download, closed with an acknowledgement."""
-    (counted,) = (x for x in player.say(listing(mission_type)) if x.name == "MISSION_COUNT")
+    (counted,) = (x for x in player.send(listing(mission_type)) if x.name == "MISSION_COUNT")
     found = []
     for seq in range(counted.fields["count"]):
         asks = mavlink.MAVLink_mission_request_int_message(*TARGET, seq, mission_type)
-        (line,) = (x for x in player.say(asks) if x.name == "MISSION_ITEM_INT")
+        (line,) = (x for x in player.send(asks) if x.name == "MISSION_ITEM_INT")
         names = MissionItem.__dataclass_fields__
         found.append(MissionItem(**{name: line.fields[name] for name in names}))
-    player.say(ack(0, mission_type))
+    player.send(ack(0, mission_type))
     return found
 
 
 def current(player: Player) -> dict[str, Any]:
-    told = [line for line in player.listen(1.2) if line.name == "MISSION_CURRENT"]
-    return told[-1].fields
+    reported = [line for line in player.listen(1.2) if line.name == "MISSION_CURRENT"]
+    return reported[-1].fields
 
 
 def set_current(seq: int) -> Any:
