@@ -43,7 +43,7 @@ def test_a_drop_that_nobody_approved_stays(tmp_path: Path, monkeypatch: pytest.M
     (refused,) = told(burn.path, DropFinished)
     assert isinstance(refused, DropFinished)
     assert refused.refused
-    assert "nobody has approved it" in refused.reason
+    assert "it has no approval" in refused.reason
     assert burn.dropped == 0
 
 

@@ -1,4 +1,4 @@
-"""Operators' requests of a prescribed burn. Pure."""
+"""Operators' requests for a prescribed burn. Pure."""
 
 from typing import Annotated, ClassVar
 
