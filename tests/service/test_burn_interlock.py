@@ -96,9 +96,9 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((Rejected(AT_US, "bob", "bravo", HASH), APPROVED), "rejected by bob"),
         ((Aborted(AT_US, "bob", "nowhere"),), "the burn was aborted by bob;"),
         ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO list was complete"),
-        ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "new approval"),
+        ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "approve a plan again"),
         ((Sent((Return(NAME),)),), "the vehicle was sent home"),
-        ((Sent((Return(NAME),)), *AGAIN), "new approval"),
+        ((Sent((Return(NAME),)), *AGAIN), "approve a plan again"),
         ((Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),), "the vehicle was stopped in flight"),
         ((ModeChanged(AT_US, NAME, 6, True, "return"),), "recalled (mode return)"),
         (

@@ -147,17 +147,11 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
         colour = LOAD_COLOURS[(line.load - 1) % len(LOAD_COLOURS)]
         low = burn.assumptions.safe_height_m - 1e-6
         for one, other in pairwise(line.plan.path - (west, south, 0.0, 0.0)):
-            high = min(one[2], other[2]) >= low
-            axes.plot(
-                [one[0], other[0]],
-                [one[1], other[1]],
-                color=colour,
-                linewidth=0.7,
-                linestyle=":" if high else "-",
-            )
-        drops = line.plan.drops[:, :2] - (west, south)
+            style = ":" if min(one[2], other[2]) >= low else "-"
+            x_m, y_m = zip(one[:2], other[:2], strict=True)
+            axes.plot(x_m, y_m, color=colour, linewidth=0.7, linestyle=style)
+        drops, skipped = line.plan.drops[:, :2] - (west, south), line.plan.skipped - (west, south)
         axes.plot(*drops.T, ".", color=colour, markersize=5)
-        skipped = line.plan.skipped - (west, south)
         axes.plot(*skipped.T, "x", color="black", markersize=4)
         text = axes.annotate(str(line.number), drops[0], xytext=(-4, 4), textcoords="offset points")
         text.set_bbox({"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1})

@@ -193,8 +193,8 @@ def _areas_of(path: Path, landscape: Landscape) -> BaseGeometry:
 
 def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
     if not area.is_valid:
-        lat, lon = landscape.lat_lon_of(*_fault(area))
-        reason = shapely.is_valid_reason(area).split("[")[0]
+        reason, _, place = shapely.is_valid_reason(area).rstrip("]").partition("[")
+        lat, lon = landscape.lat_lon_of(*map(float, place.split()[:2]))
         raise MissionServiceError(
             f"{where}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
             "its corners in their order along the boundary, so that no two sides cross"
@@ -208,10 +208,3 @@ def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeomet
             f"{where}: reaches beyond the landscape; make it smaller, or use a larger landscape"
         )
     return area
-
-
-def _fault(area: BaseGeometry) -> tuple[float, float]:
-    """Return the point at which GEOS finds a polygon invalid."""
-    reason = shapely.is_valid_reason(area)
-    inside = reason[reason.index("[") + 1 : reason.index("]")].split()
-    return float(inside[0]), float(inside[1])

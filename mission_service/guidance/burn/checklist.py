@@ -37,8 +37,7 @@ class Checklist:
                 return self.clear(f"abort by {event.by}")
             case Resumed():
                 return self.clear("the service was restarted")
-            case _:
-                return None
+        return None
 
     def clear(self, why: str) -> str | None:
         """Open all items; return a text for the operator if any item had an answer."""

@@ -119,8 +119,7 @@ class BurnFlight(Guidance):
     def _refuse_stations_inside(self) -> None:
         """Raise ScenarioError if an operator's station is inside the burn unit."""
         for station in self.state.burn.stations:
-            place = (station.lat_deg, station.lon_deg)
-            x_m, y_m = self.state.landscape.xy_of_lat_lon(*place)
+            x_m, y_m = self.state.landscape.xy_of_lat_lon(station.lat_deg, station.lon_deg)
             if self.state.unit.area.covers(shapely.Point(x_m, y_m)):
                 raise ScenarioError(
                     f"burn.stations: {station.name} is inside the burn unit; move it outside"
@@ -179,10 +178,9 @@ class BurnFlight(Guidance):
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
-            case Observed() if self.state.fire.apply(event):
-                return []  # the plan is checked once a second
-            case _:
-                return []
+            case Observed():
+                self.state.fire.apply(event)  # the plan is checked once a second
+        return []
 
     # Fire, unit and wind ----------------------------------------------------------------------
 
@@ -526,9 +524,9 @@ class BurnFlight(Guidance):
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
         self._mode, self._armed = event.mode, event.armed
+        if not event.armed and not was_armed:
+            return []
         if not event.armed:
-            if not was_armed:
-                return []
             if vehicle.started:
                 self._reloads, vehicle.started = True, False
                 self.checklist.clear("the vehicle has landed")

@@ -52,11 +52,8 @@ def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterat
         if due == "wait" or descends:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1
-        why_not = (
-            "the vehicle has passed its target"
-            if due == "missed"
-            else _why_not(state, flown, moving, falls, fix)
-        )
+        missed = "its target was passed" if due == "missed" else None
+        why_not = missed or _why_not(state, flown, moving, falls, fix)
         yield DueDrop(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
 
 

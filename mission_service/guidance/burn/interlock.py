@@ -152,8 +152,6 @@ class Interlock:
                     self._void("the vehicle was stopped in flight")
                 case Drop():
                     self._order(command)
-                case _:
-                    pass
 
     def _on_operator(self, event: OperatorEvent) -> None:
         for entry in self._plans.values():
@@ -180,8 +178,6 @@ class Interlock:
             case BurnUnitSet():
                 self._areas["burn unit"] = _polygon(event.points)
                 self._void("the burn unit was changed")
-            case _:
-                pass
 
     def _on_vehicle(self, event: AnyEvent) -> None:
         assert not isinstance(event, OperatorEvent)
@@ -206,8 +202,6 @@ class Interlock:
                 self._host_us = event.monotonic_us
             case DropFinished() if event.refused:
                 vehicle.used = max(0, vehicle.used - 1)
-            case _:
-                pass
 
     def _forget(self, name: str, linked: bool = False) -> None:
         """Reset a vehicle's state, except the spheres used, until it is reported again."""

@@ -180,15 +180,12 @@ def drop_orders(
     near_m = settings.line_spacing_m / 2.0
     through_m = alignment_m(line, ends_m, situation.dropped_m, area, near_m)
     places = drop_points(line, ends_m, through_m, spacing_m)
-    good = situation.unit.may_drop(places) & shapely.covers(area, shapely.points(places))
-    places = places[good]
+    places = places[situation.unit.may_drop(places) & shapely.covers(area, shapely.points(places))]
     if len(situation.dropped_m) and len(places):
         apart = places[:, None, :] - situation.dropped_m[None, :, :]
         nearest_m = np.hypot(apart[..., 0], apart[..., 1]).min(axis=1)
         places = places[nearest_m >= min(spacing_m, settings.line_spacing_m) / 2.0]
-    if not len(places):
-        return []
-    return [places[::-1], places]
+    return [places[::-1], places] if len(places) else []
 
 
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
@@ -197,10 +194,8 @@ def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     A flight to the line's end is preferred to one that spheres or battery end.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
-    if max_drops == 0:
-        return None
-    enough = [trip for trip in trips if len(trip.drops) >= MIN_DROPS_SHARE * max_drops]
-    return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s))
+    enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]
+    return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s), default=None)
 
 
 def _plan(

@@ -32,12 +32,9 @@ def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
     """
     burn = scenario.burn
     if burn is None or not scenario.vehicles:
-        raise ScenarioError(
-            f"{scenario.name}: the scenario has no burn to preview; add a table [burn]"
-        )
+        raise ScenarioError(f"{scenario.name}: has no burn to preview; add a table [burn]")
     situation = situation_of(scenario, burn, landscape_of(scenario))
     found, area = whole_burn(situation, burn), situation.area
-    text = json.dumps(burn_json(found, area))
-    (out / "burn.json").write_text(text + "\n", encoding="utf-8")
+    (out / "burn.json").write_text(json.dumps(burn_json(found, area)) + "\n", encoding="utf-8")
     draw_burn(out / "burn.png", found, area, scenario.name)
     return burn_totals(found, area)

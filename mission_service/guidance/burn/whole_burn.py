@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,21 +170,11 @@ def _reloaded(now: Situation, settings: BurnSection) -> Situation:
 
 
 def _assumed(situation: Situation, settings: BurnSection, pause_s: float) -> Assumptions:
-    return Assumptions(
-        ignition_delay_s=settings.ignition_delay_s,
-        spheres_a_load=settings.spheres,
-        max_drops_per_min=settings.max_drops_per_min,
-        speed_m_s=settings.speed_m_s,
-        climb_m_s=settings.climb_m_s,
-        sink_m_s=settings.sink_m_s,
-        drop_height_m=settings.drop_height_m,
-        safe_height_m=settings.safe_height_m,
-        battery_s=settings.battery_s,
-        battery_reserve_s=settings.battery_reserve_s,
-        reload_s=settings.reload_s,
-        pause_s=pause_s,
-        time_margin_s=settings.time_margin_s,
-        distance_margin_m=settings.distance_margin_m,
-        wind_m_s=situation.wind_m_s,
-        toward_rad=situation.toward_rad,
-    )
+    given: dict[str, Any] = {
+        "spheres_a_load": settings.spheres,
+        "pause_s": pause_s,
+        "wind_m_s": situation.wind_m_s,
+        "toward_rad": situation.toward_rad,
+    }
+    names = [field.name for field in fields(Assumptions) if field.name not in given]
+    return Assumptions(**given, **{name: getattr(settings, name) for name in names})
