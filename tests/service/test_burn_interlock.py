@@ -154,7 +154,7 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
         (drop_of(0, plan_hash=plan_hash(OTHER)), AT_US, "was never proposed"),
         (drop_of(3), AT_US, "has no drop 3"),
         (drop_of(0, "crane"), AT_US, "is for ignis, not for crane"),
-        (DROP, 400 * S + 1, "was good until 400 s"),
+        (DROP, 400 * S + 1, "was valid until 400 s"),
         (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its target"),
         (DROP, 101_500_000, "no position of the last 1.5 s"),
         (DROP, 105_000_001, "no input of an approver at alpha for 15 s"),
@@ -197,7 +197,7 @@ def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
         (15.0, BURN, None),
         (15.1, BURN, "no input of an approver at alpha for 15 s"),
         (15.0, burn(approval_s=14.9), "older than 14.9 s"),
-        (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was good until 400 s"),
+        (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was valid until 400 s"),
     ],
 )
 def test_limits_run_on_the_hosts_clock_too(
