@@ -436,7 +436,7 @@ def test_others_are_told_how_one_moves_that_somebody_else_flies(land: Landscape)
     flight.for_s(1.0)
     heard.clear()
     flight.mode("position", armed=False)
-    assert Leaving(flight.at_us, flight.name, "flies otherwise") in heard
+    assert Leaving(flight.at_us, flight.name, "tracking ended") in heard
 
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
@@ -489,7 +489,7 @@ def test_others_go_by_what_a_lost_vehicle_said_last_until_it_is_known_to_fly_oth
     flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert heard == [state]
     flight.tell(VehicleRebooted(flight.at_us, flight.name))
-    assert heard[1:] == [Leaving(flight.at_us, flight.name, "flies otherwise")]
+    assert heard[1:] == [Leaving(flight.at_us, flight.name, "tracking ended")]
 
 
 def test_a_restart_in_the_air_leaves_it_alone_until_it_is_in_its_mission(land: Landscape) -> None:

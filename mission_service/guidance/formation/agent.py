@@ -48,7 +48,7 @@ COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """State of the agent's own UAV; velocities over the ground, wind towards x (east), y (north)."""
+    """State of the agent's own UAV: velocity over the ground, wind towards x (east), y (north)."""
 
     at_us: int
     x_m: float
@@ -94,7 +94,7 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """Create the agent of a UAV; ``fire`` are the burning cells at ``at_us``, known to all UAVs.
+        """Create an agent; ``fire`` are the burning cells at ``at_us`` that all UAVs start with.
 
         Raises MissionServiceError for cells that are not on the grid.
         """
@@ -279,6 +279,7 @@ class Agent:
             return
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
+        agent_x_m, agent_y_m = self.agent_m or (None, None)
         state = State(
             own.at_us,
             self.name,
@@ -287,12 +288,13 @@ class Agent:
             own.altitude_amsl_m,
             own.velocity_x_m_s,
             own.velocity_y_m_s,
-            *(self.agent_m or (None, None)),
+            agent_x_m,
+            agent_y_m,
             intention.orbit_x_m,
             intention.orbit_y_m,
             intention.orbit_radius_m,
             intention.airspeed_m_s,
             intention.settled,
-            *(goal_m or (None, None)),
+            *(goal_m or ()),
         )
         self._outbox.append(state)

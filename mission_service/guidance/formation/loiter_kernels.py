@@ -35,10 +35,10 @@ def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def
 
 
 @kernel
-def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-untyped-def]
+def next_airspeed_m_s(airspeed_m_s, desired_m_s, step_s):  # type: ignore[no-untyped-def]
     """Return the airspeed at the end of a step."""
     max_change_m_s = ACCELERATION_M_S2 * step_s
-    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
+    return airspeed_m_s + min(max(desired_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
 
 
 @kernel
@@ -151,17 +151,17 @@ def at_fork(  # type: ignore[no-untyped-def]
 
 @kernel
 def heading_step(  # type: ignore[no-untyped-def]
-    x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
+    x_m, y_m, heading_rad, airspeed_m_s, desired_rad, desired_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
 ):  # fmt: skip
     """Compute one step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
 
     Returns x, y, heading and airspeed at the end of the step.
     """
-    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    new_m_s = next_airspeed_m_s(airspeed_m_s, desired_m_s, step_s)
     airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y = math.cos(wanted_rad), math.sin(wanted_rad)
+    aim_x, aim_y = math.cos(desired_rad), math.sin(desired_rad)
     turn_rad = max_turn_rad(airspeed_m_s, bank_rad, step_s)
     new_x, new_y = _turned(
         head_x, head_y, aim_x, aim_y, 0.0, math.cos(turn_rad), math.sin(turn_rad)
@@ -174,7 +174,7 @@ def heading_step(  # type: ignore[no-untyped-def]
 
 @kernel
 def predict_path(  # type: ignore[no-untyped-def]
-    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, desired_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
     """Fill ``path_m`` (n, 2) with x, y after first_s, first_s + step_s, ... on the way to an orbit.
@@ -190,7 +190,7 @@ def predict_path(  # type: ignore[no-untyped-def]
         if row == 1:
             part_s = step_s
         if row > 0 or parts > 0:
-            new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+            new_m_s = next_airspeed_m_s(airspeed_m_s, desired_m_s, part_s)
             airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
             if airspeed_m_s != turn_airspeed_m_s or row == 1:
                 turn_airspeed_m_s = airspeed_m_s

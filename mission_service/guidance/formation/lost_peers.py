@@ -18,7 +18,7 @@ AGENT_FIELDS = ("agent_x_m", "agent_y_m", "goal_x_m", "goal_y_m")
 
 
 def along_orbit(state: State, at_us: int) -> State:
-    """Return the state of a vehicle that has followed its orbit since ``state``, at its airspeed."""
+    """Return the state of a vehicle that has followed its orbit since ``state``."""
     off_x_m, off_y_m = state.x_m - state.orbit_x_m, state.y_m - state.orbit_y_m
     rate_rad_s = -state.airspeed_m_s / state.orbit_radius_m
     phase_rad = math.atan2(off_y_m, off_x_m) + rate_rad_s * (at_us - state.at_us) / 1e6

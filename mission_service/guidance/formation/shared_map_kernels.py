@@ -75,9 +75,8 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
 def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
     """Merge received stamps: the later stamp of each cell wins.
 
-    Fills ``changed`` from the front with cells that have begun to burn, and from the back with cells
-    that have ceased to. Returns both counts and -1, or the index of a cell off the map as
-    ``record_view``.
+    Fills ``changed`` from the front with cells that have begun to burn, and from the back with
+    those that have ceased to. Returns both counts and -1, or the index of a cell off the map.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)

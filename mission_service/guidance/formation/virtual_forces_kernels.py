@@ -50,7 +50,7 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 @kernel
 def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
-    """Return the unit vector to a place, and its distance; at the same place that of ``tie_rad``."""
+    """Return the unit vector to a place, and its distance; ``tie_rad`` breaks a tie."""
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
     if distance_m < SAME_PLACE_M:

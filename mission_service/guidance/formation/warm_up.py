@@ -16,9 +16,9 @@ STEP_US = 250_000
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
     """Run three agents for some steps over a small fire, with the loss of their fire updates.
 
-    Every kernel of an agent is thereby called, and compiled or loaded from the disk cache. Since the
-    compiler distinguishes arrays of one row from those of several, agents first receive no message,
-    then two.
+    Every kernel of an agent is thereby called, and compiled or loaded from the disk cache. The
+    compiler distinguishes arrays of one row from those of several, so agents first receive no
+    message, then two.
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])
