@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint
+from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint, Leg
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop
 
 Floats = NDArray[np.float64]
@@ -128,9 +128,7 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
     return None
 
 
-def _own_margin_s(
-    leg: tuple[FlightPoint, FlightPoint], air: FlightConstraints, own_sources: Floats
-) -> float:
+def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
     """Return the smallest time by which a leg is ahead of fire of the vehicle's own spheres.
 
     The fire counts from the ignition of each sphere within reach, and from the time at which the

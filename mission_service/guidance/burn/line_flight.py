@@ -35,21 +35,22 @@ class FlightPoint(NamedTuple):
     at_s: float
 
 
+Leg = tuple[FlightPoint, FlightPoint]
 Route = list[FlightPoint]  # from the vehicle's position, with straight legs
 
 
-def point_on_leg(leg: tuple[FlightPoint, FlightPoint], part: float) -> FlightPoint:
+def point_on_leg(leg: Leg, part: float) -> FlightPoint:
     """Return the point on a leg after a part (0 to 1) of its time."""
     begin, end = leg
     return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
 
-def _box(leg: tuple[FlightPoint, FlightPoint]) -> Box:
+def _box(leg: Leg) -> Box:
     (x0, y0, *_), (x1, y1, *_) = leg
     return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
-def _away_m(leg: tuple[FlightPoint, FlightPoint], places_m: Floats) -> Floats:
+def _away_m(leg: Leg, places_m: Floats) -> Floats:
     """Return the distances of places (n, 2) from a leg."""
     begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
     length2 = max(float(step @ step), 1e-12)
@@ -121,7 +122,7 @@ class FlightConstraints:
         above = self.along([start], path)[-1]
         return self.fly_to(above, *self.home_m, 0.0).at_s - start.at_s
 
-    def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
+    def margin_s(self, leg: Leg) -> float:
         """Return the time by which a leg is ahead of fire.
 
         If the raster is inconclusive, a finer one is used. A descent has a larger distance margin,
@@ -150,7 +151,7 @@ class FlightConstraints:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
         return self.places[key]
 
-    def is_high(self, leg: tuple[FlightPoint, FlightPoint]) -> bool:
+    def is_high(self, leg: Leg) -> bool:
         """Return whether the whole leg is at or above the safe height."""
         return min(leg[0].height_m, leg[1].height_m) >= self.settings.safe_height_m - HIGH_M
 
@@ -172,7 +173,7 @@ class SphereFires:
         ignites_s = dropped_s + self.air.settings.ignition_delay_s
         self.sources = np.concatenate([self.sources, [[x_m, y_m, ignites_s]]])
 
-    def approaches(self, leg: tuple[FlightPoint, FlightPoint]) -> bool:
+    def approaches(self, leg: Leg) -> bool:
         """Return whether a leg approaches any drop, so that drops count with the time margin."""
         begin, end = leg
         if begin[:2] == end[:2]:
@@ -181,7 +182,7 @@ class SphereFires:
         towards = (self.sources[:, :2] - (begin.x_m, begin.y_m)) @ step
         return bool((towards > TOWARDS_M2 * math.hypot(*step)).any())
 
-    def margin_s(self, leg: tuple[FlightPoint, FlightPoint]) -> float:
+    def margin_s(self, leg: Leg) -> float:
         """Return the margin of a leg; infinity or negative if it leads away from all drops."""
         if not len(self.sources) or self.air.is_high(leg):
             return math.inf
@@ -196,7 +197,7 @@ class SphereFires:
         min_margin_s = min(self._margin_s(part, approaches) for part in pairwise(ends))
         return min_margin_s if approaches or min_margin_s < 0.0 else math.inf
 
-    def _margin_s(self, leg: tuple[FlightPoint, FlightPoint], approaches: bool) -> float:
+    def _margin_s(self, leg: Leg, approaches: bool) -> float:
         begin, end = leg
         later_s = self.air.settings.time_margin_s if approaches else 0.0
         sources = self.sources[self.sources[:, 2] < end.at_s + later_s]

@@ -12,6 +12,7 @@ from mission_service.guidance.burn.drop_release import VehicleMotion, impact_poi
 from mission_service.guidance.burn.line_flight import (
     FlightConstraints,
     FlightPoint,
+    Leg,
     SphereFires,
     point_on_leg,
 )
@@ -64,7 +65,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
     return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
 
 
-def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
+def _later(leg: Leg, at_s: float) -> FlightPoint:
     """Return the point on a leg at a time, but not before its begin."""
     begin, end = leg
     if at_s <= begin.at_s:
@@ -72,9 +73,7 @@ def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
     return point_on_leg(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
 
 
-def _airspace_problem(
-    air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
-) -> str:
+def _airspace_problem(air: FlightConstraints, leg: Leg, start: FlightPoint) -> str:
     begin, end = leg[0][:2], leg[1][:2]
     if air.high is not None and not air.high.is_straight_clear(begin, end):
         return "the path leaves the fence"

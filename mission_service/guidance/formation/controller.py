@@ -97,6 +97,16 @@ class OrderState:
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 
+    def has_settled(self, at_s: float) -> bool:
+        """Return whether the agent has been settled long enough for a loiter item."""
+        return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
+
+    def start_due(self, at_s: float) -> bool:
+        """Return whether to start the mission on board, which ends in the circle being flown."""
+        if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
+            return False
+        return self.has_settled(at_s) and at_s >= self.start_not_before_s
+
 
 def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
     """Return the distance from the fire's centre at which a circle is clear of all known fire."""
@@ -183,7 +193,7 @@ class FormationFlight(Guidance):
                 self.formation.end_tracking(vehicle.name, event.at_us)
                 self._states[vehicle.name] = OrderState()
             case ModeChanged():
-                self._mode_changed(vehicle, state, event, at_s)
+                self._mode_changed(vehicle, event, at_s)
             case PeerLinkChanged():
                 self._in_contact = event.there
             case PeerMessage():
@@ -221,9 +231,8 @@ class FormationFlight(Guidance):
             case _:
                 state.start_not_before_s = at_s + 2.0 * RETRY_AFTER_S
 
-    def _mode_changed(
-        self, vehicle: Vehicle, state: OrderState, event: ModeChanged, at_s: float
-    ) -> None:
+    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, at_s: float) -> None:
+        state = self._states[vehicle.name]
         if not event.armed:
             self.formation.members[vehicle.name].agent.come_back()
             self.formation.end_tracking(vehicle.name, event.at_us)
@@ -241,9 +250,8 @@ class FormationFlight(Guidance):
         ordered = state.order == "orbit" or at_s - state.orbit_at_s < TAKES_EFFECT_S
         if not state.guided or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
             return
-        self._states[vehicle.name] = OrderState(
-            mode=event.mode, loiter=state.loiter, sending=state.sending
-        )
+        state = OrderState(mode=event.mode, loiter=state.loiter, sending=state.sending)
+        self._states[vehicle.name] = state
         self.formation.members[vehicle.name].left(at_s)
         self.formation.end_tracking(vehicle.name, event.at_us)
 
@@ -284,21 +292,18 @@ class FormationFlight(Guidance):
     def _renew(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> list[AnyCommand]:
         """Renew the mission if due, so that it ends in the circle being flown."""
         circle = state.circle
-        if circle is None or vehicle.awaits_mission or state.mode == "mission":
+        if circle is None or circle == state.loiter or vehicle.awaits_mission:
             return []
-        if state.order == "orbit" or fix.at_s < vehicle.not_before_s:
+        if state.mode == "mission" or state.order == "orbit" or fix.at_s < vehicle.not_before_s:
             return []
-        settled = self._has_settled(state, fix)
+        settled = state.has_settled(fix.at_s)
         if state.loiter is not None and not settled:
             near = math.dist(circle.centre_m, state.loiter.centre_m) < RENEW_BEYOND_M
             if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
-        if circle == state.loiter:
-            return []
         state.sending = circle
-        items = loiter_mission(
-            self.landscape, circle, state.altitude_m, vehicle.landing.at(fix.at_s)
-        )
+        landing = vehicle.landing.at(fix.at_s)
+        items = loiter_mission(self.landscape, circle, state.altitude_m, landing)
         why = "settled: loiter on this circle" if settled else "loiter on a circle nearby"
         path_m = np.array([circle.centre_m])
         return [self._missions.upload(vehicle, path_m, items, fix, why)]
@@ -331,13 +336,13 @@ class FormationFlight(Guidance):
         if state.order and fix.at_s - state.ordered_at_s < ORDER_TIMEOUT_S:
             pass
         elif orbit_due:
-            commands.append(self._orbit(vehicle, state, desired, fix))
-        elif self._start_due(state, fix):
+            commands.append(self._orbit(vehicle, desired, fix))
+        elif state.start_due(fix.at_s):
             state.order, state.ordered_at_s = "start mission", fix.at_s
             state.start_not_before_s = fix.at_s + RETRY_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, state, intention, fix, near)
+            commands += self._speed(vehicle, intention, fix, near)
         return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
@@ -385,34 +390,17 @@ class FormationFlight(Guidance):
         state.check_ground_at_s = fix.at_s + CHECK_GROUND_EVERY_S
         return abs(self._altitude(vehicle, flown, fix) - state.altitude_m) >= ALTITUDE_CHANGES_M
 
-    def _orbit(
-        self, vehicle: Vehicle, state: OrderState, desired: Circle, fix: PositionFix
-    ) -> Orbit:
-        state.circle, state.altitude_m = desired, self._altitude(vehicle, desired, fix)
+    def _orbit(self, vehicle: Vehicle, circle: Circle, fix: PositionFix) -> Orbit:
+        state = self._states[vehicle.name]
+        state.circle, state.altitude_m = circle, self._altitude(vehicle, circle, fix)
         state.order, state.ordered_at_s = "orbit", fix.at_s
         state.orbit_at_s, state.check_ground_at_s = fix.at_s, fix.at_s + CHECK_GROUND_EVERY_S
-        return orbit_of(vehicle.name, self.landscape, desired, state.altitude_m)
-
-    def _has_settled(self, state: OrderState, fix: PositionFix) -> bool:
-        since_s = state.settled_since_s
-        return since_s is not None and fix.at_s - since_s >= SETTLED_FOR_S
-
-    def _start_due(self, state: OrderState, fix: PositionFix) -> bool:
-        """Return whether to start the mission on board, which ends in the circle being flown."""
-        ready = (
-            state.loiter is not None and state.loiter == state.circle and state.mode != "mission"
-        )
-        return ready and self._has_settled(state, fix) and fix.at_s >= state.start_not_before_s
+        return orbit_of(vehicle.name, self.landscape, circle, state.altitude_m)
 
     def _speed(
-        self,
-        vehicle: Vehicle,
-        state: OrderState,
-        intention: Intention,
-        fix: PositionFix,
-        near: bool,
+        self, vehicle: Vehicle, intention: Intention, fix: PositionFix, near: bool
     ) -> list[AnyCommand]:
-        section = vehicle.section
+        section, state = vehicle.section, self._states[vehicle.name]
         min_m_s, max_m_s = section.min_airspeed_m_s, section.max_airspeed_m_s
         if fix.altitude_m < state.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
             min_m_s = max(min_m_s, min(section.airspeed_m_s, max_m_s))

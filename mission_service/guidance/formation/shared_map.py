@@ -7,9 +7,9 @@ and a merge takes the larger number, independent of order, repetition and sender
 A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore every UAV regularly
 sends a checksum of each tile of the map (``Digest``), the sum of the hashes of its cells. If the
 receiver's sum differs, the receiver tests whether the difference is the hash of one or two of its
-cells. If so, the sender lacks these cells, and the receiver sends them (``Difference``). If not, the
-receiver may lack cells itself, and requests the tile by a digest. If no UAV can derive the missing
-cells from that digest, one UAV sends the whole tile, and the others send their newer cells.
+cells. If so, the sender lacks these cells, and the receiver sends them (``Difference``). If not,
+the receiver may lack cells itself, and requests the tile by a digest. If no UAV can derive the
+missing cells from that digest, one UAV sends the whole tile, and others send their newer cells.
 
 Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
 meantime. The size and the rate of messages are bounded.
