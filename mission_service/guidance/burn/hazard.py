@@ -29,7 +29,7 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, used where the first is inconclusive
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of the finer raster for inconclusive results
 # A raster of a unit of 20 acres has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # lower bound of times of ignition

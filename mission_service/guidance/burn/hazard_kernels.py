@@ -62,9 +62,9 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
     """Return the smallest margin of all places within ``slack`` of (x, y) from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
-    far = reach + wind + slack
-    left, right = (math.floor((x - far - west) / cell), math.floor((x + far - west) / cell))
-    top, bottom = (math.floor((north - y - far) / cell), math.floor((north - y + far) / cell))
+    max_m = reach + wind + slack
+    left, right = (math.floor((x - max_m - west) / cell), math.floor((x + max_m - west) / cell))
+    top, bottom = (math.floor((north - y - max_m) / cell), math.floor((north - y + max_m) / cell))
     if left < 0 or top < 0 or right >= cols or bottom >= rows:
         return -math.inf
     about = slack + math.sqrt(0.5) * cell  # the largest distance from the centre of a cell
@@ -91,7 +91,7 @@ def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
     """Return the smallest margin of a straight leg."""
-    # Vertical legs also have slack, so that the end of a safe leg is a safe begin of the next one.
+    # Vertical legs also have slack, so that a safe leg ends at a safe begin of the next leg.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     min_s = math.inf
     for number in range(count):
@@ -110,13 +110,16 @@ def is_surely_in_danger(  # type: ignore[no-untyped-def]
     at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
 ):
     """Return whether fire at a corner of a cell is too near a straight leg."""
-    far = reach + math.hypot(wx, wy)
+    max_m = reach + math.hypot(wx, wy)
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
     for number in range(count + 1):
         part = number / count
         x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
-        left, right = (math.ceil((x - far - west) / cell), math.floor((x + far - west) / cell))
-        top, bottom = (math.ceil((north - y - far) / cell), math.floor((north - y + far) / cell))
+        left, right = (math.ceil((x - max_m - west) / cell), math.floor((x + max_m - west) / cell))
+        top, bottom = (
+            math.ceil((north - y - max_m) / cell),
+            math.floor((north - y + max_m) / cell),
+        )
         for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
             for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
                 if t - residence < at_s[row, col] < t + time:

@@ -154,15 +154,10 @@ def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstra
     """Return the constraints of all flights of a situation."""
     margins = margins_of(settings, situation.wind_m_s, situation.toward_rad)
     unit = situation.unit
+    hazard = hazard_of(situation.fire, unit.area.bounds, margins)
     return FlightConstraints(
-        unit,
-        settings,
-        situation.fire,
-        situation.lights,
-        hazard_of(situation.fire, unit.area.bounds, margins),
-        unit.low_graph,
-        unit.high_graph,
-        situation.home_m,
+        *(unit, settings, situation.fire, situation.lights, hazard),
+        *(unit.low_graph, unit.high_graph, situation.home_m),
     )
 
 

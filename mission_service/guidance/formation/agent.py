@@ -206,14 +206,8 @@ class Agent:
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
             motion = OwnMotion(
-                self._key,
-                own.x_m,
-                own.y_m,
-                own.altitude_amsl_m,
-                heading_rad,
-                own.airspeed_m_s,
-                own.wind_x_m_s,
-                own.wind_y_m_s,
+                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, heading_rad),
+                *(own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
             )
             held = self._choice or AdoptedOrbit(orbit)
             self._choice = choose_orbit(own.at_us / 1e6, motion, orbit, held, peers, self._rules)
@@ -239,15 +233,9 @@ class Agent:
         airspeed_m_s = airframe.cruise_m_s
         if self.synchronises:
             airspeed_m_s = airspeed_in_phase_m_s(
-                own.x_m,
-                own.y_m,
-                *centre_m,
-                radius_m,
-                self._key,
-                peers,
-                self.settings.range_m,
-                airframe.min_airspeed_m_s,
-                airframe.max_airspeed_m_s,
+                *(own.x_m, own.y_m, *centre_m, radius_m),
+                *(self._key, peers, self.settings.range_m),
+                *(airframe.min_airspeed_m_s, airframe.max_airspeed_m_s),
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
         return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
@@ -281,20 +269,10 @@ class Agent:
         self._state_due_us = own.at_us + STATE_EVERY_US
         agent_x_m, agent_y_m = self.agent_m or (None, None)
         state = State(
-            own.at_us,
-            self.name,
-            own.x_m,
-            own.y_m,
-            own.altitude_amsl_m,
-            own.velocity_x_m_s,
-            own.velocity_y_m_s,
-            agent_x_m,
-            agent_y_m,
-            intention.orbit_x_m,
-            intention.orbit_y_m,
-            intention.orbit_radius_m,
-            intention.airspeed_m_s,
-            intention.settled,
+            *(own.at_us, self.name, own.x_m, own.y_m, own.altitude_amsl_m),
+            *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
+            *orbit_m,
+            *(intention.orbit_radius_m, intention.airspeed_m_s, intention.settled),
             *(goal_m or ()),
         )
         self._outbox.append(state)

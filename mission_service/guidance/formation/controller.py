@@ -134,7 +134,7 @@ def mission_to_place(
 
 
 class FormationFlight(Guidance):
-    """Guidance that commands the intentions of the agents to the vehicles."""
+    """Guidance that sends the agents' intended orbits as commands to the vehicles."""
 
     def __init__(
         self,
@@ -346,7 +346,7 @@ class FormationFlight(Guidance):
         return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return commands of a return by the agent, which avoids the others; None near home."""
+        """Return commands by which the agent guides a vehicle home; None near home."""
         state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not state.taken_over:

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 # Minimum gain of a move at first (0.5 % of the coverage of four), and after LATER_S at a place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
-COST_PER_M = 0.03  # of a path
+COST_PER_M = 0.03  # cost of a metre of path
 CROWD_M = 150.0  # closer agents have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
 MARGIN_M = 10.0  # a place closer to the augmented fire has a cost, since the fire grows

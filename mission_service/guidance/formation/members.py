@@ -144,13 +144,8 @@ class Formation:
         self.members: dict[str, FormationMember] = {
             section.name: FormationMember(
                 Agent(
-                    section.name,
-                    settings_of(scenario, section),
-                    grid,
-                    fire,
-                    at_us,
-                    shared.avoidance,
-                    shared.synchronises,
+                    *(section.name, settings_of(scenario, section), grid, fire, at_us),
+                    *(shared.avoidance, shared.synchronises),
                 ),
                 self,
             )
@@ -177,10 +172,7 @@ class Formation:
         member.fix, member.flies, member.manual_control = fix, True, False
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         own = OwnState(
-            round(fix.at_s * 1e6),
-            fix.x_m,
-            fix.y_m,
-            fix.altitude_m,
+            *(round(fix.at_s * 1e6), fix.x_m, fix.y_m, fix.altitude_m),
             *velocity_m_s,
             math.dist(velocity_m_s, member.wind_m_s),
             *member.wind_m_s,
