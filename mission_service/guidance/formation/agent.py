@@ -271,8 +271,8 @@ class Agent:
         state = State(
             *(own.at_us, self.name, own.x_m, own.y_m, own.altitude_amsl_m),
             *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
-            *orbit_m,
-            *(intention.orbit_radius_m, intention.airspeed_m_s, intention.settled),
+            *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
+            intention.settled,
             *(goal_m or ()),
         )
         self._outbox.append(state)
