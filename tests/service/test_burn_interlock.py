@@ -119,7 +119,7 @@ NORTH_DEG = 40.0 * DEG_PER_M
             (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False), *AGAIN),
             'NO-GO for "weather" by bob',
         ),
-        ((Approved(AT_US, "ann", "nowhere", HASH),), "is no station for approvals"),
+        ((Approved(AT_US, "ann", "nowhere", HASH),), "is not a station for approvals"),
         ((Approved(AT_US, " ", "alpha", HASH),), "no name of an operator"),
         ((Approved(AT_US, "service", "alpha", HASH),), "no name of an operator"),
         ((LinkLost(AT_US, NAME, 3.0),), "link lost"),

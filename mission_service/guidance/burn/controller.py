@@ -303,7 +303,7 @@ class BurnFlight(Guidance):
         if refused is not None or plan is None:
             words = self._announce(f"approval by {event.by} rejected: {refused}", warning=True)
             repeated = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
-            return [*words, *self._stop("its approval is uncertain")] if repeated else words
+            return [*words, *self._stop("the approval is uncertain")] if repeated else words
         why = self._why_invalid(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
@@ -409,7 +409,8 @@ class BurnFlight(Guidance):
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
         off_m = flown.progress.update(np.array([fix.x_m, fix.y_m, self.state.height_m(fix)]))
-        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._check(fix.at_s)
+        off_path = f"the vehicle is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else None
+        why = off_path or self._check(fix.at_s)
         if why is not None:
             return self._stop(why)
         commands = self._release(vehicle, flown, fix)

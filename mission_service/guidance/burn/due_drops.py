@@ -52,7 +52,7 @@ def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterat
         if due == "wait" or descends:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1
-        missed = "its target was passed" if due == "missed" else None
+        missed = "the target was passed" if due == "missed" else None
         why_not = missed or _why_not(state, flown, moving, falls, fix)
         yield DueDrop(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
 

@@ -230,9 +230,7 @@ class Interlock:
             return
         entry.approved = None
         if event.station not in self._stations:
-            entry.why_not = (
-                f'"{event.station}", which sent its approval, is no station for approvals'
-            )
+            entry.why_not = f'approved from "{event.station}", which is not a station for approvals'
         elif not event.by.strip() or event.by == "service":
             entry.why_not = "its approval has no name of an operator"
         elif self.open_items:

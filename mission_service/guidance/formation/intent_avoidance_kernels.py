@@ -215,6 +215,12 @@ def _clear_s(own, orbit, frame, path, paths, notes, count, apart_at):  # type: i
 
 
 @kernel
+def _copy(orbit, to):  # type: ignore[no-untyped-def]
+    for i in range(4):
+        to[i] = orbit[i]
+
+
+@kernel
 def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
     """Return the cost in metres of the deviation of an orbit from the desired one."""
     return (
@@ -244,10 +250,10 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
     sense = 1.0 if desired[2] > 0.0 else -1.0
     min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
     slow_m_s = slow_of(own, frame)
-    orbit[:] = desired
+    _copy(desired, orbit)
     if number < 2 * AIRSPEEDS:  # the desired or the present orbit, at another airspeed
         if number >= AIRSPEEDS:
-            orbit[:] = held
+            _copy(held, orbit)
         orbit[3] = min_m_s + (max_m_s - min_m_s) * (number % AIRSPEEDS) / (AIRSPEEDS - 1)
         return
     number -= 2 * AIRSPEEDS
@@ -308,7 +314,7 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     _ahead(own, desired, frame, path)
     wider = _union(_box(path, near_m), box)
     count = _add_peers(own, peers, rule, frame, wider, box, count, paths, notes)
-    adopted[:] = desired
+    _copy(desired, adopted)
     clear_s = _clear_s(own, desired, frame, path, paths, notes, count, APART)
     if clear_s >= horizon_s:
         return _differs(desired, held), False, clear_s
@@ -335,7 +341,7 @@ def decide_orbit(  # type: ignore[no-untyped-def]
             best_kind, best_s = kind, clear_s
     if best or best_s > held_s:
         if best_kind < 0:
-            adopted[:] = desired
+            _copy(desired, adopted)
         else:
             _candidate(best_kind, own, desired, held, frame, small_m, twist, adopted)
         return True, best_kind >= 0, best_s
