@@ -25,6 +25,21 @@ from mission_service.guidance.formation.settings import Settings
 
 Floats = NDArray[np.float64]
 STEP_S = 0.25
+
+
+def orbit_step(
+    x: float, y: float, heading: float, airspeed: float, *orbit_wind_step_bank: float
+) -> tuple[float, float, float, float]:
+    """One step to or round an orbit (x, y, radius, airspeed): x, y, heading, airspeed after it."""
+    *orbit, new_airspeed, wind_x, wind_y, step_s, bank = orbit_wind_step_bank
+    after = (wind_x, wind_y, step_s, bank)
+    aim = loiter.wanted_heading_rad(x, y, heading, airspeed, *orbit, *after)
+    state: tuple[float, float, float, float] = loiter.heading_step(
+        x, y, heading, airspeed, aim, new_airspeed, *after
+    )
+    return state
+
+
 SETTINGS = Settings()
 RADIUS_M = -SETTINGS.loiter_radius_m
 

@@ -79,12 +79,12 @@ def test_a_word_for_another_plan_does_not() -> None:
 def test_nor_a_word_from_elsewhere() -> None:
     approvals = proposing()
     why = approvals.approve(approved(approvals.plan_hash, station="kitchen"))
-    assert why == "'kitchen' is no station from which plans are approved (boss)"
+    assert why == "'kitchen' is not a station for approvals (boss)"
 
 
 def test_nor_one_that_comes_too_late() -> None:
     approvals = proposing()
-    assert approvals.approve(approved(approvals.plan_hash, at_s=301.0)) == "the plan is out of date"
+    assert approvals.approve(approved(approvals.plan_hash, at_s=301.0)) == "the plan has expired"
 
 
 def test_nor_any_where_nothing_is_proposed() -> None:
@@ -119,14 +119,14 @@ def test_and_when_no_operator_is_at_the_station() -> None:
     approvals.on_operator_input(OperatorHeartbeat(14_000_000, "bob", "boss"))  # may approve nothing
     approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # no operator
     assert approvals.expiry_reason(16_000_000) is None
-    assert approvals.expiry_reason(17_000_000) == "nothing heard of ada at boss for 16 s"
+    assert approvals.expiry_reason(17_000_000) == "no input from ada at boss for 16 s"
     approvals.on_operator_input(OperatorHeartbeat(17_000_000, "bob", "boss", may_approve=True))
     assert approvals.expiry_reason(17_000_000) is None
 
 
 @pytest.mark.parametrize(
     ("host_s", "lapsed"),
-    [(14.0, None), (16.0, "nothing heard of ada at boss for 16 s"),
+    [(14.0, None), (16.0, "no input from ada at boss for 16 s"),
      (101.0, "the approval is older than 100 s")],
 )  # fmt: skip
 def test_by_the_hosts_clock_as_well(host_s: float, lapsed: str | None) -> None:

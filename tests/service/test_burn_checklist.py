@@ -44,7 +44,7 @@ def test_a_no_go_opens_the_list() -> None:
 def test_an_item_that_is_not_on_the_list_changes_nothing() -> None:
     checklist = Checklist(ITEMS)
     text = checklist.apply(answer("wether"))
-    assert text == 'GO list: there is no item "wether"; there are: weather; payload; people'
+    assert text == 'GO list: "wether" is not an item; the items are: weather; payload; people'
     assert checklist.open_items == ITEMS
 
 

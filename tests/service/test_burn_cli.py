@@ -166,8 +166,8 @@ def test_approving_shows_the_plan_and_asks(run: Run) -> None:
         "15 m (49 ft) above the ground, 5 m/s (11 mph)",
         "315 to 315 m (1033 to 1033 ft) MSL; safe height 60 m (197 ft)",
         "wind      3.0 m/s (7 mph) from 270°",
-        "fire at least 90 s away (wanted 60 s and 10 m, 33 ft)",
-        "spheres   100 left after it",
+        "fire at least 90 s away (required 60 s and 10 m, 33 ft)",
+        "spheres   100 left after the line",
         "Approve it as ann at alpha?",
     ):
         assert words in no.output
@@ -238,7 +238,7 @@ def test_the_state_in_words_and_as_json(run: Run) -> None:
     run.lock.apply(Aborted(AT_US, "bob", "bravo"))
     later = run.call("status").output
     assert "GO list   2 open" in later
-    assert "not approved: aborted by bob since" in later
+    assert "not approved: the burn was aborted by bob" in later
     assert json.loads(run.call("status", "--json").stdout)["at_s"] == 100.0
 
 

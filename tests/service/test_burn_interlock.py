@@ -94,44 +94,44 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((Rejected(AT_US, "bob", "bravo", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "nowhere", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "bravo", HASH), APPROVED), "rejected by bob"),
-        ((Aborted(AT_US, "bob", "nowhere"),), "aborted by bob since"),
+        ((Aborted(AT_US, "bob", "nowhere"),), "the burn was aborted by bob;"),
         ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO list was complete"),
-        ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "new approval"),
-        ((Sent((Return(NAME),)),), "sent home since"),
-        ((Sent((Return(NAME),)), *AGAIN), "new approval"),
-        ((Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),), "stopped in flight since"),
-        ((ModeChanged(AT_US, NAME, 6, True, "return"),), "recalled since (mode return)"),
+        ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "approve a plan again"),
+        ((Sent((Return(NAME),)),), "the vehicle was sent home"),
+        ((Sent((Return(NAME),)), *AGAIN), "approve a plan again"),
+        ((Sent((ClimbAndHold(NAME, LAT, LON, 400.0),)),), "the vehicle was stopped in flight"),
+        ((ModeChanged(AT_US, NAME, 6, True, "return"),), "recalled (mode return)"),
         (
             (
                 ModeChanged(AT_US, NAME, 9, True, "land"),
                 ModeChanged(AT_US, NAME, 3, True, "mission"),
             ),
-            "recalled since (mode land)",
+            "recalled (mode land)",
         ),
-        ((ModeChanged(AT_US, NAME, 3, False, "mission"),), "landed since"),
-        ((VehicleRebooted(AT_US, NAME),), "restarted since"),
-        ((Resumed(AT_US, "service", "", 5.0),), "the service was restarted since"),
+        ((ModeChanged(AT_US, NAME, 3, False, "mission"),), "the vehicle has landed"),
+        ((VehicleRebooted(AT_US, NAME),), "the autopilot was restarted"),
+        ((Resumed(AT_US, "service", "", 5.0),), "the service was restarted"),
         (
             (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False),),
-            'NO-GO for "weather" by bob since',
+            'NO-GO for "weather" by bob',
         ),
         (
             (ChecklistAnswered(AT_US, "bob", "bravo", "weather", False), *AGAIN),
-            'NO-GO for "weather" by bob since',
+            'NO-GO for "weather" by bob',
         ),
-        ((Approved(AT_US, "ann", "nowhere", HASH),), "no station of the scenario"),
-        ((Approved(AT_US, " ", "alpha", HASH),), "nobody who has a name"),
-        ((Approved(AT_US, "service", "alpha", HASH),), "nobody who has a name"),
+        ((Approved(AT_US, "ann", "nowhere", HASH),), "is not a station for approvals"),
+        ((Approved(AT_US, " ", "alpha", HASH),), "no name of an operator"),
+        ((Approved(AT_US, "service", "alpha", HASH),), "no name of an operator"),
         ((LinkLost(AT_US, NAME, 3.0),), "link lost"),
         ((GpsFixChanged(AT_US, NAME, False, "none"),), "no good position fix"),
-        ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % wanted"),
+        ((BatteryUpdated(AT_US, NAME, 24.9),), "battery 24.9 %, at least 25 % required"),
         ((BatteryUpdated(AT_US, NAME, float("nan")),), "battery nan %"),
         ((ModeChanged(AT_US, NAME, 4, True, "guided"),), "in mode guided"),
         ((fix(AT_US, east_m=-40.0),), "off drop 0"),
-        ((fix(AT_US, height_m=24.0),), "24 m over the drop's place, not 15 ± 8 m"),
-        ((fix(AT_US, height_m=6.0),), "6 m over the drop's place"),
-        ((fix(AT_US, height_m=float("nan")),), "nan m over"),
-        ((BurnUnitSet(AT_US, "ann", "alpha", CORNERS),), "the burn unit was changed since"),
+        ((fix(AT_US, height_m=24.0),), "24 m above the drop's target, not 15 ± 8 m"),
+        ((fix(AT_US, height_m=6.0),), "6 m above the drop's target"),
+        ((fix(AT_US, height_m=float("nan")),), "nan m above"),
+        ((BurnUnitSet(AT_US, "ann", "alpha", CORNERS),), "the burn unit was changed"),
         (
             (
                 BurnUnitSet(AT_US, "ann", "alpha", tuple((x + 1.0, y) for x, y in CORNERS)),
@@ -154,8 +154,8 @@ def test_a_drop_is_refused(more: tuple[Happening, ...], words: str) -> None:
         (drop_of(0, plan_hash=plan_hash(OTHER)), AT_US, "was never proposed"),
         (drop_of(3), AT_US, "has no drop 3"),
         (drop_of(0, "crane"), AT_US, "is for ignis, not for crane"),
-        (DROP, 400 * S + 1, "was good until 400 s"),
-        (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its place"),
+        (DROP, 400 * S + 1, "was valid until 400 s"),
+        (drop_of(0, off_m=4.1), AT_US, "would fall 4.1 m off its target"),
         (DROP, 101_500_000, "no position of the last 1.5 s"),
         (DROP, 105_000_001, "no input of an approver at alpha for 15 s"),
     ],
@@ -197,7 +197,7 @@ def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
         (15.0, BURN, None),
         (15.1, BURN, "no input of an approver at alpha for 15 s"),
         (15.0, burn(approval_s=14.9), "older than 14.9 s"),
-        (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was good until 400 s"),
+        (400.1, burn(approver_timeout_s=1000.0, approval_s=1000.0), "was valid until 400 s"),
     ],
 )
 def test_limits_run_on_the_hosts_clock_too(
@@ -215,18 +215,18 @@ def test_a_restarted_host_clock_is_not_compared_with_the_one_before() -> None:
     for event in (*AGAIN, APPROVED, *GOOD[1:4], *GOOD[-2:]):
         assert not isinstance(event, Sent)
         lock.apply(event)
-    assert "was good until" in str(lock.refuses(DROP, AT_US))
+    assert "was valid until" in str(lock.refuses(DROP, AT_US))
 
 
 def test_a_plan_that_does_not_match_its_hash() -> None:
     forged = Sent((ProposePlan(NAME, plan(valid_until_us=10**12), HASH),))
-    assert "is not what its hash says" in str(why(forged, APPROVED))
+    assert "does not have the hash of its drop" in str(why(forged, APPROVED))
 
 
 def test_a_plan_approved_before_it_was_proposed() -> None:
     history = tuple(thing for thing in GOOD if not isinstance(thing, Sent))
     lock = after((*history, Sent((ProposePlan(NAME, PLAN, HASH),))))
-    assert "nobody has approved it" in str(lock.refuses(DROP, AT_US))
+    assert "it has no approval" in str(lock.refuses(DROP, AT_US))
 
 
 def test_every_missing_report_is_a_reason() -> None:

@@ -43,7 +43,7 @@ def test_a_drop_without_approval_stays(tmp_path: Path, monkeypatch: pytest.Monke
     (refused,) = entries_of(burn.path, DropFinished)
     assert isinstance(refused, DropFinished)
     assert refused.refused
-    assert "nobody has approved it" in refused.reason
+    assert "it has no approval" in refused.reason
     assert burn.dropped == 0
 
 

@@ -29,7 +29,7 @@ def test_ground_flown_over_twice_is_distinguished_by_height() -> None:
     for place in way:
         table.update(np.array(place, dtype=float))
     assert table.progress_m == pytest.approx(15 + 100 + 45 + 50)
-    assert table.left_m == pytest.approx(50.0)
+    assert table.remaining_m == pytest.approx(50.0)
 
 
 def test_it_never_goes_back() -> None:

@@ -25,7 +25,7 @@ def test_a_wind_beyond_the_margins_is_another_one(wind: tuple[float, float], dif
 
 def test_the_text_gives_both_winds() -> None:
     words = wind_differs(a_plan(), (6.04, 90.2), BURN)
-    assert words == "the wind is 6.0 m/s from 90°, planned for was 2.0 m/s from 0°"
+    assert words == "the wind is 6.0 m/s from 90°, but the plan assumes 2.0 m/s from 0°"
 
 
 def test_winds_around_north_have_a_mean_in_the_north() -> None:

@@ -49,7 +49,7 @@ def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> 
         feed.post("wind", speed_m_s=2.0, from_deg=0.0)
         time.sleep(POLL_S)
     texts = [line["text"] for line in feed.get("announcements")]
-    assert any(text.startswith("plan withdrawn: nothing heard of boss") for text in texts), texts
+    assert any(text.startswith("plan withdrawn: no input from boss") for text in texts), texts
     at_us, approver_us, drops = 0, 0, 0
     for entry in SegmentReader(burning.log.parent / "out" / "journal.jsonl"):
         thing = entry.content

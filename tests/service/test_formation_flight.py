@@ -440,7 +440,7 @@ def test_others_receive_the_motion_of_a_vehicle_under_manual_control(land: Lands
     flight.for_s(1.0)
     received.clear()
     flight.mode("position", armed=False)
-    assert Leaving(flight.at_us, flight.name, "flies otherwise") in received
+    assert Leaving(flight.at_us, flight.name, "tracking ended") in received
 
 
 @pytest.mark.parametrize("turn_rad_s", [0.1, -0.1])
@@ -493,7 +493,7 @@ def test_others_use_the_last_state_of_a_lost_vehicle_until_a_newer_report(
     flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
     assert received == [state]
     flight.handle(VehicleRebooted(flight.at_us, flight.name))
-    assert received[1:] == [Leaving(flight.at_us, flight.name, "flies otherwise")]
+    assert received[1:] == [Leaving(flight.at_us, flight.name, "tracking ended")]
 
 
 def test_a_restart_in_the_air_leaves_it_alone_until_it_is_in_its_mission(land: Landscape) -> None:

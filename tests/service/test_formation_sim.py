@@ -80,7 +80,8 @@ def test_those_that_settled_fly_their_missions(eight: Run) -> None:
         assert vehicle.orders["Orbit"] > 5, name
         assert vehicle.upload_reasons["fly to the fire"] == 1, name
     settled = [
-        each.upload_reasons["settled: loiter here"] for each in eight.record.vehicles.values()
+        each.upload_reasons["settled: loiter on this circle"]
+        for each in eight.record.vehicles.values()
     ]
     assert sum(count > 0 for count in settled) >= 4
 

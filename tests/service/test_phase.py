@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mission_service.guidance.formation import loiter_kernels as loiter
 from mission_service.guidance.formation import orbit_phase_kernels as phase
 from mission_service.guidance.formation import peer_table as peers
 from mission_service.guidance.formation.settings import Airframe
+from tests.service.formation_worlds import orbit_step
 
 FRAME = Airframe()
 LIMITS = (FRAME.min_airspeed_m_s, FRAME.max_airspeed_m_s)
@@ -121,7 +121,7 @@ def synchronised_rad(
             )  # fmt: skip
             assert math.hypot(*wind) < airspeed_m_s <= FRAME.max_airspeed_m_s
             for _ in range(2):
-                state = loiter.orbit_step(
+                state = orbit_step(
                     *state, *middles[number], -150.0, airspeed_m_s, *wind, 0.25, FRAME.bank_rad
                 )
             states[number] = state

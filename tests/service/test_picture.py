@@ -154,7 +154,7 @@ def test_an_orbit_is_shown_with_what_its_camera_covers_until_it_is_flown_no_more
         Aborted(3, "ann", "desk"),
     ]
     for event in no_more:
-        state_view.apply(mode, [ordered, UploadMission(name, 1, "loiter not far from here", ())])
+        state_view.apply(mode, [ordered, UploadMission(name, 1, "loiter on a circle nearby", ())])
         shown = state_view.vehicles[name].orbit
         assert shown is not None
         assert (shown.lat_deg, shown.radius_m) == (36.36, -90.0)

@@ -13,7 +13,7 @@ from mission_service.errors import MissionServiceError
 from mission_service.experiments.virtual_agents.camera_footprint import changed_cells
 from mission_service.experiments.virtual_agents.monitoring import inaccuracy_cells
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.shared_map import DIFFERENCE_RUNS, MapMessage, SharedMap
+from mission_service.guidance.formation.shared_map import MAX_DIFFERENCE_RUNS, MapMessage, SharedMap
 from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, cell_checksum
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
@@ -251,7 +251,7 @@ def test_a_large_difference_goes_in_several_messages_bounded_in_size_and_rate() 
                 if isinstance(message, Digest):
                     assert len(message.tiles) <= 128
                 if isinstance(message, Difference):
-                    assert len(message.cells) <= max(DIFFERENCE_RUNS, TILE**2)
+                    assert len(message.cells) <= max(MAX_DIFFERENCE_RUNS, TILE**2)
         if np.array_equal(full.stamps, empty.stamps):
             break
     assert full.fire.sum() > 8_000
@@ -403,7 +403,7 @@ def test_an_item_off_the_map_is_an_error_that_names_its_owner(message: MapMessag
 
 
 def test_a_cell_seen_off_the_map_is_an_error() -> None:
-    with pytest.raises(MissionServiceError, match="sight: cell 2000 is not on the map"):
+    with pytest.raises(MissionServiceError, match="camera view: cell 2000 is not on the map"):
         SharedMap("one", SHAPE).add_view(cells(2, 2000), NONE, 0)
 
 

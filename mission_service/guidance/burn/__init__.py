@@ -1,1 +1,1 @@
-"""Prescribed burns: ignition lines, whole burns, approval. Pure; see ARCHITECTURE.md."""
+"""Prescribed burns: ignition lines, whole burns, approval of plans. Pure; see ARCHITECTURE.md."""

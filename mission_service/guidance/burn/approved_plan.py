@@ -1,6 +1,7 @@
-"""An approved plan in flight: progress, next drop, and whether the rest is still safe."""
+"""Progress of an approved plan in flight, its next drop, and the safety of the remaining path."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,18 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint
-from mission_service.ignition_plan import IgnitionPlan
+from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint, Leg
+from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop
 
 Floats = NDArray[np.float64]
 
-LOOKS_AHEAD_M = 30.0  # the progress of one update, at most
-HIGH_SHARE = 0.9  # of the safe height: high enough
-OWN_SOON_S, OWN_SAMPLES_M, OWN_AROUND = 10.0, 5.0, 24
+MAX_PROGRESS_M = 30.0  # in one update
+HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
+# Fire of a vehicle's own spheres: limit of the time margin, spacing of samples along a leg, number
+# of points on the circle around a sample.
+OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
 
 
 class PathProgress:
-    """A path (n, 3) x, y, altitude in metres, flown at times (n,) after its begin."""
+    """Progress along a path (n, 3) x, y, altitude in metres, with times (n,) after its begin."""
 
     def __init__(self, points_m: Floats, after_s: Floats) -> None:
         self.points_m = points_m
@@ -31,45 +34,46 @@ class PathProgress:
 
     @property
     def length_m(self) -> float:
-        """Length of the whole path, climbs and descents included."""
+        """Return the length of the whole path, climbs and descents included."""
         return float(self._along_m[-1])
 
     @property
-    def left_m(self) -> float:
-        """Length still to be flown."""
+    def remaining_m(self) -> float:
+        """Return the length that remains to be flown."""
         return self.length_m - self.progress_m
 
     @property
     def after_s(self) -> float:
-        """The plan's time, after its begin, at the present progress."""
+        """Return the plan's time, after its begin, at the present progress."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
-    def update(self, place_m: Floats) -> float:
-        """Set the vehicle's place (3,); returns its distance from the path, in metres."""
+    def update(self, position_m: Floats) -> float:
+        """Set the vehicle's position (3,); return its distance from the path, in metres."""
         first = max(int(np.searchsorted(self._along_m, self.progress_m, side="right")) - 1, 0)
-        last = int(np.searchsorted(self._along_m, self.progress_m + LOOKS_AHEAD_M))
-        off_m, progress_m = np.inf, self.progress_m
+        last = int(np.searchsorted(self._along_m, self.progress_m + MAX_PROGRESS_M))
+        min_distance_m, progress_m = np.inf, self.progress_m
         for leg in range(first, min(last, len(self._lengths_m))):
             start, length = self.points_m[leg], self._lengths_m[leg]
-            way = self.points_m[leg + 1] - start
-            share = 0.0 if length == 0.0 else float((place_m - start) @ way) / float(length**2)
-            low = (
-                (self.progress_m - self._along_m[leg]) / length if leg == first and length else 0.0
-            )
+            step = self.points_m[leg + 1] - start
+            share = low = 0.0
+            if length:
+                share = float((position_m - start) @ step) / float(length**2)
+                low = (self.progress_m - self._along_m[leg]) / length if leg == first else 0.0
             share = min(max(share, low), 1.0)
-            far_m = float(np.linalg.norm(start + share * way - place_m))
-            if far_m < off_m - 1e-6:
-                off_m, progress_m = far_m, float(self._along_m[leg] + share * length)
-        self.progress_m = min(progress_m, self.progress_m + LOOKS_AHEAD_M)
-        return off_m
+            distance_m = float(np.linalg.norm(start + share * step - position_m))
+            if distance_m < min_distance_m - 1e-6:
+                min_distance_m = distance_m
+                progress_m = float(self._along_m[leg] + share * length)
+        self.progress_m = min(progress_m, self.progress_m + MAX_PROGRESS_M)
+        return min_distance_m
 
     def ahead(self, now_s: float) -> Floats:
-        """The rest of the path: (k, 4) x, y, altitude, at_s."""
+        """Return the remaining path (k, 4): x, y, altitude, at_s."""
         rest = self._along_m > self.progress_m
-        here = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]
-        points = np.vstack([here, self.points_m[rest]])
-        late_s = now_s - self.after_s
-        times = np.concatenate([[now_s], self._after_s[rest] + late_s])
+        present = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]
+        points = np.vstack([present, self.points_m[rest]])
+        delay_s = now_s - self.after_s
+        times = np.concatenate([[now_s], self._after_s[rest] + delay_s])
         return np.column_stack([points, times])
 
 
@@ -82,31 +86,31 @@ class ApprovedPlan:
     targets_m: Floats  # (m, 2) of its drops
     next_drop: int = 0
     sent: bool = False
-    looked_at_s: float = -math.inf
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """An approved plan before its begin."""
-    points = np.array([(point.height_m, point.after_s) for point in plan.path])
-    places = _xy([(point.lat_deg, point.lon_deg) for point in plan.path], landscape)
-    progress = PathProgress(np.column_stack([places, points[:, 0]]), points[:, 1])
-    targets = _xy([(drop.lat_deg, drop.lon_deg) for drop in plan.drops], landscape)
-    return ApprovedPlan(plan, progress, targets)
+    """Return an approved plan before its begin."""
+    height_m, after_s = np.array([(point.height_m, point.after_s) for point in plan.path]).T
+    progress = PathProgress(np.column_stack([_xy(plan.path, landscape), height_m]), after_s)
+    return ApprovedPlan(plan, progress, _xy(plan.drops, landscape))
 
 
-def _xy(places: list[tuple[float, float]], landscape: Landscape) -> Floats:
+def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floats:
+    places = [(point.lat_deg, point.lon_deg) for point in points]
     lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
     return np.column_stack(landscape.xy_of_lat_lon(lat, lon))
 
 
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
-    """When a vehicle on a path (n, 4) x, y, height, at_s first comes too near to fire.
+    """Return the time at which a vehicle on a path (n, 4) first comes too near to fire.
 
-    By the rules of planning, but a height of nearly the safe height is safe as well, since no
-    vehicle holds its height exactly. None: all of it is safe.
+    The columns of the path are x, y, height and at_s. The rules are those of planning, except that
+    ``HIGH_SHARE`` of the safe height suffices, since no vehicle holds its height exactly. Returns
+    None if the whole path is safe.
 
-    ``own_sources`` (m, 3) are spheres that it has dropped on the path. The plan ensures that it
-    leaves them in time, so here they are too near only when they burn within reach, or soon will.
+    ``own_sources`` (m, 3) are spheres that the vehicle has dropped on the path. The plan ensures
+    that the vehicle leaves them in time, so they are too near only if their fire is within reach,
+    or will be within a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -124,12 +128,11 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
     return None
 
 
-def _own_margin_s(
-    leg: tuple[FlightPoint, FlightPoint], air: FlightConstraints, own_sources: Floats
-) -> float:
-    """The smallest time by which a leg is ahead of the fires of own spheres within reach.
+def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
+    """Return the smallest time by which a leg is ahead of fire of the vehicle's own spheres.
 
-    From each sphere itself, and from its fire where that enters the reach from outside.
+    The fire counts from the ignition of each sphere within reach, and from the time at which the
+    fire of a sphere farther away enters the reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1
@@ -138,8 +141,8 @@ def _own_margin_s(
     to_sources = along[:, None, :2] - own_sources[None, :, :2]
     within = np.hypot(to_sources[..., 0], to_sources[..., 1]) <= reach_m
     lit_s = np.where(within, own_sources[None, :, 2], np.inf).min(axis=1)
-    turns = np.linspace(0.0, math.tau, OWN_AROUND, endpoint=False)
+    turns = np.linspace(0.0, math.tau, OWN_RING_POINTS, endpoint=False)
     ring = reach_m * np.column_stack([np.cos(turns), np.sin(turns)])
     points = (along[:, None, :2] + ring[None]).reshape(-1, 2)
-    comes_s = air.lights(own_sources).ignition_time_s(points).reshape(count, OWN_AROUND)
-    return float((np.minimum(lit_s, comes_s.min(axis=1)) - along[:, 3]).min())
+    arrives_s = air.lights(own_sources).ignition_time_s(points).reshape(count, OWN_RING_POINTS)
+    return float((np.minimum(lit_s, arrives_s.min(axis=1)) - along[:, 3]).min())

@@ -1,4 +1,4 @@
-"""Output of a whole burn: the fire at times of a slider, figures, JSON and a picture."""
+"""Report of a whole burn: fire fronts at regular times, totals, JSON and a picture."""
 
 import math
 from dataclasses import asdict
@@ -20,24 +20,24 @@ from mission_service.guidance.burn.whole_burn import WholeBurn
 Floats = NDArray[np.float64]
 
 M2_PER_ACRE, M_PER_CHAIN = 4046.8564224, 20.1168
-TIMES = 61  # of the slider
+TIMES = 61  # of fire fronts
 FRONT_CELL_M, FRONT_NODES = 3.0, 20_000
 LOAD_COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#33691e", "#ad1457")
 
 
 def slider_times_s(burn: WholeBurn, count: int = TIMES) -> Floats:
-    """Times (count,) evenly from the begin of a burn to its end."""
+    """Return evenly spaced times (count,) from the begin of a burn to its end."""
     return np.linspace(burn.begin_s, max(burn.end_s, burn.begin_s + 1.0), count)
 
 
 def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats, Floats]:
-    """x (cols,), y (rows,) from the south on, and times (rows, cols) over the unit."""
+    """Return x (cols,), y (rows,) from south to north, and times of ignition (rows, cols)."""
     west, south, east, north = area.bounds
-    around_m = 0.1 * max(east - west, north - south)
-    wide_m, high_m = east - west + 2 * around_m, north - south + 2 * around_m
+    border_m = 0.1 * max(east - west, north - south)
+    wide_m, high_m = east - west + 2 * border_m, north - south + 2 * border_m
     cell = max(FRONT_CELL_M, math.sqrt(wide_m * high_m / FRONT_NODES))
-    x = west - around_m + cell * np.arange(math.ceil(wide_m / cell) + 1)
-    y = south - around_m + cell * np.arange(math.ceil(high_m / cell) + 1)
+    x = west - border_m + cell * np.arange(math.ceil(wide_m / cell) + 1)
+    y = south - border_m + cell * np.arange(math.ceil(high_m / cell) + 1)
     nodes = np.stack([np.tile(x, y.size), np.repeat(y, x.size)], axis=1)
     times = np.asarray(burn.fire.ignition_time_s(nodes), np.float64)
     ignition_s: Floats = np.maximum(times, LONG_AGO_S).reshape(y.size, x.size)
@@ -47,7 +47,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """The burned area at each time, as polygons with holes; empty before the first fire."""
+    """Return the burned area at each time, as polygons with holes; empty before the first fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(
@@ -66,14 +66,13 @@ def burned_areas(
 
 
 def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
-    """Totals of a burn, metric and in the units of fire crews."""
+    """Compute totals of a burn, in metric units and in the units of fire crews."""
     plans = [line.plan for line in burn.lines]
     steps = [np.diff(plan.path[:, :2], axis=0) for plan in plans]
     flown_m = float(sum(np.hypot(*step.T).sum() for step in steps))
     lines_m = float(sum(np.ptp(plan.line.across(plan.drops[:, :2])) for plan in plans))
     left_m2 = burn.area_left.area if burn.ended.why != "complete" else 0.0
-    margins = [plan.min_time_margin_s for plan in plans]
-    min_margin_s = min(margins, default=math.inf)
+    min_margin_s = min((plan.min_time_margin_s for plan in plans), default=math.inf)
     return {
         "lines": len({round(plan.line.along_m, 3) for plan in plans}),
         "flights": len(plans),
@@ -95,7 +94,7 @@ def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
 
 
 def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None) -> dict[str, Any]:
-    """All of a burn as JSON: coordinates are the landscape's metres, times mission time."""
+    """Return a whole burn as JSON: coordinates in the landscape's metres, times in mission time."""
     times = slider_times_s(burn) if times_s is None else times_s
     return {
         "totals": burn_totals(burn, area),
@@ -122,7 +121,7 @@ def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None
 
 
 def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> None:
-    """A PNG: fire in shades by the time it comes, lines numbered, their loads by colour."""
+    """Draw a PNG: shades for the arrival time of fire, numbered lines, a colour for each load."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -131,7 +130,9 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
     axes: Any = figure.add_subplot()
     west, south, _, _ = area.bounds
     x, y, ignition_s = ignition_raster(burn, area)
-    outside = ~shapely.contains_xy(area, *np.meshgrid(x, y))  # the control lines hold
+    outside = ~shapely.contains_xy(
+        area, *np.meshgrid(x, y)
+    )  # fire does not cross the control lines
     never = outside | (ignition_s > burn.end_s)
     minutes = np.ma.masked_where(never, (ignition_s - burn.begin_s) / 60.0)
     edges = (x[0] - west, x[-1] - west, y[0] - south, y[-1] - south)
@@ -139,24 +140,18 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
     shades = axes.imshow(
         minutes, cmap="autumn", extent=edges, origin="lower", alpha=0.7, vmin=0.0, vmax=until
     )
-    figure.colorbar(shades, ax=axes, label="fire comes, minutes after the begin", shrink=0.7)
+    figure.colorbar(shades, ax=axes, label="fire arrival, minutes after the begin", shrink=0.7)
     for ring in shapely.get_rings(shapely.get_parts(area)):
         axes.plot(*(shapely.get_coordinates(ring) - (west, south)).T, color="black")
     for line in burn.lines:
         colour = LOAD_COLOURS[(line.load - 1) % len(LOAD_COLOURS)]
         low = burn.assumptions.safe_height_m - 1e-6
         for one, other in pairwise(line.plan.path - (west, south, 0.0, 0.0)):
-            high = min(one[2], other[2]) >= low
-            axes.plot(
-                [one[0], other[0]],
-                [one[1], other[1]],
-                color=colour,
-                linewidth=0.7,
-                linestyle=":" if high else "-",
-            )
-        drops = line.plan.drops[:, :2] - (west, south)
+            style = ":" if min(one[2], other[2]) >= low else "-"
+            x_m, y_m = zip(one[:2], other[:2], strict=True)
+            axes.plot(x_m, y_m, color=colour, linewidth=0.7, linestyle=style)
+        drops, skipped = line.plan.drops[:, :2] - (west, south), line.plan.skipped - (west, south)
         axes.plot(*drops.T, ".", color=colour, markersize=5)
-        skipped = line.plan.skipped - (west, south)
         axes.plot(*skipped.T, "x", color="black", markersize=4)
         text = axes.annotate(str(line.number), drops[0], xytext=(-4, 4), textcoords="offset points")
         text.set_bbox({"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1})
@@ -168,7 +163,7 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
         f"{title}\n{found['lines']} lines, {found['spheres']} spheres, {found['loads']} loads, "
         f"{found['duration_s'] / 60.0:.0f} min; {found['unit_ha']} ha ({found['unit_acres']} acres)"
         f"\nassumed: spheres ignite after {assumed.ignition_delay_s:g} s, "
-        f"{assumed.speed_m_s:g} m/s, wind {assumed.wind_m_s:g} m/s all the time; "
+        f"{assumed.speed_m_s:g} m/s, wind {assumed.wind_m_s:g} m/s throughout; "
         f"dotted: at {assumed.safe_height_m:g} m",
         parse_math=False,
         fontsize=9,

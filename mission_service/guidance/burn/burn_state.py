@@ -1,4 +1,4 @@
-"""The state of a burn: unit, fire, spheres and remaining area; and the plans made from it."""
+"""State of a burn (unit, fire, spheres, remaining area), and planning of the next line from it."""
 
 import math
 from dataclasses import replace
@@ -30,14 +30,14 @@ from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
-# Plans keep larger margins than those monitored in flight, since a flight deviates from its plan.
+# Added to the margins of plans: a flight, which is monitored with less, deviates from its plan.
 SLACK_S, SLACK_M = 20.0, 3.0
-AROUND_M = 12.0  # of home and vehicle, where fire is monitored as well
-NO_FIRE_S = 86400.0  # a margin where no fire comes near
+AROUND_M = 12.0  # radius around home and vehicle in which fire is also monitored
+NO_FIRE_S = 86400.0  # time margin of a path that no fire approaches
 
 
 class BurnState:
-    """Folds operators' input about a burn; plans its next line. Heights are above the ground."""
+    """Applies operators' input to a burn; plans its next line. Heights are above the ground."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class BurnState:
         weather: WeatherStream,
         vehicle: VehicleSection,
     ) -> None:
-        """Raises MissionServiceError for an invalid unit or home."""
+        """Create the state. Raises MissionServiceError for an invalid unit or home."""
         self.burn, self.landscape = burn, landscape
         self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
         self.fire = EstimatedFire(burn, landscape, weather)
@@ -59,64 +59,63 @@ class BurnState:
     # Inputs -----------------------------------------------------------------------------------
 
     def unit_reported(self, event: PersonReported | BurnUnitSet) -> None:
-        """Change the unit, or the people in it. Raises MissionServiceError for an invalid unit."""
+        """Change the unit or the people in it. Raises MissionServiceError for an invalid unit."""
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
             self.unit = unit.with_people(self.unit.people)
             self.area_left = shapely.intersection(self.area_left, unit.area)
         else:
             place = self.landscape.xy_of_lat_lon(event.lat_deg, event.lon_deg)
-            others = [each for each in self.unit.people if each.name != event.name]
-            there = (
-                [ExclusionCircle(event.name, *place, event.radius_m)] if event.radius_m > 0 else []
-            )
-            self.unit = self.unit.with_people((*others, *there))
+            people = [each for each in self.unit.people if each.name != event.name]
+            if event.radius_m > 0:
+                people.append(ExclusionCircle(event.name, *place, event.radius_m))
+            self.unit = self.unit.with_people(tuple(people))
         self._air = None
 
-    def spaced(self, event: PlanRequested) -> str | None:
-        """Change the spacings; returns why they are rejected, or None."""
+    def set_spacings(self, event: PlanRequested) -> str | None:
+        """Change the spacings of lines and drops; return why they are rejected, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
         min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.max_drops_per_min
         if drop_m < min_spacing_m or line_m <= 0.0:
-            return f"spacings not taken: drops must be at least {min_spacing_m:g} m apart"
+            return f"spacings rejected: drops must be at least {min_spacing_m:g} m apart"
         changed = {"line_spacing_m": line_m, "drop_spacing_m": drop_m}
         self.burn = self.burn.model_copy(update=changed)
         return None
 
-    def stands(self, fix: PositionFix) -> None:
+    def calibrate_altitude(self, fix: PositionFix) -> None:
         """Set the autopilot's altitude minus the landscape's; called on the ground."""
         self._above_map_m = round(fix.altitude_m - self._ground_m(fix), 1)
 
     # Outputs ----------------------------------------------------------------------------------
 
     def wind_from(self, at_s: float) -> WindFrom:
-        """The estimated wind: speed in m/s, direction from in degrees."""
+        """Return the estimated wind: speed in m/s, and the direction it blows from in degrees."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
 
     def wind_m_s(self, at_s: float) -> tuple[float, float]:
-        """The estimated wind as a velocity on the grid: x, y in m/s."""
+        """Return the estimated wind as a velocity on the grid: x, y in m/s."""
         return toward(self.landscape, *self.wind_from(at_s))
 
     def height_m(self, fix: PositionFix) -> float:
-        """The vehicle's height above the ground."""
+        """Return the vehicle's height above the ground."""
         return fix.altitude_m - self._ground_m(fix) - self._above_map_m
 
     def altitude_m(self, fix: PositionFix, height_m: float) -> float:
-        """The autopilot's altitude of a height above the ground at the vehicle's place."""
+        """Return the autopilot's altitude of a height above the ground at a position."""
         return self._ground_m(fix) + self._above_map_m + height_m
 
     def _ground_m(self, fix: PositionFix) -> float:
         return float(self.landscape.elevation_at(fix.x_m, fix.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
+        """Return latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     def map_shapes(self) -> dict[str, Any]:
-        """The unit for display: rings (lat, lon), and circles to be kept clear."""
+        """Return the unit for display: rings (lat, lon), and the circles around people."""
         unit = self.unit
         return {
             "unit": self._rings(unit.area),
@@ -130,10 +129,12 @@ class BurnState:
 
     def _rings(self, shape: BaseGeometry) -> list[list[tuple[float, float]]]:
         rings = shapely.get_rings(shapely.get_parts(shape))
-        return [[self.lat_lon(*at) for at in shapely.get_coordinates(ring)] for ring in rings]
+        return [
+            [self.lat_lon(*corner) for corner in shapely.get_coordinates(ring)] for ring in rings
+        ]
 
     def situation(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> Situation:
-        """The situation for a plan that begins at a time."""
+        """Return the situation for a plan that begins at ``at_s``."""
         place_m = (fix.x_m, fix.y_m)
         if not vehicle.availability.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
@@ -143,7 +144,7 @@ class BurnState:
     def situation_from(
         self, place_m: PointXY, height_m: float, flown_s: float, home_m: PointXY, at_s: float
     ) -> Situation:
-        """The situation of a vehicle at a place that has been in the air for ``flown_s``."""
+        """Return the situation of a vehicle at ``place_m`` that has flown for ``flown_s``."""
         east, north = self.wind_m_s(at_s)
         return Situation(
             unit=self.unit,
@@ -163,10 +164,10 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
-        """The constraints of a flight, with the fire as estimated now."""
+        """Return the constraints of a flight in the fire as estimated now."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
-            # Plans cover the unit only; flights are monitored from home on.
+            # Plans cover the unit only; flights are monitored from takeoff at home.
             places = shapely.MultiPoint([vehicle.home_m, (fix.x_m, fix.y_m)])
             box = shapely.union(self.unit.area, places.buffer(AROUND_M)).bounds
             hazard = hazard_of(self.fire.simulation, box, air.hazard.margins)
@@ -176,7 +177,7 @@ class BurnState:
     def next_plan(
         self, vehicle: Vehicle, fix: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
-        """The plan of the next line, and the same as data to be approved."""
+        """Plan the next line; return the plan, and the same plan as data to be approved."""
         wider = {
             "time_margin_s": self.burn.time_margin_s + SLACK_S,
             "distance_margin_m": self.burn.distance_margin_m + SLACK_M,
@@ -186,9 +187,11 @@ class BurnState:
         if isinstance(found, NoPlan):
             return found
         found = drift_compensated(found, situation, self.burn)
-        return found, self._as_data(found, vehicle.name, fix.at_s, begin_s)
+        return found, self._ignition_plan(found, vehicle.name, fix.at_s, begin_s)
 
-    def _as_data(self, found: LinePlan, name: str, at_s: float, begin_s: float) -> IgnitionPlan:
+    def _ignition_plan(
+        self, found: LinePlan, name: str, at_s: float, begin_s: float
+    ) -> IgnitionPlan:
         wind_speed_m_s, wind_from_deg = self.wind_from(begin_s)
         return IgnitionPlan(
             vehicle=name,

@@ -1,4 +1,4 @@
-"""The burn unit: the area to burn, no-drop areas, people, and the fence of flights."""
+"""The burn unit: the area to burn, no-drop areas, people, and the geofence of flights."""
 
 import hashlib
 import math
@@ -23,9 +23,9 @@ from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
-ARC = 16  # sides of a quarter of a circle
-MIN_AREA_M2 = 1.0  # of an area
-CLEAR_M = 0.01  # added to margins, for rounding
+ARC = 16  # segments of a quarter circle
+MIN_AREA_M2 = 1.0
+CLEAR_M = 0.01  # added to margins for rounding errors
 
 
 class ExclusionCircle(NamedTuple):
@@ -39,9 +39,9 @@ class ExclusionCircle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurnUnit:
-    """The unit in the landscape's metres. Flights stay inside ``fence``, if there is one."""
+    """A burn unit in the landscape's metres. Flights stay inside ``fence`` if it is given."""
 
-    area: BaseGeometry  # Polygon or MultiPolygon, holes are not to be burned
+    area: BaseGeometry  # Polygon or MultiPolygon, holes are not burned
     no_drop: BaseGeometry
     fence: BaseGeometry | None
     people: tuple[ExclusionCircle, ...]
@@ -49,20 +49,20 @@ class BurnUnit:
 
     @cached_property
     def droppable(self) -> BaseGeometry:
-        """The area where spheres may fall; never more than ``may_drop`` allows."""
+        """Return the area where spheres may fall, without any point that ``may_drop`` excludes."""
         left = self.area.difference(_grown(self.area.boundary, self.edge_m + CLEAR_M))
         left = left.difference(_grown(self.no_drop, self.edge_m + CLEAR_M))
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
 
     @cached_property
     def low_graph(self) -> VisibilityGraph:
-        """Paths below the safe height."""
+        """Return the visibility graph of paths below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
         return VisibilityGraph(self._without_people(inside))
 
     @cached_property
     def high_graph(self) -> VisibilityGraph | None:
-        """Paths at the safe height; None without a fence."""
+        """Return the visibility graph of paths at the safe height; None without a fence."""
         return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
@@ -72,7 +72,7 @@ class BurnUnit:
         return only_areas(area)
 
     def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Whether a sphere may fall on each place (n, 2), by distances, not by drawn margins."""
+        """Return whether a sphere may fall on each place (n, 2), by distances without buffers."""
         points = shapely.points(np.asarray(places_m, np.float64).reshape(-1, 2))
         good = shapely.covers(self.area, points)
         good &= shapely.distance(self.area.boundary, points) >= self.edge_m
@@ -86,11 +86,11 @@ class BurnUnit:
         return np.asarray(good, np.bool_)
 
     def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
-        """The same with these people instead."""
+        """Return the same unit with these people in place of the present ones."""
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:
-        """SHA-256, in hexadecimal, of all coordinates, people and settings."""
+        """Return the SHA-256, in hexadecimal, of all coordinates, people and settings."""
         sha = hashlib.sha256()
         for shape in (self.area, self.no_drop, self.fence):
             sha.update(b"none" if shape is None else shapely.to_wkb(shape, byte_order=1))
@@ -103,7 +103,7 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """A buffer of a shape that contains the exact one: arcs are drawn outside of the true ones."""
+    """Return a buffer that contains the exact one: its polygonal arcs lie outside the true arcs."""
     if shape.is_empty or by_m <= 0.0:
         return shape
     found: BaseGeometry = shape.buffer(by_m / math.cos(math.pi / (4 * ARC)), quad_segs=ARC)
@@ -116,11 +116,11 @@ def burn_unit_of(
     home: tuple[float, float] | None = None,
     corners: Corners | None = None,
 ) -> BurnUnit:
-    """The unit of a scenario. ``home`` (lat, lon) is where the vehicle starts.
+    """Return the unit of a scenario. ``home`` (lat, lon) is the position of the first takeoff.
 
     ``corners`` (lat, lon) replace those of the scenario. Raises MissionServiceError with one line
-    if the unit, its fence or a no-drop area is invalid, nothing is left to drop on, or home is
-    outside the fence.
+    if the unit, its fence or a no-drop area is invalid, if no area remains for drops, or if home
+    is outside the fence.
     """
     if corners is None and burn.unit_file is not None:
         area = _areas_of(burn.unit_file, landscape)
@@ -142,7 +142,7 @@ def burn_unit_of(
 
 
 def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> None:
-    """Raise MissionServiceError if nothing can be dropped, or home (x, y) is outside the fence."""
+    """Raise MissionServiceError if no area remains for drops, or home is outside the fence."""
     if unit.fence is not None:
         if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):
             away_m = unit.fence.distance(shapely.Point(home_m))
@@ -156,9 +156,9 @@ def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> Non
             )
     if unit.droppable.is_empty:
         raise MissionServiceError(
-            f"burn: nothing of the unit ({unit.area.area / 1e4:.2f} ha) is left to drop on: "
-            f"edge_m = {unit.edge_m:g}, no-drop areas, people and fence take all of it; make the "
-            "unit larger or them smaller"
+            f"burn: no part of the unit ({unit.area.area / 1e4:.2f} ha) is left to drop on: "
+            f"edge_m = {unit.edge_m:g}, no-drop areas, people and fence exclude all of it; make "
+            "the unit larger, or make them smaller"
         )
 
 
@@ -168,10 +168,10 @@ def _polygon(name: str, corners: Corners, landscape: Landscape) -> BaseGeometry:
     xy_m = np.stack([x_m, y_m], axis=1)
     inside = shapely.covers(box_of(landscape), shapely.points(xy_m))
     if not inside.all():
-        which = int(np.argmin(inside))
+        corner = int(np.argmin(inside))
         raise MissionServiceError(
-            f"burn: {name}: corner {which + 1} (lat {places[which, 0]:.5f}, lon "
-            f"{places[which, 1]:.5f}) is outside the landscape; correct it (lat first, then lon)"
+            f"burn: {name}: corner {corner + 1} (lat {places[corner, 0]:.5f}, lon "
+            f"{places[corner, 1]:.5f}) is outside the landscape; correct it (lat first, then lon)"
         )
     if len(places) < 3:
         raise MissionServiceError(f"burn: {name}: has {len(places)} corners; give at least 3")
@@ -193,23 +193,18 @@ def _areas_of(path: Path, landscape: Landscape) -> BaseGeometry:
 
 def _checked(where: str, area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
     if not area.is_valid:
-        lat, lon = landscape.lat_lon_of(*_fault(area))
-        reason = shapely.is_valid_reason(area).split("[")[0]
+        reason, _, place = shapely.is_valid_reason(area).rstrip("]").partition("[")
+        lat, lon = landscape.lat_lon_of(*map(float, place.split()[:2]))
         raise MissionServiceError(
-            f"burn: {where.removeprefix('burn: ')}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
-            "its corners in order, around it, so that no two sides cross"
+            f"{where}: {reason} at lat {lat:.5f}, lon {lon:.5f}; give "
+            "its corners in their order along the boundary, so that no two sides cross"
         )
     if not area.area >= MIN_AREA_M2:
-        raise MissionServiceError(f"{where}: has no area; give at least three corners not in line")
+        raise MissionServiceError(
+            f"{where}: has no area; give at least three corners that are not in a line"
+        )
     if not box_of(landscape).covers(area):
         raise MissionServiceError(
-            f"{where}: reaches beyond the landscape; make it smaller, or take a larger landscape"
+            f"{where}: reaches beyond the landscape; make it smaller, or use a larger landscape"
         )
     return area
-
-
-def _fault(area: BaseGeometry) -> tuple[float, float]:
-    """The place where GEOS finds a polygon invalid."""
-    reason = shapely.is_valid_reason(area)
-    inside = reason[reason.index("[") + 1 : reason.index("]")].split()
-    return float(inside[0]), float(inside[1])

@@ -1,4 +1,4 @@
-"""The GO/NO-GO list of a burn (NWCG PMS 515): no flight with an open item. Pure."""
+"""GO/NO-GO checklist of a burn (NWCG PMS 515): no flight while an item is open. Pure."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ from mission_service.events import Aborted, AnyEvent, ChecklistAnswered, Resumed
 
 
 class Checklist:
-    """Folds answers. An item is open until the last answer to it is GO.
+    """Checklist of a burn. An item is open unless the last answer to it is GO.
 
-    Answers do not expire. An abort, a restart of the service and ``clear`` (on a landing, for
-    example) open the whole list again.
+    Answers do not expire. An abort, a restart of the service and ``clear`` (for example after a
+    landing) open all items again.
     """
 
     def __init__(self, items: tuple[str, ...]) -> None:
@@ -18,18 +18,18 @@ class Checklist:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Items without a GO, in the order of the list."""
+        """Return the items without a GO, in the order of the list."""
         return tuple(
             item for item in self.items if item not in self._answers or not self._answers[item].go
         )
 
     @property
     def complete(self) -> bool:
-        """Whether every item has its GO; a list without items is complete."""
+        """Return whether every item has a GO; a list without items is complete."""
         return not self.open_items
 
     def apply(self, event: AnyEvent) -> str | None:
-        """Apply an event; returns a line for the operator if it concerns the list."""
+        """Apply an event; return a text for the operator if the event concerns the list."""
         match event:
             case ChecklistAnswered():
                 return self._answered(event)
@@ -37,11 +37,10 @@ class Checklist:
                 return self.clear(f"abort by {event.by}")
             case Resumed():
                 return self.clear("the service was restarted")
-            case _:
-                return None
+        return None
 
     def clear(self, why: str) -> str | None:
-        """Open all items; returns a line for the operator if any had an answer."""
+        """Open all items; return a text for the operator if any item had an answer."""
         if not self._answers:
             return None
         self._answers.clear()
@@ -49,7 +48,7 @@ class Checklist:
 
     def _answered(self, event: ChecklistAnswered) -> str:
         if event.item not in self.items:
-            return f'GO list: there is no item "{event.item}"; there are: {"; ".join(self.items)}'
+            return f'GO list: "{event.item}" is not an item; the items are: {"; ".join(self.items)}'
         self._answers[event.item] = event
         word = "GO" if event.go else "NO-GO"
         left = len(self.open_items)
@@ -57,7 +56,7 @@ class Checklist:
         return f'GO list: {word} for "{event.item}" by {event.by} at {event.station}; {state}'
 
     def status(self) -> dict[str, Any]:
-        """The list as plain data: item, "go", "no-go" or "open", and the operator who answered."""
+        """Return each item with its answer ("go", "no-go" or "open") and the operator's name."""
         return {
             "complete": self.complete,
             "open": len(self.open_items),

@@ -1,9 +1,9 @@
-"""Flight of a burn: a line is proposed, approved and flown, and its spheres are dropped in turn.
+"""Guidance of a burn: lines are proposed, approved and flown one by one, with their drops.
 
-planning --> proposed --approved--> approved --its mission is flown--> flying
-flying --end of the path--> planning; --plan not valid--> climbing --safe height--> planning
-waiting: no plan before an operator's request (after an abort, under manual control, at the end).
-A mission on board contains no drop: each is ordered here while all conditions for it hold.
+planning --> proposed --approval--> approved --vehicle flies the mission--> flying
+flying --end of the path--> planning; --invalid plan--> climbing --safe height--> planning
+waiting: the next plan needs a request (after an abort or manual control, and at the end).
+The missions contain no drops: the guidance orders each drop while all its conditions are met.
 """
 
 import math
@@ -77,16 +77,16 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
-CLIMB_AGAIN_S, CLIMBS_SHARE = 5.0, 1.05
-LOOK_EVERY_S, LOOK_AT_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # after the proposal, as planned
+REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05  # interval of climb commands; share of the safe height
+CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned begin after the proposal
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
-WIND_FOR = 3  # measurements in a row that must differ before the wind counts as changed
+WIND_COUNT = 3  # successive measurements that must differ from the planned wind
 
 
 class BurnFlight(Guidance):
-    """Commands the one vehicle of a burn."""
+    """Guidance of the one vehicle of a burn."""
 
     def __init__(
         self,
@@ -110,17 +110,16 @@ class BurnFlight(Guidance):
         self._found: LinePlan | None = None
         self._flown: ApprovedPlan | None = None
         self._after_climb: Phase = "planning"
-        self._mode, self._armed, self._fix_good, self._by_hand = "", False, True, False
+        self._mode, self._armed, self._fix_good, self._manual_control = "", False, True, False
         self._battery_pct: float | None = None
-        self._climbed_at_s = self._looked_at_s = -math.inf
+        self._climbed_at_s = self._checked_at_s = -math.inf
         self._reloads = False
         self._winds: list[WindFrom] = []
 
     def _refuse_stations_inside(self) -> None:
-        """Raise ScenarioError for an operator's station inside the burn unit."""
+        """Raise ScenarioError if an operator's station is inside the burn unit."""
         for station in self.state.burn.stations:
-            place = (station.lat_deg, station.lon_deg)
-            x_m, y_m = self.state.landscape.xy_of_lat_lon(*place)
+            x_m, y_m = self.state.landscape.xy_of_lat_lon(station.lat_deg, station.lon_deg)
             if self.state.unit.area.covers(shapely.Point(x_m, y_m)):
                 raise ScenarioError(
                     f"burn.stations: {station.name} is inside the burn unit; move it outside"
@@ -134,14 +133,14 @@ class BurnFlight(Guidance):
         try:
             changed = self.state.fire.apply(event)
         except FireModelError as error:
-            return self._announce(f"not taken: {error}", warning=True)
+            return self._announce(f"input rejected: {error}", warning=True)
         match event:
             case PersonReported() | BurnUnitSet():
                 return self._unit_reported(event)
             case ChecklistAnswered():
                 return self._answered(event)
             case PlanRequested():
-                return self._plan_wanted(event)
+                return self._plan_requested(event)
             case Approved():
                 return self._approved(event)
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
@@ -151,7 +150,7 @@ class BurnFlight(Guidance):
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
             case Resumed():
                 self.checklist.apply(event)
-                self._by_hand, self._mode = False, ""
+                self._manual_control, self._mode = False, ""
                 return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
                 return self._changed(event.at_us / 1e6) if changed else []
@@ -164,66 +163,66 @@ class BurnFlight(Guidance):
                 return self._mode_changed(vehicle, event)
             case HostTime():
                 self.approvals.host_time(event)
-                why = self._why_over(event.at_us)
-                return [] if why is None else self._stop(why)
+                return self._stop_if(self._why_expired(event.at_us))
             case LinkLost():
-                return self._stop("the link is lost")
+                return self._stop("the link was lost")
             case VehicleRebooted():
                 self.checklist.clear("the autopilot was restarted")
                 return self._stop("the autopilot was restarted")
             case GpsFixChanged():
                 self._fix_good = event.good
-                return [] if event.good else self._stop(f"its position is lost ({event.fix})")
+                return [] if event.good else self._stop(f"the position fix was lost ({event.fix})")
             case BatteryUpdated():
                 return self._battery_reported(vehicle, event)
             case DropFinished():
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
-            case Observed() if self.state.fire.apply(event):
-                return []  # checked once a second
-            case _:
-                return []
+            case Observed():
+                self.state.fire.apply(event)  # the plan is checked once a second
+        return []
 
-    # The fire, the unit and the wind ----------------------------------------------------------
+    # Fire, unit and wind ----------------------------------------------------------------------
 
     def _unit_reported(self, event: PersonReported | BurnUnitSet) -> list[AnyCommand]:
         try:
             self.state.unit_reported(event)
         except MissionServiceError as error:
-            return self._announce(f"not taken: {error}", warning=True)
+            return self._announce(f"input rejected: {error}", warning=True)
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
-        """Adopt a measured wind that differs from the planned one ``WIND_FOR`` times in a row."""
+        """Adopt a measured wind after ``WIND_COUNT`` successive differences from the plan."""
         plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
         if plan is None:
             return []
         differs = wind_differs(plan, wind, self.state.burn) is not None
         self._winds = [*self._winds, wind] if differs else []
-        if len(self._winds) < WIND_FOR:
+        if len(self._winds) < WIND_COUNT:
             return []
         wind, self._winds = mean_wind(self._winds), []
         self.state.fire.blow(*wind, event.at_us / 1e6)
         return self._changed(event.at_us / 1e6)
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
-        """Check the plan again after a change of fire, unit or wind; void it if it is not valid."""
-        why = self._why_void(at_s)
+        """Check the plan after a change of fire, unit or wind; withdraw it if it is invalid."""
+        return self._stop_if(self._why_invalid(at_s))
+
+    def _stop_if(self, why: str | None) -> list[AnyCommand]:
         return [] if why is None else self._stop(why)
 
-    def _why_void(self, at_s: float) -> str | None:
-        """Why the proposed or flown plan is no longer valid in the present state; None if it is."""
+    def _why_invalid(self, at_s: float) -> str | None:
+        """Return why the proposed or flown plan is no longer valid; None if it is valid."""
         plan = self.approvals.plan
         if plan is None:
             return None
         if plan.digest != self.state.unit.digest(self.state.burn):
-            return "the burn unit, its people or its settings are no longer those of the plan"
+            return "the burn unit, its people or its settings have changed since the plan"
         differs = wind_differs(plan, self.state.wind_from(at_s), self.state.burn)
         return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
-        """Why the proposed or remaining path would come too near to fire; None if it does not."""
+        """Return why the proposed or remaining path is too near to fire; None if it is safe."""
         flown, vehicle = self._flown, self._vehicle
         if vehicle is None or vehicle.availability.fix is None or self._found is None:
             return None
@@ -234,52 +233,51 @@ class BurnFlight(Guidance):
         path = flown.progress.ahead(at_s)
         path[0, :3] = fix.x_m, fix.y_m, self.state.height_m(fix)
         air = self.state.air(vehicle, fix, at_s)
-        found_s = first_danger_s(path, air, self.state.fire.held)
-        if found_s is None:
+        danger_s = first_danger_s(path, air, self.state.fire.held)
+        if danger_s is None:
             return None
-        return f"fire would be too near to the path in {max(found_s - at_s, 0.0):.0f} s"
+        return f"fire would be too near to the path in {max(danger_s - at_s, 0.0):.0f} s"
 
-    # Plans and their approval -----------------------------------------------------------------
+    # Plans and approvals ----------------------------------------------------------------------
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Check for an expired approval and a due plan; called with each position."""
+        """Check the approval and the plan, and plan the next line; called with each position."""
         fix = vehicle.availability.fix
         if fix is None:
             return []
         if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
-            self.state.stands(fix)
-        why = self._why_over(round(at_s * 1e6))
+            self.state.calibrate_altitude(fix)
+        why = self._why_expired(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
-            why = self._look(at_s)
+            why = self._check(at_s)
         if why is not None:
             return self._stop(why)
         flown = self._flown
         if self.phase == "approved" and flown is not None and self._flies(vehicle, flown):
             self.phase = "flying"
-            return [
-                announce(vehicle, f"flies line {flown.plan.line}: {len(flown.plan.drops)} drops")
-            ]
+            words = f"flies line {flown.plan.line}: {len(flown.plan.drops)} drops"
+            return [announce(vehicle, words)]
         if self.phase == "planning" and self._may_plan(vehicle, fix):
             return self._plan(vehicle, fix)
         return []
 
-    def _why_over(self, at_us: int) -> str | None:
-        """Why the plan or its approval has expired; None if neither has."""
-        over = "it has expired" if self.approvals.is_expired(at_us) else None
-        return self.approvals.expiry_reason(at_us) or over
+    def _why_expired(self, at_us: int) -> str | None:
+        """Return why the plan or its approval has expired; None if both are valid."""
+        expired = "the plan has expired" if self.approvals.is_expired(at_us) else None
+        return self.approvals.expiry_reason(at_us) or expired
 
-    def _look(self, at_s: float) -> str | None:
-        """At intervals check the plan; returns why it is not valid, or None."""
-        every_s = LOOK_AT_PROPOSED_EVERY_S if self.phase == "proposed" else LOOK_EVERY_S
-        if at_s - self._looked_at_s < every_s:
+    def _check(self, at_s: float) -> str | None:
+        """Check the plan at intervals; return why it is invalid, or None."""
+        every_s = CHECK_PROPOSED_EVERY_S if self.phase == "proposed" else CHECK_EVERY_S
+        if at_s - self._checked_at_s < every_s:
             return None
-        self._looked_at_s = at_s
-        return self._why_void(at_s)
+        self._checked_at_s = at_s
+        return self._why_invalid(at_s)
 
     def _flies(self, vehicle: Vehicle, flown: ApprovedPlan) -> bool:
-        """Whether the vehicle flies the plan's mission, by its reports."""
+        """Return whether the vehicle reports that it flies the plan's mission."""
         on_board = flown.sent and vehicle.pending is None and vehicle.flown_line is not None
         return on_board and self._armed and self._mode == "mission"
 
@@ -288,31 +286,29 @@ class BurnFlight(Guidance):
             return False
         return not vehicle.availability.airborne or self._is_high(fix)
 
-    def _plan_wanted(self, event: PlanRequested) -> list[AnyCommand]:
+    def _plan_requested(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
-            return self._announce("a line is being flown: the next plan comes after it")
-        refused = self.state.spaced(event)
+            return self._announce("a line is being flown; the next plan follows after its end")
+        refused = self.state.set_spacings(event)
         if refused is not None:
             return self._announce(refused, warning=True)
-        commands = self._void("a new plan was requested")
-        self.phase, self.complete, self._by_hand = "planning", False, False
+        commands = self._withdraw("a new plan was requested")
+        self.phase, self.complete, self._manual_control = "planning", False, False
         return commands
 
     def _approved(self, event: Approved) -> list[AnyCommand]:
-        still = self.checklist.open_items
-        refused = self.approvals.approve(event) if not still else f"{len(still)} items are open"
+        items = self.checklist.open_items
+        refused = self.approvals.approve(event) if not items else f"{len(items)} items are open"
         plan = self.approvals.plan
         if refused is not None or plan is None:
-            words = self._announce(
-                f"approval by {event.by} does not count: {refused}", warning=True
-            )
-            ours = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
-            return [*words, *self._stop("its approval is uncertain")] if ours else words
-        why = self._why_void(event.at_us / 1e6)
+            words = self._announce(f"approval by {event.by} rejected: {refused}", warning=True)
+            repeated = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
+            return [*words, *self._stop("the approval is uncertain")] if repeated else words
+        why = self._why_invalid(event.at_us / 1e6)
         if why is not None:
             return self._stop(why)
         self._flown = approved_plan_of(plan, self.state.landscape)
-        self.phase, self._by_hand = "approved", False
+        self.phase, self._manual_control = "approved", False
         return self._announce(f"line {plan.line} approved by {event.by} at {event.station}")
 
     def _answered(self, event: ChecklistAnswered) -> list[AnyCommand]:
@@ -325,7 +321,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _plan(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Propose the next line; without one the vehicle returns home."""
+        """Propose the next line; if no line is possible the vehicle returns home."""
         airborne = vehicle.availability.airborne
         begin_s = fix.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
         found = self.state.next_plan(vehicle, fix, begin_s)
@@ -335,7 +331,7 @@ class BurnFlight(Guidance):
             return self._announce(f"no further line: {found.words}")
         line, plan = found
         name = self.approvals.propose(plan)
-        self._found, self.phase, self._looked_at_s = line, "proposed", fix.at_s
+        self._found, self.phase, self._checked_at_s = line, "proposed", fix.at_s
         words = (
             f"line {plan.line} proposed, {name[:12]}: {len(plan.drops)} drops in "
             f"{plan.duration_s:.0f} s, {len(plan.skipped)} skipped as unsafe"
@@ -343,7 +339,7 @@ class BurnFlight(Guidance):
         return [ProposePlan(self._name, plan, name), *self._announce(words)]
 
     def status(self) -> dict[str, Any]:
-        """The state of the burn, for interfaces."""
+        """Return the state of the burn, for interfaces."""
         plan, approval = self.approvals.plan, self.approvals.approval
         return {
             "phase": self.phase,
@@ -363,26 +359,26 @@ class BurnFlight(Guidance):
         }
 
     def awaited(self) -> Awaited:
-        """The approval of the proposed plan, and answers to open items."""
+        """Return the plan that awaits approval, and whether items of the checklist are open."""
         plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
         return Awaited(plan, not self.checklist.complete)
 
     @property
     def estimated_fire(self) -> EstimatedFire:
-        """The fire that the plans are based on."""
+        """Return the estimated fire, on which plans are based."""
         return self.state.fire
 
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """The path of the approved plan: (n, 2) x, y in metres."""
+        """Return the path of the approved plan (n, 2): x, y in metres; None if it was sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission of the plan: its path, without drops."""
+        """Return the mission of the plan: its path, without drops."""
         assert self._flown is not None
         self._flown.sent = True
         plan, on_ground = self._flown.plan, not vehicle.availability.airborne
@@ -390,7 +386,7 @@ class BurnFlight(Guidance):
         return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
     def in_mission(self, name: str) -> bool:
-        """Whether the vehicle's mode is that of flying the mission on board."""
+        """Return whether the vehicle's mode is the one in which it flies its mission."""
         return self._mode == "mission"
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
@@ -408,39 +404,40 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Climb to the safe height before the return home; None at that height."""
+        """Return the climb to the safe height before a return home; None at that height."""
         return None if self._is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
         off_m = flown.progress.update(np.array([fix.x_m, fix.y_m, self.state.height_m(fix)]))
-        why = f"it is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else self._look(fix.at_s)
+        off_path = f"the vehicle is {off_m:.0f} m off its path" if off_m > OFF_PATH_M else None
+        why = off_path or self._check(fix.at_s)
         if why is not None:
             return self._stop(why)
         commands = self._release(vehicle, flown, fix)
-        if flown.progress.left_m <= AT_END_M:
+        if flown.progress.remaining_m <= AT_END_M:
             commands += self._line_done(vehicle, flown)
         return commands
 
     def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
-        """Order the next drop if its sphere would hit its target now."""
+        """Order the next drop if its sphere would now hit the target."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, fix):
-            why_not = due.why_not or self._why_none()
+            why_not = due.why_not or self._why_no_drop()
             if why_not is None:
                 name = self.approvals.plan_hash
                 self.state.account.order(due.sphere(name, round(fix.at_s * 1e6)))
                 place = self.state.lat_lon(*due.falls_m)
                 return [*commands, Drop(self._name, name, due.number, *place)]
-            words = f"drop {due.number + 1} of line {flown.plan.line} left out: {why_not}"
+            words = f"drop {due.number + 1} of line {flown.plan.line} skipped: {why_not}"
             commands.append(announce(vehicle, words, warning=True))
         return commands
 
-    def _why_none(self) -> str | None:
-        """Why no drop is allowed now; None if drops are allowed."""
+    def _why_no_drop(self) -> str | None:
+        """Return why no drop is allowed now; None if drops are allowed."""
         if self.approvals.approval is None or not self.checklist.complete:
-            return "it is not approved"
+            return "the plan is not approved"
         if self._mode != "mission" or not self._armed:
-            return f"it is in mode {self._mode}"
+            return f"the vehicle is in mode {self._mode}"
         return None
 
     def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
@@ -451,27 +448,27 @@ class BurnFlight(Guidance):
             return self._announce(f"drop {sphere.number + 1} refused: {event.reason}", warning=True)
         ignites_s = sphere.at_us / 1e6 + self.state.burn.ignition_delay_s
         self.state.fire.hold((*sphere.falls_m, ignites_s))
-        return (
-            [] if event.done else self._announce(f"drop {sphere.number + 1}: {event.reason}", True)
-        )
+        if event.done:
+            return []
+        return self._announce(f"drop {sphere.number + 1}: {event.reason}", warning=True)
 
     def _line_done(self, vehicle: Vehicle, flown: ApprovedPlan) -> list[AnyCommand]:
         spheres = self.state.account.of_plan(self.approvals.plan_hash)
-        farthest_m = max((sphere.max_miss_m for sphere in spheres), default=0.0)
+        max_miss_m = max((sphere.max_miss_m for sphere in spheres), default=0.0)
         if self._found is not None:
             self.state.area_left = self._found.area_left
         self.state.line += 1
         self._end_plan()
         self.phase = "planning"
         return self._announce(
-            f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, the "
-            f"farthest {farthest_m:.1f} m off its place; {self.state.account.left} spheres left"
+            f"line {flown.plan.line} done: {len(spheres)} of {len(flown.plan.drops)} dropped, "
+            f"at most {max_miss_m:.1f} m off target; {self.state.account.left} spheres left"
         )
 
     # End of a plan ----------------------------------------------------------------------------
 
-    def _void(self, why: str) -> list[AnyCommand]:
-        """Void the proposed or approved plan."""
+    def _withdraw(self, why: str) -> list[AnyCommand]:
+        """Withdraw the proposed or approved plan."""
         name = self.approvals.plan_hash
         self._end_plan()
         if not name:
@@ -488,19 +485,17 @@ class BurnFlight(Guidance):
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
         """Withdraw the plan; a vehicle that flies it climbs to the safe height and holds.
 
-        ``always``: a vehicle in the air does so without a plan as well.
+        With ``always`` an airborne vehicle does so even without a plan.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
-        commands = self._void(why)
-        if vehicle is None or not vehicle.availability.airborne:
+        commands = self._withdraw(why)
+        if vehicle is None or not vehicle.availability.airborne or not (flew or always):
             self.phase = then
-            if vehicle is not None:  # no takeoff with a mission that may be on board
+            if vehicle is not None and not vehicle.availability.airborne:
+                # Prevents a takeoff with a mission that may be on board.
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None
-            return commands
-        if not flew and not always:
-            self.phase = then
             return commands
         vehicle.drop_upload()
         vehicle.flown_line = None
@@ -511,16 +506,16 @@ class BurnFlight(Guidance):
         return commands
 
     def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Climb straight up to the safe height, unless under manual control."""
+        """Return a climb straight up to the safe height, unless under manual control."""
         ordered = self._climbed_at_s > -math.inf
         if self._is_high(fix) and (ordered or self.phase != "climbing"):
             if self.phase == "climbing":
                 vehicle.holding, self.phase = True, self._after_climb
             return []
-        if self._by_hand or fix.at_s - self._climbed_at_s < CLIMB_AGAIN_S:
+        if self._manual_control or fix.at_s - self._climbed_at_s < REPEAT_CLIMB_S:
             return []
         self._climbed_at_s = fix.at_s
-        safe_m = self.state.altitude_m(fix, CLIMBS_SHARE * self.state.burn.safe_height_m)
+        safe_m = self.state.altitude_m(fix, CLIMB_SHARE * self.state.burn.safe_height_m)
         altitude_m = round(max(safe_m, fix.altitude_m), 1)
         return [ClimbAndHold(self._name, *self.state.lat_lon(fix.x_m, fix.y_m), altitude_m)]
 
@@ -530,18 +525,18 @@ class BurnFlight(Guidance):
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
         self._mode, self._armed = event.mode, event.armed
+        if not event.armed and not was_armed:
+            return []
         if not event.armed:
-            if not was_armed:
-                return []
             if vehicle.started:
                 self._reloads, vehicle.started = True, False
-                self.checklist.clear("it has landed")
-            return self._stop("it is disarmed")
+                self.checklist.clear("the vehicle has landed")
+            return self._stop("the vehicle was disarmed")
         if event.mode == "mission":
-            self._by_hand = False
+            self._manual_control = False
         elif self.phase == "flying":
-            self._by_hand, self.phase = True, "waiting"
-            return self._void(f"mode {event.mode} was not ordered here")
+            self._manual_control, self.phase = True, "waiting"
+            return self._withdraw(f"mode {event.mode} was not ordered by the service")
         return []
 
     def _battery_reported(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
@@ -549,38 +544,38 @@ class BurnFlight(Guidance):
         if not self._battery_low:
             return []
         vehicle.going_home = vehicle.availability.airborne
-        return self._stop(f"its battery is at {event.percent:.0f} %")
+        return self._stop(f"the battery is at {event.percent:.0f} %")
 
     @property
     def _battery_low(self) -> bool:
-        told = self._battery_pct
-        return told is not None and told < self.state.burn.min_battery_pct
+        percent = self._battery_pct
+        return percent is not None and percent < self.state.burn.min_battery_pct
 
     def _announce(self, text: str, warning: bool = False) -> list[AnyCommand]:
         return [Announce(self._name, text, "warning" if warning else "info")] if text else []
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """The guidance of a burn; raises MissionServiceError if the run is no burn."""
+    """Return the guidance as that of a burn. Raises MissionServiceError if the run is no burn."""
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance
 
 
 class Undecided:
-    """A planner without decisions: a burn's vehicle flies plans."""
+    """A planner without decisions: the vehicle of a burn flies approved plans."""
 
     def observe(self, observed: Observed) -> None:
-        """Nothing."""
+        """Do nothing."""
 
-    def correct(self, told: Observed) -> None:
-        """No effect: corrections apply to the burn's estimated fire."""
+    def correct(self, observed: Observed) -> None:
+        """Do nothing: corrections apply to the burn's estimated fire."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def at(self, row: float, col: float, at_s: float) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def left(self, at_s: float) -> None:
-        """Nothing."""
+        """Do nothing."""

@@ -1,4 +1,4 @@
-"""The drops of an approved plan that are due, and why one must be left out."""
+"""Due drops of an approved plan, and the reasons to skip a drop."""
 
 import math
 from collections.abc import Iterator
@@ -19,11 +19,11 @@ from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
 RELEASES_BEFORE_S = 6.0  # earliest time of a drop before its time in the plan
-LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # of height and speed planned, at a drop
+LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # limits at a drop, of planned height and speed
 
 
 class DueDrop(NamedTuple):
-    """A drop that is due or was missed; ``why_not`` if it must be left out."""
+    """A drop that is due or was missed; ``why_not`` is the reason to skip it, or None."""
 
     number: int
     target_m: PointXY
@@ -31,28 +31,29 @@ class DueDrop(NamedTuple):
     why_not: str | None
 
     def sphere(self, plan_hash: str, at_us: int) -> Sphere:
-        """The drop as an entry of the account."""
+        """Return the drop as an entry of the account."""
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
-    """Drops of a plan that have become due, in order; each is yielded once."""
-    drops, comes_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
-    if flown.next_drop == len(drops) or comes_s < drops[flown.next_drop].after_s:
+    """Yield the drops of a plan that have become due, in their order and each once."""
+    drops, until_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
+    if flown.next_drop == len(drops) or until_s < drops[flown.next_drop].after_s:
         return
     height_m, dropper = state.height_m(fix), state.burn.dropper
     moving = VehicleMotion(fix.x_m, fix.y_m, height_m, fix.east_m_s, fix.north_m_s)
     wind_m_s = state.wind_m_s(fix.at_s)
     falls = impact_point(moving, wind_m_s, dropper.terminal_speed_m_s, dropper.delay_s)
     too_high = height_m > HIGH_SHARE * flown.plan.drop_height_m
-    while flown.next_drop < len(drops) and comes_s >= drops[flown.next_drop].after_s:
+    while flown.next_drop < len(drops) and until_s >= drops[flown.next_drop].after_s:
         x_m, y_m = flown.targets_m[flown.next_drop].tolist()
         due = release_decision(moving, falls, (x_m, y_m), TELEMETRY_S, state.burn.max_miss_m)
-        comes_down = too_high and flown.progress.after_s < drops[flown.next_drop].after_s
-        if due == "wait" or comes_down:
+        descends = too_high and flown.progress.after_s < drops[flown.next_drop].after_s
+        if due == "wait" or descends:
             return
         number, flown.next_drop = flown.next_drop, flown.next_drop + 1
-        why_not = "it is behind" if due == "missed" else _why_not(state, flown, moving, falls, fix)
+        missed = "the target was passed" if due == "missed" else None
+        why_not = missed or _why_not(state, flown, moving, falls, fix)
         yield DueDrop(number, (x_m, y_m), (falls.x_m, falls.y_m), why_not)
 
 
@@ -66,16 +67,16 @@ def _why_not(
     plan, burn, at_us = flown.plan, state.burn, round(fix.at_s * 1e6)
     min_height_m, max_height_m = LOW_SHARE * plan.drop_height_m, HIGH_SHARE * plan.drop_height_m
     if not min_height_m <= moving.height_m <= max_height_m:
-        return f"it is {moving.height_m:.0f} m above the ground"
+        return f"the vehicle is {moving.height_m:.0f} m above the ground"
     if math.hypot(fix.east_m_s, fix.north_m_s) > FAST_SHARE * plan.speed_m_s + 1.0:
-        return "it is too fast"
+        return "the vehicle is too fast"
     last_us, apart_us = state.account.last_at_us, 60e6 / burn.max_drops_per_min
     if last_us is not None and at_us - last_us < apart_us - TELEMETRY_S * 1e6:
         return f"the last drop was {(at_us - last_us) / 1e6:.1f} s ago"
     if state.account.left <= 0:
         return "no spheres are left"
     if not state.unit.may_drop(np.array([(falls.x_m, falls.y_m)]))[0]:
-        return "it would fall outside the unit, or near people"
+        return "the sphere would fall outside the unit, or near people"
     if state.fire.burns_s(falls.x_m, falls.y_m) <= fix.at_s + burn.ignition_delay_s:
-        return "it would fall where it burns"
+        return "the sphere would fall on burning or burned ground"
     return None

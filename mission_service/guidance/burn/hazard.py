@@ -1,10 +1,11 @@
-"""Where and when fire is too near: times of ignition on a raster, tested along legs of a flight.
+"""Danger by fire along a flight: times of ignition on a raster, tested along the legs.
 
-A place x is in danger at time t if any place y, no farther from it than ``distance_margin_m`` and,
-where x is downwind of y, farther by as much as the wind travels that way in ``wind_margin_s``,
-ignites after t - residence_s and before t + time_margin_s. The raster must never miss fire of the
-simulation. So each cell holds bounds of the times within it, its distance is that of its nearest
-corner, and a sample of a leg stands for the whole part of the leg around it, in place and in time.
+A place x is in danger at time t if a place y within reach ignites between t - residence_s and
+t + time_margin_s. The reach is ``distance_margin_m``; where x is downwind of y, it is longer by the
+distance that the wind travels towards x in ``wind_margin_s``. The raster must not miss any fire of
+the simulation. Therefore each cell holds bounds of the times within it, the distance to a cell is
+that to its nearest corner, and each sample of a leg covers, in space and time, the part of the leg
+around it.
 """
 
 import math
@@ -28,32 +29,32 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of a finer raster, if the other does not decide
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of the finer raster for inconclusive results
 # A raster of a unit of 20 acres has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
-LONG_AGO_S = -1e9  # earlier times of ignition are this one
-BLOCK = 32  # cells (squared) whose times are computed at once
-SPARE_CELLS = 3  # of a raster around what can be reached: bounds of times use neighbours
+LONG_AGO_S = -1e9  # lower bound of times of ignition
+BLOCK = 32  # times are computed in blocks of BLOCK x BLOCK cells
+SPARE_CELLS = 3  # border of a raster beyond the reach, since bounds of times use neighbour cells
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far away in space and time fire must be; the wind blows ``toward_rad`` (from east)."""
+    """Required distances from fire in space and time; ``toward_rad`` is the wind's direction."""
 
     time_s: float
     distance_m: float
     wind_m: float  # additional distance straight downwind
-    toward_rad: float
+    toward_rad: float  # anticlockwise from east
     residence_s: float
 
     @property
     def reach_m(self) -> float:
-        """The largest distance at which fire can be a danger."""
+        """Return the largest distance at which fire is a danger."""
         return self.distance_m + self.wind_m
 
 
 def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Margins:
-    """The margins of the settings in this wind."""
+    """Return the margins of the settings in a wind."""
     return Margins(
         settings.time_margin_s,
         settings.distance_margin_m,
@@ -66,8 +67,8 @@ def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Mar
 class Hazard:
     """Bounds of the times of ignition in cells (y, x), row 0 in the north; infinity for never.
 
-    The simulation is evaluated block by block, when a leg first comes near. Places beyond the
-    raster count as in danger.
+    A block of cells is evaluated when the first leg comes near it. Places beyond the raster count
+    as in danger.
     """
 
     def __init__(
@@ -80,16 +81,16 @@ class Hazard:
         begins_s: float = LONG_AGO_S,
     ) -> None:
         self.box, self.margins, self.cell_m = box, margins, cell_m
-        around_m = margins.reach_m + SPARE_CELLS * cell_m
-        self.west_m, self.north_m = box[0] - around_m, box[3] + around_m
-        cols = math.ceil((box[2] + around_m - self.west_m) / cell_m)
-        rows = math.ceil((self.north_m - box[1] + around_m) / cell_m)
+        border_m = margins.reach_m + SPARE_CELLS * cell_m
+        self.west_m, self.north_m = box[0] - border_m, box[3] + border_m
+        cols = math.ceil((box[2] + border_m - self.west_m) / cell_m)
+        rows = math.ceil((self.north_m - box[1] + border_m) / cell_m)
         self.at_s = np.full((rows + 1, cols + 1), np.nan)  # at the corners of cells
         self.first_s, self.last_s = np.full((rows, cols), -np.inf), np.full((rows, cols), np.inf)
-        self._known = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
+        self._evaluated = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
-    def _look(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
+    def _evaluate(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
         """Evaluate the simulation in all blocks near a leg that are not evaluated yet."""
         around_m = self.margins.reach_m + self.cell_m + more_m
         size_m = BLOCK * self.cell_m
@@ -99,20 +100,18 @@ class Hazard:
         right = max(math.floor((high_x - self.west_m) / size_m) + 1, 0)
         top = max(math.floor((self.north_m - high_y) / size_m), 0)
         bottom = max(math.floor((self.north_m - low_y) / size_m) + 1, 0)
-        known = self._known[top:bottom, left:right]
-        if known.all():
+        evaluated = self._evaluated[top:bottom, left:right]
+        if evaluated.all():
             return
-        rows, cols = np.nonzero(~known)
-        self._fill(
-            (top + int(rows.min())) * BLOCK,
-            (top + int(rows.max()) + 1) * BLOCK,
-            (left + int(cols.min())) * BLOCK,
-            (left + int(cols.max()) + 1) * BLOCK,
-        )
-        known[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1] = True
+        rows, cols = np.nonzero(~evaluated)
+        row0, row1 = int(rows.min()), int(rows.max()) + 1
+        col0, col1 = int(cols.min()), int(cols.max()) + 1
+        corners = (top + row0, top + row1, left + col0, left + col1)
+        self._fill(*(BLOCK * corner for corner in corners))
+        evaluated[row0:row1, col0:col1] = True
 
     def _fill(self, top: int, bottom: int, left: int, right: int) -> None:
-        """Fill the cells of whole blocks; bounds of times need a ring of corners around them."""
+        """Fill the cells of whole blocks, evaluating a ring of corners around them as well."""
         rows = np.arange(max(top - 1, 0), min(bottom + 2, self.at_s.shape[0]))
         cols = np.arange(max(left - 1, 0), min(right + 2, self.at_s.shape[1]))
         nodes = np.empty((rows.size, cols.size, 2))
@@ -122,8 +121,8 @@ class Hazard:
         if np.isnan(at_s).any():
             x_m, y_m = nodes.reshape(-1, 2)[np.argmax(np.isnan(at_s))]
             raise MissionServiceError(
-                f"fire simulation: time of ignition at x {x_m:.1f}, y {y_m:.1f} is not a number; "
-                "nothing can be planned on it: erase the last correction"
+                f"fire simulation: time of ignition at x {x_m:.1f}, y {y_m:.1f} is not a number, "
+                "which prevents planning; erase the last correction"
             )
         at_s = np.maximum(at_s, LONG_AGO_S).reshape(rows.size, cols.size)
         self.at_s[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = at_s
@@ -134,20 +133,20 @@ class Hazard:
 
     @cached_property
     def fine(self) -> "Hazard":
-        """The same hazard on a finer raster."""
+        """Return the same hazard on a finer raster."""
         cell_m = max(FINE_CELL_M, math.sqrt(_reached_m2(self.box, self.margins) / FINE_NODES))
         return self.over(self.box, min(cell_m, self.cell_m))
 
     def over(self, box: Box, cell_m: float) -> "Hazard":
-        """The same hazard on a raster of another box."""
+        """Return the same hazard on a raster of another box."""
         return Hazard(self._fire, self._sources, box, self.margins, cell_m, self._begins_s)
 
     def _raster(self, more_m: float = 0.0) -> tuple[Any, ...]:
-        far = self.margins
+        margins = self.margins
         return (
             *(self.first_s, self.last_s, self.west_m, self.north_m, self.cell_m),
-            *(far.distance_m + more_m, far.wind_m * math.cos(far.toward_rad)),
-            *(far.wind_m * math.sin(far.toward_rad), far.residence_s),
+            *(margins.distance_m + more_m, margins.wind_m * math.cos(margins.toward_rad)),
+            *(margins.wind_m * math.sin(margins.toward_rad), margins.residence_s),
         )
 
     def leg_margin_s(
@@ -160,30 +159,30 @@ class Hazard:
         t1_s: float,
         more_m: float = 0.0,
     ) -> float:
-        """The smallest time by which a vehicle on a straight leg is ahead of fire within reach.
+        """Return the smallest time by which a vehicle on a straight leg is ahead of fire in reach.
 
-        Infinity without fire; negative where it burns. Danger is less than ``margins.time_s``.
-        ``more_m`` is added to the distance margin.
+        The result is infinity without fire and negative where fire burns; less than
+        ``margins.time_s`` is danger. ``more_m`` is added to the distance margin.
         """
-        self._look(x0_m, y0_m, x1_m, y1_m, more_m)
+        self._evaluate(x0_m, y0_m, x1_m, y1_m, more_m)
         return float(min_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
 
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
     ) -> bool:
-        """Whether fire at a corner of a cell is too near a leg, which no finer raster changes."""
+        """Return whether fire at a cell's corner is too near a leg, on any finer raster as well."""
         _, _, west_m, north_m, cell_m, *margins = self._raster()
-        self._look(x0_m, y0_m, x1_m, y1_m, 0.0)
+        self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
         raster = (self.at_s, west_m, north_m, cell_m, *margins, self.margins.time_s)
         return bool(is_surely_in_danger(*raster, *leg))
 
 
 def cell_for(box: Box, margins: Margins) -> float:
-    """The cell size of a raster for a box and its reach, by the budget of nodes.
+    """Return the cell size of a raster for a box and its reach, by the budget of nodes.
 
-    Never more than a third of the distance margin or 3 m, so that the error of a large unit's
-    raster stays small.
+    It is at most the larger of 3 m and a third of the distance margin, which limits the error of
+    the raster of a large unit.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
@@ -202,20 +201,20 @@ def hazard_of(
     cell_m: float | None = None,
     begins_s: float = LONG_AGO_S,
 ) -> Hazard:
-    """A raster of a fire for all places in a box. Nothing burns before ``begins_s``.
+    """Return the hazard of a fire for all places in a box. No place burns before ``begins_s``.
 
-    Between the corners of a cell times are bounded by their gradient around it. That can miss fires
-    smaller than a cell, as those just lit: see ``sources_of``.
+    Between the corners of a cell, times are bounded by their gradient around it. These bounds can
+    miss fires smaller than a cell, such as new ones; ``sources_of`` covers them.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
 
 
 def sources_of(fire: Any) -> Floats:
-    """Places and times at which a simulation was lit (n, 3) x, y, at_s, as far as they are known.
+    """Return the known ignitions (n, 3) of a simulation: x, y, at_s.
 
-    They are its ``sources``, or those of the simulations ``fire`` or ``fires`` that it is made of,
-    with its own times.
+    They are its ``sources``, or those of its component simulations ``fire`` or ``fires``, with the
+    times of the whole simulation.
     """
     if hasattr(fire, "sources"):
         return np.asarray(fire.sources, np.float64)

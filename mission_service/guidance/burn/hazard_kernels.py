@@ -1,9 +1,9 @@
-"""Compiled parts of ``hazard``: bounds of ignition times in cells, margins of legs on them.
+"""Compiled parts of ``hazard``: bounds of ignition times in cells, and time margins of legs.
 
-Lengths in metres, times in seconds; ``west``, ``north`` are the outer corner of cell (0, 0). Arrays
-are (y, x), row 0 in the north: ``first``, ``last`` bound the times of ignition within each cell,
-``at_s`` has one more row and column, the times at the cells' corners. ``reach`` is the distance
-margin, (``wx``, ``wy``) what the wind adds to it downwind.
+Lengths are in metres, times in seconds; ``west``, ``north`` are the outer corner of cell (0, 0).
+Arrays are (y, x), row 0 in the north: ``first``, ``last`` bound the times of ignition within each
+cell; ``at_s``, with one more row and column, are the times at the cells' corners. ``reach`` is the
+distance margin, and (``wx``, ``wy``) the vector that the wind adds to it downwind.
 """
 
 import math
@@ -13,12 +13,12 @@ from firemodel.compiled import kernel
 
 @kernel
 def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
-    """Bound the times around sources: a small fire may enter a cell before it is at any corner."""
+    """Bound the times around sources: a small fire may enter a cell before it reaches a corner."""
     rows, cols = first.shape
     for number in range(sources.shape[0]):
         col = math.floor((sources[number, 0] - west) / cell)
         row = math.floor((north - sources[number, 1]) / cell)
-        # Not beyond the raster, where the conversion to an integer could overflow.
+        # Beyond the raster the conversion to an integer could overflow.
         if not (-2 < row < rows + 1 and -2 < col < cols + 1):
             continue
         for r in range(max(row - 1, 0), min(row + 2, rows)):
@@ -28,21 +28,21 @@ def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
 
 @kernel
 def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-untyped-def]
-    """Bounds of a cell's times from its four corners and the steepest slope around them.
+    """Bound the times in each cell by those at its four corners and the steepest slope near them.
 
-    They include fires lit between nodes and ridges where fires meet: each point of a cell is within
-    half its diagonal of a corner.
+    The bounds include fires lit between corners, and ridges where fires meet: each point of a cell
+    is within half its diagonal of a corner.
     """
     last_row, last_col = at_s.shape[0] - 1, at_s.shape[1] - 1
-    for here in range(first.shape[0]):
-        for there in range(first.shape[1]):
-            row, col = top + here, left + there
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            row, col = top + i, left + j
             low, high, east, south = math.inf, -math.inf, 0.0, 0.0
             for r in range(row, row + 2):
                 for c in range(col, col + 2):
                     low, high = min(low, at_s[r, c]), max(high, at_s[r, c])
             if low == math.inf:
-                first[here, there], last[here, there] = low, low
+                first[i, j], last[i, j] = low, low
                 continue
             r1, c1 = min(row + 2, last_row), min(col + 2, last_col)
             for r in range(max(row - 1, 0), r1 + 1):
@@ -54,26 +54,26 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
                     if r < r1 and at_s[r + 1, c] < math.inf:
                         south = max(south, abs(at_s[r + 1, c] - at_s[r, c]))
             spare = math.sqrt(0.5) * math.hypot(east, south)
-            first[here, there], last[here, there] = max(low - spare, begins), high + spare
+            first[i, j], last[i, j] = max(low - spare, begins), high + spare
 
 
 @kernel
 def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, t1, slack):  # type: ignore[no-untyped-def]
-    """The margin of all places within ``slack`` of (x, y) from t0 to t1."""
+    """Return the smallest margin of all places within ``slack`` of (x, y) from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
-    far = reach + wind + slack
-    left, right = (math.floor((x - far - west) / cell), math.floor((x + far - west) / cell))
-    top, bottom = (math.floor((north - y - far) / cell), math.floor((north - y + far) / cell))
+    max_m = reach + wind + slack
+    left, right = (math.floor((x - max_m - west) / cell), math.floor((x + max_m - west) / cell))
+    top, bottom = (math.floor((north - y - max_m) / cell), math.floor((north - y + max_m) / cell))
     if left < 0 or top < 0 or right >= cols or bottom >= rows:
         return -math.inf
-    about = slack + math.sqrt(0.5) * cell  # of all of a cell, seen from its middle
+    about = slack + math.sqrt(0.5) * cell  # the largest distance from the centre of a cell
     min_s = math.inf
     for row in range(top, bottom + 1):
         for col in range(left, right + 1):
             if last[row, col] <= t0 - residence or first[row, col] - t1 >= min_s:
                 continue
-            # From the middle of the cell, where it may burn, to the vehicle.
+            # From the centre of the cell, where fire may burn, to the vehicle.
             dx, dy = x - (west + (col + 0.5) * cell), y - (north - (row + 0.5) * cell)
             away = math.hypot(max(abs(dx) - 0.5 * cell, 0.0), max(abs(dy) - 0.5 * cell, 0.0))
             along = wx * dx + wy * dy + wind * about
@@ -90,18 +90,18 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
 def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
-    """The smallest margin of a straight leg."""
-    # With slack on vertical legs as well, so that a safe one is safe at the begin of the next.
+    """Return the smallest margin of a straight leg."""
+    # Vertical legs also have slack, so that a safe leg ends at a safe begin of the next leg.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     min_s = math.inf
     for number in range(count):
         part, middle, end = number / count, (number + 0.5) / count, (number + 1) / count
-        here = margin_near_s(
+        margin_s = margin_near_s(
             *(first, last, west, north, cell, reach, wx, wy, residence),
             *(x0 + middle * (x1 - x0), y0 + middle * (y1 - y0)),
             *(t0 + part * (t1 - t0), t0 + end * (t1 - t0), 0.5 * cell),
         )
-        min_s = min(min_s, here)
+        min_s = min(min_s, margin_s)
     return min_s
 
 
@@ -109,13 +109,17 @@ def min_margin_s(  # type: ignore[no-untyped-def]
 def is_surely_in_danger(  # type: ignore[no-untyped-def]
     at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
 ):
-    far = reach + math.hypot(wx, wy)
+    """Return whether fire at a corner of a cell is too near a straight leg."""
+    max_m = reach + math.hypot(wx, wy)
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
     for number in range(count + 1):
         part = number / count
         x, y, t = x0 + part * (x1 - x0), y0 + part * (y1 - y0), t0 + part * (t1 - t0)
-        left, right = (math.ceil((x - far - west) / cell), math.floor((x + far - west) / cell))
-        top, bottom = (math.ceil((north - y - far) / cell), math.floor((north - y + far) / cell))
+        left, right = (math.ceil((x - max_m - west) / cell), math.floor((x + max_m - west) / cell))
+        top, bottom = (
+            math.ceil((north - y - max_m) / cell),
+            math.floor((north - y + max_m) / cell),
+        )
         for row in range(max(top, 0), min(bottom, at_s.shape[0] - 1) + 1):
             for col in range(max(left, 0), min(right, at_s.shape[1] - 1) + 1):
                 if t - residence < at_s[row, col] < t + time:

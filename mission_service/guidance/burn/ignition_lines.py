@@ -1,4 +1,4 @@
-"""Ignition lines across the wind: algorithm 1 of Beachly et al., its geometry.
+"""Geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
 
 Coordinates: ``along`` downwind, ``across`` to the left of it, both in metres from the origin of the
 landscape's CRS.
@@ -14,45 +14,45 @@ from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
 
-SLIVER_M2 = 0.01  # what is left of an area by the rounding of a cut
+SLIVER_M2 = 0.01  # smaller parts of a cut area are rounding errors
 
 
 @dataclass(frozen=True)
 class IgnitionLine:
-    """All places ``along_m`` downwind of the origin; the wind blows ``toward_rad``, from east."""
+    """The line ``along_m`` downwind of the origin; the wind blows ``toward_rad`` (from east)."""
 
     toward_rad: float
     along_m: float
 
     @property
     def downwind(self) -> Floats:
-        """Unit vector."""
+        """Return the unit vector downwind."""
         return np.array([math.cos(self.toward_rad), math.sin(self.toward_rad)])
 
     @property
     def left_unit(self) -> Floats:
-        """Unit vector along the line, to the left when looking downwind."""
+        """Return the unit vector along the line, to the left of an observer who looks downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def place(self, across_m: Floats) -> Floats:
-        """Places (n, 2) on the line."""
+        """Return the places (n, 2) on the line at across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
     def across(self, places_m: Floats) -> Floats:
-        """Distances to the left (n,) of places (n, 2)."""
+        """Return the across coordinates (n,) of places (n, 2)."""
         return np.asarray(places_m @ self.left_unit)
 
 
 def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
-    """``spacing_m`` upwind of the most downwind vertex of an area that is not empty (line 1)."""
+    """Return the line ``spacing_m`` upwind of the most downwind vertex of an area (line 1)."""
     flat = IgnitionLine(toward_rad, 0.0)
     downwind_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
     return IgnitionLine(toward_rad, downwind_m - spacing_m)
 
 
 def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
-    """The part of an area upwind of a line: Polygon or MultiPolygon, empty if there is none."""
+    """Return the part of an area upwind of a line: a Polygon or MultiPolygon, possibly empty."""
     if area.is_empty:
         return area
     corners = shapely.get_coordinates(area)
@@ -66,7 +66,7 @@ def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
 
 
 def only_areas(shape: BaseGeometry) -> BaseGeometry:
-    """The polygons of a geometry, without slivers."""
+    """Return the polygons of a geometry, without slivers."""
     parts = [
         part
         for part in shapely.get_parts(shapely.get_parts(shape))
@@ -78,9 +78,8 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """Both ends (across) of a line within an area, gaps included; None if it is outside."""
-    corners = shapely.get_coordinates(area)
-    across = corners @ line.left_unit
+    """Return the ends (across) of a line within an area, gaps included; None if it is outside."""
+    across = line.across(shapely.get_coordinates(area))
     ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
     inside = shapely.LineString(ends).intersection(area)
     if inside.length <= 0.0:
@@ -96,10 +95,11 @@ def alignment_m(
     area: BaseGeometry,
     near_m: float,
 ) -> float:
-    """Across coordinate of one drop: upwind of the earlier drop closest to the centre (line 5).
+    """Return the across coordinate of the earlier drop closest to the line's centre (line 5).
 
-    Only earlier drops (n, 2) at the remaining area count: the nearest to it, and those up to
-    ``near_m`` farther away. Without any it is the centre.
+    One drop of the new line is aligned with it. Of the earlier drops (n, 2) only the nearest to the
+    remaining area count, and those up to ``near_m`` farther away. Without earlier drops the result
+    is the centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):
@@ -112,9 +112,9 @@ def alignment_m(
 def drop_points(
     line: IgnitionLine, ends_m: tuple[float, float], through_m: float, spacing_m: float
 ) -> Floats:
-    """Places (n, 2) each ``spacing_m`` along a line between its ends, from right to left.
+    """Return places (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
 
-    One of them would be at ``through_m`` across (line 6).
+    They are aligned with the across coordinate ``through_m`` (line 6).
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)

@@ -1,13 +1,14 @@
-"""The second lock on drops: an independent fold of events that gives reasons to refuse a drop.
+"""Independent interlock of drops: a second state of the burn, with reasons to refuse a drop.
 
-It shares no state and no decision with the controller that orders drops: a fault there does not
-open this lock. Missing information is a reason to refuse. Pure.
+It shares neither state nor decisions with the controller that orders drops, so that a fault of the
+controller does not release the interlock. Missing information is a reason to refuse. Pure.
 """
 
 import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -55,12 +56,12 @@ from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # by the bridge's names of modes
+GOING_HOME = ("return", "land")  # modes, in the bridge's names
 AIRBORNE_M = 2.0
-# A vehicle this far off the drop's place or height is not on the approved plan. The controller
-# computes the exact impact (release.py); this lock only tests for gross errors.
+# Tolerances of a drop's position and height. They exclude gross errors only: the controller
+# computes the exact impact point (drop_release.py).
 LATE_S = 1.0
-BESIDE_M = 5.0
+OFF_PATH_M = 5.0
 HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
 GRAVITY_M_S2 = 9.81
 
@@ -69,7 +70,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 @dataclass
 class _Vehicle:
-    """The state of a vehicle; unknown at first, and after a restart of autopilot or service."""
+    """The reported state of a vehicle; unknown after a restart of autopilot or service."""
 
     linked: bool = False
     armed: bool = False
@@ -77,36 +78,36 @@ class _Vehicle:
     fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
-    used: int = 0  # spheres of this load
+    used: int = 0  # spheres ordered of this load
 
 
 @dataclass
 class _Plan:
-    """A plan that was proposed, and its approval."""
+    """A proposed plan and its approval."""
 
     plan: IgnitionPlan
-    proposed_host_us: int | None = None  # by the host's clock
+    proposed_host_us: int | None = None  # time on the host's clock
     approved: Approved | None = None
     approved_host_us: int | None = None
-    attended_us: int = 0  # the last input that shows an approver's presence
+    attended_us: int = 0  # last input that shows the presence of an approver
     attended_host_us: int | None = None
-    why_not: str = "nobody has approved it"
-    over: bool = False  # withdrawn or rejected: not to be approved unless it is proposed again
+    why_not: str = "it has no approval"
+    over: bool = False  # withdrawn or rejected: can be approved only after a new proposal
 
 
 class Interlock:
-    """Tests each drop right before it is sent. Requires all events and commands in their order.
+    """Checks each drop immediately before it is sent. Requires all events and commands in order.
 
-    An approval counts only for a plan proposed before, from a station of the scenario, with a
-    complete GO list; a NO-GO ends it. It holds while the operator that gave it, or another with the
-    role approve, gives input at that station. Limits: by mission time and by the host's clock.
-    An abort, a restart of service or autopilot, a return home and a landing end it too and open the
-    whole list: nothing is dropped until all items are GO and a plan is approved again.
-    A drop that was ordered once is never allowed again, whatever its outcome.
+    An approval counts only for a proposed plan, from a station of the scenario, with a complete GO
+    list; a NO-GO ends it. It remains valid while its operator, or another with the role approve,
+    gives input at that station. Time limits apply to mission time and to the host's clock.
+    An abort, a restart of service or autopilot, a return home and a landing also end the approval
+    and open the whole list: drops are then refused until all items are GO and a plan is approved
+    again. A drop is allowed once only, whatever its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
-        """``unit`` (lon, lat) is the burn unit if it comes from a file, not from the scenario."""
+        """Create an interlock; ``unit`` (lon, lat) is the burn unit if it comes from a file."""
         self._burn = burn
         self._stations = {station.name for station in burn.stations}
         self._people: dict[str, Circle] = {
@@ -138,38 +139,36 @@ class Interlock:
             self._on_vehicle(event)
 
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
-        """Apply commands: drops after ``refuses`` was called, whatever its result."""
+        """Apply commands; drops after the call of ``refuses``, whatever its result."""
         for command in commands:
             match command:
                 case ProposePlan():
-                    self._propose(command)
+                    self._plans[command.plan_hash] = _Plan(command.plan, self._host_us)
                 case WithdrawPlan():
-                    self._end(command.plan_hash, f"withdrawn: {command.why}")
+                    self._end(command.plan_hash, f"it was withdrawn: {command.why}")
                 case Return():
-                    self._restart("sent home since")
+                    self._restart("the vehicle was sent home")
                 case ClimbAndHold():
-                    self._void("stopped in flight since")
+                    self._void("the vehicle was stopped in flight")
                 case Drop():
                     self._order(command)
-                case _:
-                    pass
 
     def _on_operator(self, event: OperatorEvent) -> None:
-        for known in self._plans.values():
-            if known.approved is not None and _shows_presence(event, known.approved):
-                known.attended_us, known.attended_host_us = event.at_us, self._host_us
+        for entry in self._plans.values():
+            if entry.approved is not None and _shows_presence(event, entry.approved):
+                entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
         match event:
             case Approved():
                 self._approve(event)
             case Rejected():
-                self._end(event.plan_hash, f"rejected by {event.by}")
+                self._end(event.plan_hash, f"it was rejected by {event.by}")
             case Aborted():
-                self._restart(f"aborted by {event.by} since")
+                self._restart(f"the burn was aborted by {event.by}")
             case Resumed():
-                self._restart("the service was restarted since")
+                self._restart("the service was restarted")
                 self._host_us = None  # the monotonic clock may have restarted
-                for known in self._plans.values():
-                    known.proposed_host_us = None
+                for entry in self._plans.values():
+                    entry.proposed_host_us = None
                 for name in self._vehicles:
                     self._forget(name)
             case ChecklistAnswered():
@@ -178,9 +177,7 @@ class Interlock:
                 self._people[event.name] = (event.lat_deg, event.lon_deg, event.radius_m)
             case BurnUnitSet():
                 self._areas["burn unit"] = _polygon(event.points)
-                self._void("the burn unit was changed since")
-            case _:
-                pass
+                self._void("the burn unit was changed")
 
     def _on_vehicle(self, event: AnyEvent) -> None:
         assert not isinstance(event, OperatorEvent)
@@ -192,7 +189,7 @@ class Interlock:
                 vehicle.linked = False
             case VehicleRebooted():
                 self._forget(event.vehicle, linked=True)
-                self._restart("the autopilot was restarted since")
+                self._restart("the autopilot was restarted")
             case Telemetry():
                 vehicle.fix = event
             case ModeChanged():
@@ -205,11 +202,9 @@ class Interlock:
                 self._host_us = event.monotonic_us
             case DropFinished() if event.refused:
                 vehicle.used = max(0, vehicle.used - 1)
-            case _:
-                pass
 
     def _forget(self, name: str, linked: bool = False) -> None:
-        """Reset a vehicle's state but for the spheres used; it must be reported again."""
+        """Reset a vehicle's state, except the spheres used, until it is reported again."""
         self._vehicles[name] = _Vehicle(linked, used=self._vehicles[name].used)
 
     def _mode_changed(self, vehicle: _Vehicle, event: ModeChanged) -> None:
@@ -217,50 +212,49 @@ class Interlock:
         vehicle.armed, vehicle.mode = event.armed, event.mode
         airborne = vehicle.fix is not None and vehicle.fix.altitude_relative_m > AIRBORNE_M
         if landed:
-            vehicle.used = 0  # it is loaded before it flies again: an item of the list
-            self._restart("landed since")
+            vehicle.used = 0  # the GO list requires a reload before the next flight
+            self._restart("the vehicle has landed")
         elif event.armed and airborne and event.mode in GOING_HOME:
-            self._restart(f"recalled since (mode {event.mode})")
+            self._restart(f"the vehicle was recalled (mode {event.mode})")
 
     def _answered(self, event: ChecklistAnswered) -> None:
         if not event.go:
             self._go.discard(event.item)
-            self._void(f'NO-GO for "{event.item}" by {event.by} since')
+            self._void(f'NO-GO for "{event.item}" by {event.by}')
         elif event.station in self._stations:
             self._go.add(event.item)
 
-    def _propose(self, command: ProposePlan) -> None:
-        self._plans[command.plan_hash] = _Plan(command.plan, self._host_us)
-
     def _approve(self, event: Approved) -> None:
-        known = self._plans.get(event.plan_hash)
-        if known is None or known.over:
+        entry = self._plans.get(event.plan_hash)
+        if entry is None or entry.over:
             return
-        known.approved = None
+        entry.approved = None
         if event.station not in self._stations:
-            known.why_not = f'approved from "{event.station}", which is no station of the scenario'
+            entry.why_not = f'approved from "{event.station}", which is not a station for approvals'
         elif not event.by.strip() or event.by == "service":
-            known.why_not = "approved by nobody who has a name"
+            entry.why_not = "its approval has no name of an operator"
         elif self.open_items:
-            known.why_not = "approved before the GO list was complete; approve again"
+            entry.why_not = "approved before the GO list was complete; approve again"
         else:
-            known.approved, known.approved_host_us = event, self._host_us
-            known.attended_us, known.attended_host_us = event.at_us, self._host_us
+            entry.approved, entry.approved_host_us = event, self._host_us
+            entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
 
     def _end(self, plan_hash: str, why: str) -> None:
+        """End a plan: it cannot be approved any more."""
         if plan_hash in self._plans:
-            known = self._plans[plan_hash]
-            known.approved, known.why_not, known.over = None, why, True
+            entry = self._plans[plan_hash]
+            entry.approved, entry.why_not, entry.over = None, why, True
 
     def _void(self, why: str) -> None:
         """End all approvals."""
-        for known in self._plans.values():
-            if known.approved is not None:
-                known.approved, known.why_not = None, why
+        for entry in self._plans.values():
+            if entry.approved is not None:
+                entry.approved, entry.why_not = None, why
 
     def _restart(self, why: str) -> None:
+        """End all approvals and open the whole GO list."""
         self._go.clear()
-        self._void(f"{why}; it takes a new GO list and a new approval")
+        self._void(f"{why}; answer the GO list and approve a plan again")
 
     def _order(self, drop: Drop) -> None:
         self._dropped_us.append(self._at_us)
@@ -273,23 +267,23 @@ class Interlock:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Items of the GO list without a GO."""
+        """Return the items of the GO list without a GO."""
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
-        """Plans that can be or are approved, the GO list and the vehicles, in this lock's state."""
+        """Return the plans that can be or are approved, the open items and the vehicles."""
         return {
             "plans": [
                 {
                     "plan_hash": name,
-                    "plan": msgspec.to_builtins(known.plan),
-                    "approved": msgspec.to_builtins(known.approved),
-                    "why_not": None if known.approved else known.why_not,
-                    "attended_at_s": known.attended_us / 1e6 if known.approved else None,
+                    "plan": msgspec.to_builtins(entry.plan),
+                    "approved": msgspec.to_builtins(entry.approved),
+                    "why_not": None if entry.approved else entry.why_not,
+                    "attended_at_s": entry.attended_us / 1e6 if entry.approved else None,
                     "ordered": sorted(self._ordered.get(name, ())),
                 }
-                for name, known in self._plans.items()
-                if not known.over
+                for name, entry in self._plans.items()
+                if not entry.over
             ],
             "open_items": self.open_items,
             "vehicles": {
@@ -307,56 +301,57 @@ class Interlock:
         }
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why this drop must not be sent at ``at_us``; None if it may."""
-        known = self._plans.get(drop.plan_hash)
-        if known is None:
-            return f"plan {drop.plan_hash[:12]} was never proposed"
-        name = f"plan {drop.plan_hash[:12]}"
+        """Return why a drop must not be sent at ``at_us``; None if it is allowed."""
+        name, entry = f"plan {drop.plan_hash[:12]}", self._plans.get(drop.plan_hash)
+        if entry is None:
+            return f"{name} was never proposed"
         return (
-            self._plan_refuses(name, known, drop, at_us)
-            or self._crew_refuses(name, known, at_us)
+            self._plan_refuses(name, entry, drop, at_us)
+            or self._crew_refuses(name, entry, at_us)
             or self._vehicle_refuses(drop.vehicle, at_us)
-            or self._place_refuses(known.plan, drop)
+            or self._place_refuses(entry.plan, drop)
             or self._payload_refuses(drop.vehicle, at_us)
         )
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether an item of a mission may switch an output."""
+        """Return whether an item of a mission may switch an output."""
         return has_drop(items)
 
-    def _plan_refuses(self, name: str, known: _Plan, drop: Drop, at_us: int) -> str | None:
-        plan = known.plan
+    def _plan_refuses(self, name: str, entry: _Plan, drop: Drop, at_us: int) -> str | None:
+        plan = entry.plan
         if plan_hash(plan) != drop.plan_hash:
-            return f"{name} is not what its hash says"
+            return f"{name} does not have the hash of its drop"
         if plan.vehicle != drop.vehicle:
             return f"{name} is for {plan.vehicle}, not for {drop.vehicle}"
-        if known.approved is None:
-            return f"{name}: {known.why_not}"
-        passed_us = self._passed_us(known.proposed_host_us)
-        if at_us > plan.valid_until_us or passed_us > plan.valid_until_us - plan.made_at_us:
-            return f"{name} was good until {plan.valid_until_us / 1e6:.0f} s of mission time"
+        if entry.approved is None:
+            return f"{name}: {entry.why_not}"
+        elapsed_us = self._elapsed_us(entry.proposed_host_us)
+        if at_us > plan.valid_until_us or elapsed_us > plan.valid_until_us - plan.made_at_us:
+            return f"{name} was valid until {plan.valid_until_us / 1e6:.0f} s of mission time"
         if all(planned.number != drop.number for planned in plan.drops):
             return f"{name} has no drop {drop.number}"
         if drop.number in self._ordered.get(drop.plan_hash, ()):
             return f"{name}: drop {drop.number} was ordered before"
         return None
 
-    def _crew_refuses(self, name: str, known: _Plan, at_us: int) -> str | None:
-        approved, burn = known.approved, self._burn
+    def _crew_refuses(self, name: str, entry: _Plan, at_us: int) -> str | None:
+        approved, burn = entry.approved, self._burn
         assert approved is not None
-        given_us = max(at_us - approved.at_us, self._passed_us(known.approved_host_us))
-        if given_us > burn.approval_s * 1e6:
+        age_us = max(at_us - approved.at_us, self._elapsed_us(entry.approved_host_us))
+        if age_us > burn.approval_s * 1e6:
             return f"{name}: its approval is older than {burn.approval_s:g} s"
         if self.open_items:
-            return f"GO list: {len(self.open_items)} open, the first: {self.open_items[0]}"
-        silent_us = max(at_us - known.attended_us, self._passed_us(known.attended_host_us))
-        if silent_us > burn.approver_timeout_s * 1e6:
-            long = f"for {silent_us / 1e6:.0f} s" if math.isfinite(silent_us) else "since a restart"
-            return f"no input of an approver at {approved.station} {long}"
+            return f"GO list: {len(self.open_items)} items open, the first: {self.open_items[0]}"
+        absent_us = max(at_us - entry.attended_us, self._elapsed_us(entry.attended_host_us))
+        if absent_us > burn.approver_timeout_s * 1e6:
+            since = (
+                f"for {absent_us / 1e6:.0f} s" if math.isfinite(absent_us) else "since a restart"
+            )
+            return f"no input of an approver at {approved.station} {since}"
         return None
 
-    def _passed_us(self, since_us: int | None) -> float:
-        """Elapsed time by the host's clock; infinite if unknown."""
+    def _elapsed_us(self, since_us: int | None) -> float:
+        """Return the elapsed time on the host's clock; infinity if unknown."""
         return math.inf if self._host_us is None or since_us is None else self._host_us - since_us
 
     def _vehicle_refuses(self, name: str, at_us: int) -> str | None:
@@ -370,11 +365,11 @@ class Interlock:
             return f"{name}: no good position fix"
         if battery_pct is None or not battery_pct >= self._burn.min_battery_pct:
             level = "unknown" if battery_pct is None else f"{battery_pct:g} %"
-            return f"{name}: battery {level}, at least {self._burn.min_battery_pct:g} % wanted"
+            return f"{name}: battery {level}, at least {self._burn.min_battery_pct:g} % required"
         if not vehicle.armed:
             return f"{name}: not armed"
         if vehicle.mode != "mission":
-            return f"{name}: in mode {vehicle.mode or 'unknown'}, not in its mission"
+            return f"{name}: in mode {vehicle.mode or 'unknown'}, not in mode mission"
         return None
 
     def _place_refuses(self, plan: IgnitionPlan, drop: Drop) -> str | None:
@@ -383,18 +378,18 @@ class Interlock:
         planned = next(planned for planned in plan.drops if planned.number == drop.number)
         place = (planned.lat_deg, planned.lon_deg)
         ground_m = ground_amsl_m(plan, planned.after_s)
-        off_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
+        away_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
         reach_m = self._reach_m(plan)
-        if not off_m <= reach_m:
-            return f"{drop.vehicle} is {off_m:.0f} m off drop {drop.number} (at most {reach_m:.0f})"
-        beside_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
-        if not beside_m <= self._burn.max_miss_m:
-            return f"drop {drop.number} would fall {beside_m:.1f} m off its place"
+        if not away_m <= reach_m:
+            return f"{drop.vehicle} is {away_m:.0f} m off drop {drop.number} (max {reach_m:.0f} m)"
+        miss_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
+        if not miss_m <= self._burn.max_miss_m:
+            return f"drop {drop.number} would fall {miss_m:.1f} m off its target"
         height_m = math.nan if ground_m is None else fix.altitude_amsl_m - ground_m
         band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
         if not abs(height_m - plan.drop_height_m) <= band_m:
-            wanted = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
-            return f"{drop.vehicle} is {height_m:.0f} m over the drop's place, not {wanted}"
+            required = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
+            return f"{drop.vehicle} is {height_m:.0f} m above the drop's target, not {required}"
         for name, area in self._areas.items():
             if not shapely.contains_xy(area, place[1], place[0]):
                 return f"drop {drop.number} lies outside the {name}"
@@ -404,32 +399,32 @@ class Interlock:
         return None
 
     def _reach_m(self, plan: IgnitionPlan) -> float:
-        """The largest distance between release and impact: a sphere flies on while it falls."""
+        """Return the largest horizontal distance between release and impact of a sphere."""
         fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
-        on_way_s = self._burn.dropper.delay_s + fall_s + LATE_S
-        fastest_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
-        return fastest_m_s * on_way_s + self._burn.max_miss_m + BESIDE_M
+        duration_s = self._burn.dropper.delay_s + fall_s + LATE_S
+        max_speed_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
+        return max_speed_m_s * duration_s + self._burn.max_miss_m + OFF_PATH_M
 
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
         if self._vehicles[name].used >= burn.spheres:
             return f"{name}: all {burn.spheres} spheres of the load were ordered"
-        of_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
-        if of_minute >= burn.max_drops_per_min:
-            return f"{of_minute} drops in a minute; at most {burn.max_drops_per_min:g}"
+        in_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
+        if in_minute >= burn.max_drops_per_min:
+            return f"{in_minute} drops in a minute; at most {burn.max_drops_per_min:g} are allowed"
         return None
 
 
 def _shows_presence(event: OperatorEvent, approved: Approved) -> bool:
-    """Whether an event counts as presence of an approver."""
+    """Return whether an event shows the presence of an approver."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
     return event.by == approved.by or event.may_approve
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """The ground's altitude by a plan's path at a time; None after the end of the path."""
-    for start, end in zip(plan.path, plan.path[1:], strict=False):
+    """Return the ground's altitude at a time of a plan's path; None after its end."""
+    for start, end in pairwise(plan.path):
         if start.after_s <= after_s <= end.after_s:
             share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)
             ground_m = [point.altitude_amsl_m - point.height_m for point in (start, end)]
@@ -442,7 +437,7 @@ def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:
 
 
 def interlock_of(burn: BurnSection, landscape: Landscape) -> Interlock:
-    """The independent lock of a burn, with the unit from the scenario or from its file."""
+    """Return the interlock of a burn, with the unit from the scenario or from its file."""
     if burn.unit_file is None:
         return Interlock(burn)
 

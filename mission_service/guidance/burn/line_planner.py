@@ -1,11 +1,13 @@
-"""The next ignition line: algorithm 1 of Beachly et al. (section V), and its open points.
+"""Planning of the next ignition line: algorithm 1 of Beachly et al. (section V), completed.
 
-- The burn is complete when nothing is left upwind of the next line. A line between the parts of an
-  area is cut off like one without a safe drop; more may be left upwind.
-- The faster of the two paths is taken, but only among those that drop at least ``MIN_DROPS_SHARE``
-  of what the better one drops: a gap in a line costs more than a minute does.
-- A line that spheres or battery end early leaves the area as it was: the next plan is for the rest
-  of the same line, since places near earlier drops are no longer candidates.
+The paper leaves these points open:
+
+- The burn is complete when no area is left upwind of the next line. A line in a gap between parts
+  of the area is cut off like a line without a safe drop, since area may remain upwind of it.
+- The faster of the two paths is chosen, but only among those with at least ``MIN_DROPS_SHARE`` of
+  the larger number of drops: a gap in a line costs more than a minute.
+- If spheres or battery end a line early, the remaining area does not change: the next plan is for
+  the rest of the same line, since places near earlier drops are excluded.
 """
 
 from dataclasses import dataclass
@@ -39,18 +41,18 @@ from mission_service.guidance.burn.line_flight import (
 
 Floats = NDArray[np.float64]
 
-MIN_DROPS_SHARE = 0.9  # of the drops of the path with more of them; the other may do with so many
+MIN_DROPS_SHARE = 0.9  # a path needs at least this share of the drops of the other path
 ON_GROUND_M = 1.0
-MAX_LINES = 10_000  # of one burn
+MAX_LINES = 10_000  # in one burn
 
 
 @dataclass(frozen=True, eq=False)
 class Situation:
     """The input of a line's plan, in the landscape's metres and seconds of mission time.
 
-    ``area`` is the part of the unit still to be burned; ``dropped_m`` (n, 2) are the drops of this
-    burn so far. ``fire`` is the simulation of all fire, with that of the spheres dropped before;
-    ``lights`` returns the fire of some sources alone, an EllipseFire of the same spreads.
+    ``area`` is the remaining part of the unit; ``dropped_m`` (n, 2) are the previous drops of this
+    burn. ``fire`` is the simulation of all fire, including that of previous drops; ``lights``
+    returns the fire of given sources alone, an EllipseFire of the same spreads.
     """
 
     unit: BurnUnit
@@ -63,39 +65,39 @@ class Situation:
     y_m: float
     height_m: float  # of the vehicle above the ground
     wind_m_s: float
-    toward_rad: float  # where the wind blows to, anticlockwise from the grid's east
-    spheres: int  # left
-    battery_s: float  # of flight left
+    toward_rad: float  # direction the wind blows towards, anticlockwise from the grid's east
+    spheres: int  # on board
+    battery_s: float  # remaining flight time
     home_m: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class LinePlan:
-    """The plan of a line, all times after ``begin_s``.
+    """The plan of a line; its times are relative to ``begin_s``.
 
-    ``area_left`` is the area that remains after all drops. ``climbs_first``: the vehicle is in
-    danger at its start, and the first climb is not safe (it counts in ``min_time_margin_s``,
-    which is negative where it burns, infinite if no fire comes near).
+    ``area_left`` is the area that remains after all drops. ``climbs_first`` means that the vehicle
+    is in danger at its start, and that its first climb is not safe. That climb counts in
+    ``min_time_margin_s``, which is negative in burning places and infinite without fire in reach.
     """
 
     begin_s: float
-    path: Floats  # (n, 4) x, y, height_m, after_s; ends at the safe height, to hold there
+    path: Floats  # (n, 4) x, y, height_m, after_s; the vehicle holds at its end, at the safe height
     drops: Floats  # (m, 3) x, y, after_s
-    skipped: Floats  # (k, 2): not safe to drop at
+    skipped: Floats  # (k, 2) places where no drop is safe
     duration_s: float
     min_time_margin_s: float
     area_left: BaseGeometry
     line: IgnitionLine
-    ended: Literal["", "spheres", "battery"]  # what ended it before the line was done
+    ended: Literal["", "spheres", "battery"]  # reason of an early end
     climbs_first: bool
-    home_s: float  # from its end to the ground at home, at the safe height
+    home_s: float  # duration of the return from its end, at the safe height
     spheres_left: int
-    lines_cut: int  # off before it, since no drop was safe there
+    lines_cut: int  # number of lines cut off before it, since no drop was safe there
 
 
 @dataclass(frozen=True, eq=False)
 class NoPlan:
-    """Why there is no plan. ``complete``: no line is left; ``lines_cut`` had no safe drop."""
+    """The reason why no line is planned; ``lines_cut`` lines had no safe drop."""
 
     why: Literal["complete", "spheres", "battery", "danger", "outside"]
     words: str
@@ -103,18 +105,19 @@ class NoPlan:
 
 
 def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
-    """The plan of the next line, checked against the fire it will itself light.
+    """Plan the next line, checked against all fire, including that of its own drops.
 
-    Raises MissionServiceError if drops would come faster than may be, or the fire simulation gives
-    no times.
+    Raises MissionServiceError if the drops would exceed the maximum rate, or if the fire simulation
+    returns invalid times.
     """
     _refuse_too_fast(settings)
     start = FlightPoint(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
     air = constraints_of(situation, settings)
     if air.high is not None and not air.high.is_straight_clear(start[:2], start[:2]):
-        return NoPlan("outside", "the vehicle is outside the fence; bring it back")
-    if situation.height_m < ON_GROUND_M and not _safe_start(air, start):
-        return NoPlan("danger", "fire is too near the place where the vehicle stands")
+        return NoPlan("outside", "the vehicle is outside the fence; fly it back inside")
+    on_ground = situation.height_m < ON_GROUND_M
+    if on_ground and not air.margin_s((start, start)) >= settings.time_margin_s:
+        return NoPlan("danger", "fire is too near the vehicle on the ground")
     area, lines_cut = situation.area, 0
     for _ in range(MAX_LINES):
         if area.is_empty:
@@ -134,41 +137,36 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
         if best is not None:
             return _plan(best, situation, line, rest, lines_cut)
         if any(trip.why_ended == "spheres" for trip in trips):
-            return NoPlan("spheres", "no spheres are left; reload", lines_cut)
+            return NoPlan("spheres", "no spheres are left; reload them", lines_cut)
         if any(trip.why_ended == "battery" for trip in trips):
-            return NoPlan("battery", "the battery suffices for no further drop; change it")
+            return NoPlan("battery", "the battery does not suffice for another drop; change it")
         area, lines_cut = rest, lines_cut + 1
     else:
         raise MissionServiceError(
             f"burn: more than {MAX_LINES} lines of {settings.line_spacing_m:g} m; make "
             "line_spacing_m larger"
         )
-    cut = f"; on {lines_cut} more lines no drop is safe" if lines_cut else ""
+    cut = f"; no drop is safe on {lines_cut} more lines" if lines_cut else ""
     return NoPlan("complete", f"burn complete{cut}", lines_cut)
 
 
 def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstraints:
-    """The constraints of all flights of a situation."""
+    """Return the constraints of all flights of a situation."""
     margins = margins_of(settings, situation.wind_m_s, situation.toward_rad)
     unit = situation.unit
+    hazard = hazard_of(situation.fire, unit.area.bounds, margins)
     return FlightConstraints(
-        unit,
-        settings,
-        situation.fire,
-        situation.lights,
-        hazard_of(situation.fire, unit.area.bounds, margins),
-        unit.low_graph,
-        unit.high_graph,
-        situation.home_m,
+        *(unit, settings, situation.fire, situation.lights, hazard),
+        *(unit.low_graph, unit.high_graph, situation.home_m),
     )
 
 
 def drop_orders(
     situation: Situation, settings: BurnSection, area: BaseGeometry, line: IgnitionLine
 ) -> list[Floats]:
-    """Places (n, 2) to drop at on a line, in order from each of its ends (lines 5 to 8), or none.
+    """Return the drop places (n, 2) of a line in order from each end (lines 5 to 8), or no order.
 
-    The nearest next place is always the neighbour, since all lie on one line.
+    The nearest next place is always the neighbour, since all places are on one line.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:
@@ -177,27 +175,22 @@ def drop_orders(
     near_m = settings.line_spacing_m / 2.0
     through_m = alignment_m(line, ends_m, situation.dropped_m, area, near_m)
     places = drop_points(line, ends_m, through_m, spacing_m)
-    good = situation.unit.may_drop(places) & shapely.covers(area, shapely.points(places))
-    places = places[good]
+    places = places[situation.unit.may_drop(places) & shapely.covers(area, shapely.points(places))]
     if len(situation.dropped_m) and len(places):
         apart = places[:, None, :] - situation.dropped_m[None, :, :]
         nearest_m = np.hypot(apart[..., 0], apart[..., 1]).min(axis=1)
         places = places[nearest_m >= min(spacing_m, settings.line_spacing_m) / 2.0]
-    if not len(places):
-        return []
-    return [places[::-1], places]
+    return [places[::-1], places] if len(places) else []
 
 
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
-    """The fastest of the flights that drop enough, the first of equals; None if none drops.
+    """Return the fastest flight with enough drops, the first of equals; None without any drop.
 
-    A flight to the line's end is better than one ended by spheres or battery.
+    A flight to the line's end is preferred to one that spheres or battery end.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
-    if max_drops == 0:
-        return None
-    enough = [trip for trip in trips if len(trip.drops) >= MIN_DROPS_SHARE * max_drops]
-    return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s))
+    enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]
+    return min(enough, key=lambda trip: (trip.why_ended != "", trip.duration_s), default=None)
 
 
 def _plan(
@@ -207,7 +200,6 @@ def _plan(
     path = np.array(trip.route, np.float64)
     path[:, 3] -= begin_s
     drops = trip.drops - (0.0, 0.0, begin_s)
-    left = situation.area if trip.why_ended else rest
     return LinePlan(
         begin_s=begin_s,
         path=path,
@@ -215,7 +207,7 @@ def _plan(
         skipped=trip.skipped,
         duration_s=trip.duration_s,
         min_time_margin_s=trip.min_margin_s,
-        area_left=left,
+        area_left=situation.area if trip.why_ended else rest,
         line=line,
         ended=trip.why_ended,
         climbs_first=trip.climbs_first,
@@ -223,10 +215,6 @@ def _plan(
         spheres_left=situation.spheres - len(drops),
         lines_cut=lines_cut,
     )
-
-
-def _safe_start(air: FlightConstraints, start: FlightPoint) -> bool:
-    return air.margin_s((start, start)) >= air.settings.time_margin_s
 
 
 def _refuse_too_fast(settings: BurnSection) -> None:

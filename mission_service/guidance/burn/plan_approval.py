@@ -1,4 +1,4 @@
-"""The plan that is proposed, and its approval: approver, station and validity."""
+"""The proposed plan and its approval: approver, station and validity."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from mission_service.vehicles.vehicle_state import HISTORY_LENGTH
 
 
 class PlanPhase(Enum):
-    """Whether a plan is proposed, and approved."""
+    """The phase of a plan."""
 
     NONE = "none"
     PROPOSED = "proposed"
@@ -35,13 +35,13 @@ class PlanApproval:
     by: str
     station: str
     at_us: int
-    host_us: int  # by the host's clock
+    host_us: int  # time on the host's clock
 
 
 class ApprovalTracker:
-    """One plan at a time, and the crew's approval of it.
+    """Tracks one plan at a time and its approval by the crew.
 
-    Each limit ends when either mission time or the host's clock reaches it.
+    A time limit has passed as soon as mission time or the host's clock has passed it.
     """
 
     def __init__(self, burn: BurnSection) -> None:
@@ -51,17 +51,17 @@ class ApprovalTracker:
         self.approval: PlanApproval | None = None
         self._stations = {station.name for station in burn.stations}
         self._approval_us = round(burn.approval_s * 1e6)
-        self._silent_us = round(burn.approver_timeout_s * 1e6)
-        self._host_us = 0  # now, by the host's clock
+        self._timeout_us = round(burn.approver_timeout_s * 1e6)
+        self._host_us = 0  # the present time on the host's clock
         self._proposed_host_us = 0
-        self._approver_us = self._approver_host_us = 0  # last input that counts, by both clocks
+        self._approver_us = self._approver_host_us = 0  # last input of an approver, on both clocks
 
     def host_time(self, event: HostTime) -> None:
         """Update the time of the host's clock."""
         self._host_us = event.monotonic_us
 
     def on_operator_input(self, event: OperatorEvent) -> None:
-        """Count an operator's input as presence if it is an approver's at the same station."""
+        """Record an input as presence if it is an approver's, from the station of the approval."""
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
             return
@@ -69,23 +69,23 @@ class ApprovalTracker:
             self._approver_us, self._approver_host_us = event.at_us, self._host_us
 
     def propose(self, plan: IgnitionPlan) -> str:
-        """Propose a plan in place of any earlier one; returns its hash."""
+        """Propose a plan in place of any earlier one; return its hash."""
         self._enter(PlanPhase.PROPOSED)
         self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
         self._proposed_host_us = self._host_us
         return self.plan_hash
 
     def approve(self, event: Approved) -> str | None:
-        """Apply an approval; returns why it is rejected, or None."""
+        """Apply an approval; return why it is rejected, or None."""
         if event.station not in self._stations:
-            known = ", ".join(sorted(self._stations))
-            return f"{event.station!r} is no station from which plans are approved ({known})"
+            stations = ", ".join(sorted(self._stations))
+            return f"{event.station!r} is not a station for approvals ({stations})"
         if self.plan is None:
             return "no plan is proposed"
         if event.plan_hash != self.plan_hash:
-            return f"the plan proposed is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
+            return f"the proposed plan is {self.plan_hash[:12]}, not {event.plan_hash[:12]}"
         if self.is_expired(event.at_us):
-            return "the plan is out of date"
+            return "the plan has expired"
         self._enter(PlanPhase.APPROVED)
         self.approval = PlanApproval(
             event.plan_hash, event.by, event.station, event.at_us, self._host_us
@@ -94,29 +94,27 @@ class ApprovalTracker:
         return None
 
     def is_expired(self, at_us: int) -> bool:
-        """Whether the proposed plan has expired; False if there is none."""
+        """Return whether the proposed plan has expired; False without a plan."""
         if self.plan is None:
             return False
-        good_for_us = self.plan.valid_until_us - self.plan.made_at_us
+        valid_for_us = self.plan.valid_until_us - self.plan.made_at_us
         host_us = self._host_us - self._proposed_host_us
-        return at_us > self.plan.valid_until_us or host_us > good_for_us
+        return at_us > self.plan.valid_until_us or host_us > valid_for_us
 
     def expiry_reason(self, at_us: int) -> str | None:
-        """Why the approval has expired; None if it has not, or there is none."""
+        """Return why the approval has expired; None if it is valid, or without an approval."""
         approval = self.approval
         if approval is None or self.plan is None:
             return None
         if max(at_us - approval.at_us, self._host_us - approval.host_us) > self._approval_us:
             return f"the approval is older than {self._approval_us / 1e6:.0f} s"
-        silent_us = max(at_us - self._approver_us, self._host_us - self._approver_host_us)
-        if silent_us > self._silent_us:
-            return (
-                f"nothing heard of {approval.by} at {approval.station} for {silent_us / 1e6:.0f} s"
-            )
+        absent_us = max(at_us - self._approver_us, self._host_us - self._approver_host_us)
+        if absent_us > self._timeout_us:
+            return f"no input from {approval.by} at {approval.station} for {absent_us / 1e6:.0f} s"
         return None
 
     def withdraw(self) -> None:
-        """Withdraw the plan and its approval, if there is one."""
+        """Withdraw the plan and its approval."""
         if self.plan is not None:
             self._enter(PlanPhase.NONE)
         self.plan, self.plan_hash, self.approval = None, "", None
@@ -125,7 +123,7 @@ class ApprovalTracker:
         enter(self.phases, phase, PLAN_TRANSITIONS, "plan")
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         phase = self.phases[-1]
         assert (self.plan is None) == (phase is PlanPhase.NONE) == (not self.plan_hash), phase
         approval = self.approval

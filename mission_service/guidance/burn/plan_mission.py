@@ -1,4 +1,4 @@
-"""An ignition plan's path as the mission of a multirotor, which never contains a drop."""
+"""Missions of a multirotor along the path of an ignition plan; they never contain a drop."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,8 +17,8 @@ from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]
 
-# Commands that only fly. Any other one may switch an output: servos, relays, grippers, winches and
-# sprayers do, cameras and parachutes may be outputs, auxiliary functions and scripts anything.
+# Commands that affect flight only. Any other command may switch an output: those of servos, relays,
+# grippers, winches, sprayers, cameras, parachutes, auxiliary functions and scripts.
 FLIES_ONLY = frozenset(
     (
         mavlink.MAV_CMD_NAV_WAYPOINT,
@@ -32,14 +32,14 @@ FLIES_ONLY = frozenset(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
     )
 )
-THERE_M = 2.0  # acceptance radius of a corner; ArduCopter has its own (WPNAV_RADIUS)
-BAND = 0.2  # of its height: a leg is flown between its height and so much more above the ground
+ACCEPTANCE_M = 2.0  # acceptance radius of waypoints; ArduCopter uses its own (WPNAV_RADIUS)
+BAND = 0.2  # a leg is flown between its height above the ground and this share of it higher
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
 
 
 def has_drop(items: Iterable[MissionItem]) -> bool:
-    """Whether a mission has an item that may switch an output: any that is not ``FLIES_ONLY``."""
+    """Return whether a mission has an item that may switch an output (not in ``FLIES_ONLY``)."""
     return any(item.command not in FLIES_ONLY for item in items)
 
 
@@ -50,12 +50,12 @@ def mission_items(
     burn: BurnSection,
     from_ground: bool,
 ) -> tuple[MissionItem, ...]:
-    """The mission that flies a path, climbs at its end to the safe height and holds there.
+    """Return the mission that flies a path, climbs at its end to the safe height and holds there.
 
-    Each leg is flown straight, corners are passed within ``THERE_M``. ``from_ground``: with a
-    takeoff at home, where the path begins, up to the safe height. ArduCopter climbs and sinks as
-    the burn has it; PX4 by its parameters MPC_Z_V_AUTO_UP and _DN (3 and 1.5 m/s), which no mission
-    changes.
+    Each leg is flown straight, corners are passed within ``ACCEPTANCE_M``. ``from_ground`` adds a
+    takeoff to the safe height at home, where the path begins. ArduCopter climbs and sinks at the
+    rates of the burn; PX4 at those of its parameters MPC_Z_V_AUTO_UP and _DN (3 and 1.5 m/s),
+    which a mission cannot change.
     """
     first, last = path[0], path[-1]
     items = []
@@ -66,18 +66,20 @@ def mission_items(
     if vehicle.stack == "ardupilot":
         items.append(change_speed(mavlink.SPEED_TYPE_CLIMB_SPEED, burn.climb_m_s))
         items.append(change_speed(mavlink.SPEED_TYPE_DESCENT_SPEED, burn.sink_m_s))
-    there_m = THERE_M if vehicle.stack == "px4" else 0.0
+    acceptance_m = ACCEPTANCE_M if vehicle.stack == "px4" else 0.0
     items += [
-        waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, there_m) for point in path
+        waypoint(point.lat_deg, point.lon_deg, point.altitude_amsl_m, acceptance_m)
+        for point in path
     ]
     items.append(loiter_unlimited(last.lat_deg, last.lon_deg, _safe_amsl_m(last, burn), 0.0))
     return tuple(items)
 
 
 def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
-    """Height above home of a safe return: the safe height over the highest ground of any path.
+    """Return the height above home of a safe return: the safe height over the highest ground.
 
-    None without a burn. Raises FireModelError without elevation.
+    The ground is that of the rectangle around home and the unit. Returns None without a burn.
+    Raises FireModelError without elevation.
     """
     burn = scenario.burn_flown
     if burn is None:
@@ -99,7 +101,7 @@ def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
-    """Altitude of the safe height over a point's ground, or of the point if it is higher."""
+    """Return the altitude of the safe height over a point, or of the point if it is higher."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
 
@@ -107,11 +109,11 @@ def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
 def plan_points(
     path: Floats, landscape: Landscape, above_map_m: float = 0.0
 ) -> tuple[PathPoint, ...]:
-    """Path (n, 4) of x, y, height_m, after_s as places with altitudes.
+    """Convert a path (n, 4) of x, y, height_m, after_s to points with altitudes.
 
-    Between them altitudes change evenly, and each leg is from its height to a share of ``BAND`` of
-    it more above the ground under it: where the slope changes, a leg is cut into as few as needed
-    (no finer than ``SAMPLES_A_CELL`` to a cell). ``above_map_m``: altitude of the autopilot minus
+    Between two points the altitude changes linearly and remains within ``BAND`` of the leg's height
+    above the ground. Where the slope changes, a leg is therefore cut into the fewest possible parts
+    (at most ``SAMPLES_A_CELL`` to a cell). ``above_map_m`` is the altitude of the autopilot minus
     that of the landscape, measured on the ground. Raises FireModelError without elevation.
     """
     ground_m = _ground(path[:1], landscape)[0]
@@ -153,10 +155,10 @@ def _middle(ground_m: float, height_m: float) -> float:
 
 
 def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tuple[int, float]]:
-    """Corners (sample, altitude) of a line from ``begin_m`` between lowest and highest altitudes.
+    """Return corners (sample, altitude) of a line between the lowest and highest altitudes.
 
-    Each leg is as long as one slope allows. Where none does from one sample to the next, that
-    sample's middle is a corner.
+    The line begins at ``begin_m``, and each leg is as long as one slope allows. If no slope leads
+    to the next sample, the next corner is the middle of the band at that sample.
     """
     corners: list[tuple[int, float]] = []
     at, altitude_m = 0, begin_m
@@ -166,11 +168,11 @@ def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tup
         reached = at
         for place in range(at + 1, last + 1):
             steps = place - at
-            low_there = max(low, (float(lowest_m[place]) - altitude_m) / steps)
-            high_there = min(high, (float(highest_m[place]) - altitude_m) / steps)
-            if low_there > high_there:
+            new_low = max(low, (float(lowest_m[place]) - altitude_m) / steps)
+            new_high = min(high, (float(highest_m[place]) - altitude_m) / steps)
+            if new_low > new_high:
                 break
-            low, high, reached = low_there, high_there, place
+            low, high, reached = new_low, new_high, place
         steps = max(reached - at, 1)
         reached = at + steps
         middle_m = float(lowest_m[reached] + highest_m[reached]) / 2.0

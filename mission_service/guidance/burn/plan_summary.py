@@ -1,4 +1,4 @@
-"""Plans and the state of a burn as figures and as text for crews. Pure."""
+"""Figures and text about plans and the state of a burn, for crews. Pure."""
 
 from typing import Any
 
@@ -8,91 +8,60 @@ M_PER_FT = 0.3048
 
 
 def in_feet(metres: float) -> int:
-    """Metres as whole feet."""
+    """Convert metres to whole feet."""
     return round(metres / M_PER_FT)
 
 
-def plan_figures(plan: IgnitionPlan) -> dict[str, Any]:
-    """The figures of a plan, by name."""
-    altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
-    return {
-        "line": plan.line,
-        "vehicle": plan.vehicle,
-        "drops": len(plan.drops),
-        "skipped": len(plan.skipped),
-        "duration_s": plan.duration_s,
-        "begin_s": plan.begin_us / 1e6,
-        "valid_until_s": plan.valid_until_us / 1e6,
-        "speed_m_s": plan.speed_m_s,
-        "drop_height_m": plan.drop_height_m,
-        "drop_height_ft": in_feet(plan.drop_height_m),
-        "safe_height_m": plan.safe_height_m,
-        "safe_height_ft": in_feet(plan.safe_height_m),
-        "lowest_amsl_m": min(altitudes_m),
-        "highest_amsl_m": max(altitudes_m),
-        "wind_speed_m_s": plan.wind_speed_m_s,
-        "wind_from_deg": plan.wind_from_deg,
-        "time_margin_s": plan.time_margin_s,
-        "min_time_margin_s": plan.min_time_margin_s,
-        "distance_margin_m": plan.distance_margin_m,
-        "spheres_left": plan.spheres_left,
-    }
-
-
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
-    """A plan as text for its approver, one fact on each line."""
-    figures = plan_figures(plan)
-    skipped = f"; {figures['skipped']} places skipped as unsafe" if plan.skipped else ""
-    low_m, high_m = figures["lowest_amsl_m"], figures["highest_amsl_m"]
-    margin_m = plan.distance_margin_m
+    """Describe a plan to its approver, one fact on each line."""
+    skipped = f"; {len(plan.skipped)} places skipped as unsafe" if plan.skipped else ""
+    altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
+    low_m, high_m, margin_m = min(altitudes_m), max(altitudes_m), plan.distance_margin_m
+    drop_m, safe_m = plan.drop_height_m, plan.safe_height_m
     return [
         f"plan      {name}",
         f"line      {plan.line}, {plan.vehicle}: {len(plan.drops)} drops{skipped}",
         f"time      {plan.duration_s:.0f} s from mission time {_clock(plan.begin_us)}; "
         f"to be approved by {_clock(plan.valid_until_us)}",
-        f"drops at  {plan.drop_height_m:.0f} m ({figures['drop_height_ft']} ft) above the ground, "
+        f"drops at  {drop_m:.0f} m ({in_feet(drop_m)} ft) above the ground, "
         f"{plan.speed_m_s:g} m/s ({plan.speed_m_s * 2.23694:.0f} mph)",
         f"altitude  {low_m:.0f} to {high_m:.0f} m ({in_feet(low_m)} to {in_feet(high_m)} ft) MSL; "
-        f"safe height {plan.safe_height_m:.0f} m ({figures['safe_height_ft']} ft) above the ground",
+        f"safe height {safe_m:.0f} m ({in_feet(safe_m)} ft) above the ground",
         f"wind      {plan.wind_speed_m_s:.1f} m/s ({plan.wind_speed_m_s * 2.23694:.0f} mph) from "
         f"{plan.wind_from_deg:.0f}°",
         f"margins   fire at least {plan.min_time_margin_s:.0f} s away "
-        f"(wanted {plan.time_margin_s:.0f} s and {margin_m:.0f} m, {in_feet(margin_m)} ft)",
-        f"spheres   {plan.spheres_left} left after it",
+        f"(required {plan.time_margin_s:.0f} s and {margin_m:.0f} m, {in_feet(margin_m)} ft)",
+        f"spheres   {plan.spheres_left} left after the line",
     ]
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """The state of a burn as the control socket returns it, one fact on each line."""
+    """Describe the state of a burn from the control socket's reply, one fact on each line."""
     phase, at_us = status["guidance"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]
-    lines.append(
-        "GO list   "
-        + (f"{len(open_items)} open" if open_items else f"all {len(status['items'])} GO")
-    )
+    state = f"{len(open_items)} open" if open_items else f"all {len(status['items'])} GO"
+    lines.append(f"GO list   {state}")
     lines += [f"          open: {item}" for item in open_items]
     for name, vehicle in status["vehicles"].items():
-        lines.append(f"{name:<9} {_vehicle_in_words(vehicle)}")
-    for known in status["plans"]:
-        approved = known["approved"]
+        lines.append(f"{name:<9} {_describe_vehicle(vehicle)}")
+    for entry in status["plans"]:
+        approved = entry["approved"]
         state = (
             f"approved by {approved['by']} at {approved['station']}"
             if approved
-            else f"not approved: {known['why_not']}"
+            else f"not approved: {entry['why_not']}"
         )
-        figures = f"line {known['plan']['line']}, {len(known['plan']['drops'])} drops"
-        ordered = f", {len(known['ordered'])} ordered" if known["ordered"] else ""
-        lines.append(f"plan      {known['plan_hash'][:12]}  {figures}{ordered}; {state}")
+        figures = f"line {entry['plan']['line']}, {len(entry['plan']['drops'])} drops"
+        ordered = f", {len(entry['ordered'])} ordered" if entry["ordered"] else ""
+        lines.append(f"plan      {entry['plan_hash'][:12]}  {figures}{ordered}; {state}")
     if not status["plans"]:
-        lines.append("plan      none is proposed")
+        lines.append("plan      none proposed")
     return lines
 
 
-def _vehicle_in_words(vehicle: dict[str, Any]) -> str:
-    battery = vehicle["battery_pct"]
-    position = vehicle["position"]
-    height = "no position"
+def _describe_vehicle(vehicle: dict[str, Any]) -> str:
+    battery, position, height = vehicle["battery_pct"], vehicle["position"], "no position"
     if position is not None:
         height_m = position["altitude_relative_m"]
         height = f"{height_m:.0f} m ({in_feet(height_m)} ft) above home"
@@ -109,6 +78,6 @@ def _vehicle_in_words(vehicle: dict[str, Any]) -> str:
 
 
 def _clock(at_us: int) -> str:
-    """Mission time as h:mm:ss."""
+    """Return mission time as h:mm:ss."""
     seconds = at_us // 1_000_000
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"

@@ -1,4 +1,4 @@
-"""Whether an earlier plan is still valid in the present fire, unit and wind."""
+"""Validity of an earlier plan in the present fire, unit and wind."""
 
 import math
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from mission_service.guidance.burn.drop_release import VehicleMotion, impact_poi
 from mission_service.guidance.burn.line_flight import (
     FlightConstraints,
     FlightPoint,
+    Leg,
     SphereFires,
     point_on_leg,
 )
@@ -24,10 +25,10 @@ ROUNDED_S = 1e-6
 def plan_problem(
     plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
 ) -> str:
-    """Why the rest of a plan, of which ``flown_s`` are flown, must not be flown; "" if it may.
+    """Return why the rest of a plan after ``flown_s`` must not be flown; "" if it is valid.
 
-    The rest begins at ``situation.at_s``, in its wind and unit. Its fire must not contain the drops
-    of this plan: they count as when it was made, at the times of the plan.
+    The rest begins at ``situation.at_s``, in the wind and unit of the situation. Its fire must not
+    contain the drops of this plan, which are added at the times of the plan.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -44,74 +45,76 @@ def plan_problem(
             continue
         rest = (_later(leg, situation.at_s), leg[1])
         after_s = rest[0].at_s - begin_s
-        found = _of_place(air, rest, places[0])
-        if found:
-            return f"{found} {after_s:.0f} s after its begin"
-        # The whole leg, as when planned, or only its rest, whichever has the larger margin.
+        problem = _airspace_problem(air, rest, places[0])
+        if problem:
+            return f"{problem} {after_s:.0f} s after the begin"
+        # The margin is that of the whole leg, as in planning, or of its rest if that is larger.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
         first = plan.climbs_first and leg[0] == places[0]
         if margin_s < settings.time_margin_s and not first:
             near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"
-            return f"fire {near} of its path {after_s:.0f} s after its begin"
-    return _of_drops(plan, air, begin_s, flown_s) or _of_load(plan, situation, settings, flown_s)
+            return f"fire {near} of the path {after_s:.0f} s after the begin"
+    return _drop_problem(plan, air, begin_s, flown_s) or _load_problem(
+        plan, situation, settings, flown_s
+    )
 
 
 def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
     return bool(plan.drops[number, 2] <= after_s + ROUNDED_S)
 
 
-def _later(leg: tuple[FlightPoint, FlightPoint], at_s: float) -> FlightPoint:
-    """The point on a leg at a time, its begin at the earliest."""
+def _later(leg: Leg, at_s: float) -> FlightPoint:
+    """Return the point on a leg at a time, but not before its begin."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
     return point_on_leg(leg, (at_s - begin.at_s) / (end.at_s - begin.at_s))
 
 
-def _of_place(
-    air: FlightConstraints, leg: tuple[FlightPoint, FlightPoint], start: FlightPoint
-) -> str:
+def _airspace_problem(air: FlightConstraints, leg: Leg, start: FlightPoint) -> str:
     begin, end = leg[0][:2], leg[1][:2]
     if air.high is not None and not air.high.is_straight_clear(begin, end):
-        return "its path leaves the fence"
-    upright_at_start = begin == end == start[:2]
-    if not air.is_high(leg) and not upright_at_start and not air.low.is_straight_clear(begin, end):
-        return "its path is low outside the unit, or over people,"
+        return "the path leaves the fence"
+    vertical_at_start = begin == end == start[:2]
+    if not air.is_high(leg) and not vertical_at_start and not air.low.is_straight_clear(begin, end):
+        return "the path is low outside the unit, or over people,"
     return ""
 
 
-def _of_drops(plan: LinePlan, air: FlightConstraints, begin_s: float, flown_s: float) -> str:
+def _drop_problem(plan: LinePlan, air: FlightConstraints, begin_s: float, flown_s: float) -> str:
     left = plan.drops[plan.drops[:, 2] > flown_s + ROUNDED_S]
     if not len(left):
         return ""
     if not air.unit.may_drop(left[:, :2]).all():
-        return "a drop is outside the unit, or on a no-drop area or people"
+        return "a drop is outside the unit, in a no-drop area or near people"
     lands_s = begin_s + left[:, 2] + air.settings.ignition_delay_s
     if (np.asarray(air.fire.ignition_time_s(left[:, :2])) <= lands_s).any():
         return "a drop is on ground that will have burned"
     return ""
 
 
-def _of_load(plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float) -> str:
+def _load_problem(
+    plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float
+) -> str:
     left = int((plan.drops[:, 2] > flown_s + ROUNDED_S).sum())
     if left > situation.spheres:
-        return f"it has {left} more drops, and {situation.spheres} spheres are left"
+        return f"the plan has {left} more drops, but only {situation.spheres} spheres are left"
     needs_s = plan.duration_s - flown_s + plan.home_s + settings.battery_reserve_s
     if needs_s > situation.battery_s + ROUNDED_S:
-        return f"it needs {needs_s:.0f} s of battery, and {situation.battery_s:.0f} s are left"
+        return f"the plan needs {needs_s:.0f} s of battery, but has {situation.battery_s:.0f} s"
     return ""
 
 
 SAME_PLACE_M = 0.05
-MIN_DRIFT_M = 0.2  # a smaller drift is ignored
-CALM_M_S = 1.0  # below it the direction of the wind does not count
-WindFrom = tuple[float, float]  # speed in m/s, direction from in degrees from true north
+MIN_DRIFT_M = 0.2  # smaller drifts are ignored
+CALM_M_S = 1.0  # the direction of a weaker wind is ignored
+WindFrom = tuple[float, float]  # speed in m/s, direction it blows from in degrees true
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """How a wind differs from the planned one by more than is allowed; None if it does not."""
+    """Describe a wind that differs too much from the planned one; None if it does not."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
@@ -119,36 +122,33 @@ def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str |
     if not faster and not (blows and turned_deg > burn.wind_changes_deg):
         return None
     return (
-        f"the wind is {speed_m_s:.1f} m/s from {from_deg:.0f}°, planned for was "
+        f"the wind is {speed_m_s:.1f} m/s from {from_deg:.0f}°, but the plan assumes "
         f"{plan.wind_speed_m_s:.1f} m/s from {plan.wind_from_deg:.0f}°"
     )
 
 
 def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
-    """The mean of winds as vectors."""
+    """Return the vector mean of winds."""
     east = sum(speed * math.sin(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
     north = sum(speed * math.cos(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
     return math.hypot(east, north), math.degrees(math.atan2(east, north)) % 360.0
 
 
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
-    """The plan with its path moved against the drift of a sphere released at the drop height.
+    """Return the plan with its path moved against the drift of a sphere from the drop height.
 
-    Points above the begin stay. If the moved path is invalid (out of the unit, too near to fire)
-    the plan stays as it is: spheres then fall beside their targets, or are left out.
+    Points above the begin are not moved. If the moved path is invalid (out of the unit, too near
+    to fire) the plan is returned unchanged: its spheres miss their targets or are skipped.
     """
-    wind = situation.wind_m_s * np.array(
-        [np.cos(situation.toward_rad), np.sin(situation.toward_rad)]
-    )
-    dropper = burn.dropper
+    speed_m_s, toward_rad, dropper = situation.wind_m_s, situation.toward_rad, burn.dropper
+    wind = (float(speed_m_s * np.cos(toward_rad)), float(speed_m_s * np.sin(toward_rad)))
     hover = VehicleMotion(0.0, 0.0, burn.drop_height_m, 0.0, 0.0)
-    blown = (float(wind[0]), float(wind[1]))
-    falls = impact_point(hover, blown, dropper.terminal_speed_m_s, dropper.delay_s)
+    falls = impact_point(hover, wind, dropper.terminal_speed_m_s, dropper.delay_s)
     drift_m = np.array([falls.x_m, falls.y_m])
     if np.hypot(*drift_m) < MIN_DRIFT_M:
         return plan
     path = plan.path.copy()
-    gone = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M
-    path[gone, :2] -= drift_m
+    away = np.hypot(*(path[:, :2] - path[0, :2]).T) > SAME_PLACE_M
+    path[away, :2] -= drift_m
     moved = replace(plan, path=path)
     return plan if plan_problem(moved, situation, burn) else moved

@@ -1,4 +1,4 @@
-"""Simulation of a whole burn from its present state, without a vehicle: report and picture."""
+"""Simulation of a whole burn without a vehicle, with a report and a picture."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from mission_service.guidance.burn.whole_burn import whole_burn
 
 
 def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) -> Situation:
-    """The situation before the first line: the vehicle stands at home, the crew's fires burn."""
+    """Return the situation before the first line: vehicle at home, the crew's fires burning."""
     home = scenario.vehicles[0]
     state = BurnState(burn, landscape, weather_of(scenario), home)
     home_m = landscape.xy_of_lat_lon(home.home_lat_deg, home.home_lon_deg)
@@ -25,17 +25,16 @@ def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) ->
 
 
 def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
-    """All lines of a scenario's burn from its deployment on; writes burn.json and burn.png.
+    """Simulate all lines of a scenario's burn from deployment; write burn.json and burn.png.
 
-    Returns the totals; no time is counted for approvals. Raises MissionServiceError for a scenario
-    without a burn, or with an invalid unit.
+    Returns the totals. Approvals take no time. Raises MissionServiceError for a scenario without a
+    burn, or with an invalid unit.
     """
     burn = scenario.burn
     if burn is None or not scenario.vehicles:
-        raise ScenarioError(f"{scenario.name}: there is no burn to preview: it needs [burn]")
+        raise ScenarioError(f"{scenario.name}: has no burn to preview; add a table [burn]")
     situation = situation_of(scenario, burn, landscape_of(scenario))
     found, area = whole_burn(situation, burn), situation.area
-    told = json.dumps(burn_json(found, area))
-    (out / "burn.json").write_text(told + "\n", encoding="utf-8")
+    (out / "burn.json").write_text(json.dumps(burn_json(found, area)) + "\n", encoding="utf-8")
     draw_burn(out / "burn.png", found, area, scenario.name)
     return burn_totals(found, area)

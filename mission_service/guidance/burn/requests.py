@@ -1,4 +1,4 @@
-"""Operators' requests of a prescribed burn. Pure."""
+"""Operators' requests for a prescribed burn. Pure."""
 
 from typing import Annotated, ClassVar
 
@@ -69,24 +69,20 @@ class Go(BurnRequest, frozen=True):
 
     over_mqtt = False
     example: ClassVar = {"item": "weather is within the prescription"}
+    go: ClassVar = True
 
     item: Item
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``ChecklistAnswered``."""
-        return events.ChecklistAnswered(*self.user(at_us), self.item, True)
+        """Return a ``ChecklistAnswered``."""
+        return events.ChecklistAnswered(*self.user(at_us), self.item, self.go)
 
 
-class NoGo(BurnRequest, frozen=True, tag="no-go"):
+class NoGo(Go, frozen=True, tag="no-go"):
     """Set an item to NO-GO: no drop until the item is GO and a plan is newly approved."""
 
-    example: ClassVar = Go.example
-
-    item: Item
-
-    def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``ChecklistAnswered``."""
-        return events.ChecklistAnswered(*self.user(at_us), self.item, False)
+    over_mqtt = True
+    go: ClassVar = False
 
 
 class Person(BurnRequest, frozen=True):
@@ -101,7 +97,7 @@ class Person(BurnRequest, frozen=True):
     radius_m: Annotated[Radius, Meta(description="To be kept clear; 0: has left.")]
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``PersonReported``."""
+        """Return a ``PersonReported``."""
         place = (self.lat_deg, self.lon_deg)
         return events.PersonReported(*self.user(at_us), self.name.strip(), *place, self.radius_m)
 
@@ -115,7 +111,7 @@ class Unit(BurnRequest, frozen=True):
     points: Places
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``BurnUnitSet``, if the corners form a polygon."""
+        """Return a ``BurnUnitSet``. Raises RequestError if the corners form no polygon."""
         refuse_no_polygon("unit", self.points)
         return super().event(at_us)
 

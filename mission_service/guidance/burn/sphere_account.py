@@ -1,4 +1,4 @@
-"""Account of the spheres: ordered, fallen or refused, and their distances from the targets."""
+"""Account of the ignition spheres: outcomes of drops, and distances from their targets."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ PointXY = tuple[float, float]
 
 @dataclass(slots=True)
 class Sphere:
-    """A sphere that was ordered to drop. ``outcome``: ordered, done, unknown or refused."""
+    """A sphere of an ordered drop. ``outcome`` is ordered, done, unknown or refused."""
 
     plan_hash: str
     number: int
@@ -21,17 +21,17 @@ class Sphere:
 
     @property
     def max_miss_m(self) -> float:
-        """Distance between target and predicted impact."""
+        """Return the distance between target and predicted impact."""
         return math.dist(self.target_m, self.falls_m)
 
     @property
     def counts(self) -> bool:
-        """Whether it counts as fallen: all but refused ones do."""
+        """Return whether the sphere counts as dropped: all except refused ones do."""
         return self.outcome != "refused"
 
 
 class SphereAccount:
-    """All spheres of a burn, in the order of their fall; ``loaded`` are on board at the start."""
+    """All spheres of a burn, in the order of the drops; ``loaded`` are on board at the start."""
 
     def __init__(self, loaded: int) -> None:
         self.spheres: list[Sphere] = []
@@ -39,13 +39,13 @@ class SphereAccount:
         self.last_at_us: int | None = None
 
     def order(self, sphere: Sphere) -> None:
-        """Add a sphere that is ordered to drop now."""
+        """Add a sphere for a drop that is ordered now."""
         self.spheres.append(sphere)
         self.left -= 1
         self.last_at_us = sphere.at_us
 
     def finish(self, event: DropFinished) -> Sphere | None:
-        """Set a sphere's outcome; returns it, or None if it was not ordered or has an outcome."""
+        """Set the outcome of a drop; return its sphere, or None if no such drop is pending."""
         for sphere in reversed(self.spheres):
             if (sphere.plan_hash, sphere.number) == (event.plan_hash, event.number):
                 if sphere.outcome != "ordered":
@@ -57,13 +57,13 @@ class SphereAccount:
         return None
 
     def of_plan(self, plan_hash: str) -> list[Sphere]:
-        """The spheres of one plan that count as fallen."""
+        """Return the spheres of one plan that count as dropped."""
         return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
 
     def fallen_m(self) -> list[PointXY]:
-        """Places of all spheres that count as fallen."""
+        """Return the impact points of all spheres that count as dropped."""
         return [each.falls_m for each in self.spheres if each.counts]
 
     def load(self, spheres: int) -> None:
-        """Set the number on board after a reload on the ground."""
+        """Set the number of spheres on board after a reload on the ground."""
         self.left = spheres

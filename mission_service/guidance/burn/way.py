@@ -1,4 +1,4 @@
-"""The way of flying a prescribed burn: a copter ignites lines that operators approve one by one."""
+"""The rule of a prescribed burn: a copter ignites lines that operators approve one by one."""
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.stacks.stacks import stack_named
@@ -10,7 +10,7 @@ from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:
-    """Raise ValueError unless there is a burn and one vehicle that can drop its lines."""
+    """Raise ValueError unless the scenario has a burn and one vehicle that can ignite its lines."""
     burn, vehicles = scenario.burn, scenario.vehicles
     if burn is None:
         raise ValueError('rule = "burn" needs a table [burn]')

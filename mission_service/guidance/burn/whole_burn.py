@@ -1,8 +1,9 @@
-"""A burn from begin to end: all lines in order, loads, times, and the resulting fire."""
+"""Simulation of a burn from begin to end: all lines in order, loads, times, resulting fire."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +22,13 @@ from mission_service.guidance.burn.line_planner import (
 
 Floats = NDArray[np.float64]
 
-MAX_ROUNDS = 2_000  # lines, and reloads
-REST_S, REST_TIMES = 60.0, 60  # duration and number of waits for fire near home to burn out
+MAX_ROUNDS = 2_000  # sum of lines, reloads and waits
+WAIT_S, MAX_WAITS = 60.0, 60  # duration and number of waits until fire near home has burned out
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Settings and wind that the figures depend on."""
+    """Settings and wind on which the figures depend."""
 
     ignition_delay_s: float
     spheres_a_load: int
@@ -43,13 +44,13 @@ class Assumptions:
     pause_s: float  # between the end of a line and the begin of the next
     time_margin_s: float
     distance_margin_m: float
-    wind_m_s: float  # constant, for lines and margins; the simulation may have wind changes
+    wind_m_s: float  # constant for lines and margins; in the simulation the wind may change
     toward_rad: float
 
 
 @dataclass(frozen=True, eq=False)
 class BurnLine:
-    """A line, or the part of it that one load is enough for."""
+    """A line, or the part of it for which one load suffices."""
 
     number: int  # from 1
     load: int  # from 1
@@ -57,13 +58,13 @@ class BurnLine:
 
     @property
     def end_s(self) -> float:
-        """Time at which the vehicle holds at the safe height."""
+        """Return the time at which the vehicle begins to hold at the safe height."""
         return self.plan.begin_s + self.plan.duration_s
 
 
 @dataclass(frozen=True, eq=False)
 class WholeBurn:
-    """A whole burn. ``ended`` is why no further line was planned; ``end_s`` is at home."""
+    """A whole burn. ``ended`` is the reason of its end; ``end_s`` the time of the last landing."""
 
     lines: tuple[BurnLine, ...]
     loads: int
@@ -76,28 +77,28 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires as one: the earliest time of ignition of all."""
+    """Several fires combined: a point ignites at the earliest time of all fires."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Times of ignition (n,) of points (n, 2) x, y in metres; infinity for never."""
+        """Return times of ignition (n,) of points (n, 2) x, y in metres; infinity for never."""
         found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
         return found
 
 
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
-    """All lines from a situation until none is left, each begun ``pause_s`` after the last.
+    """Plan all lines from a situation until none is left, each ``pause_s`` after the last one.
 
-    If spheres or battery are not enough for the rest of a line and not full, they are reloaded
-    first, so that no line is interrupted by a reload that is due anyway. A reload is a return home
-    at the safe height, ``reload_s``, and a start from the ground at home.
+    If spheres or battery do not suffice for the rest of a line, and are not full, the vehicle
+    reloads before it begins that line. A reload is a return home at the safe height, ``reload_s``
+    on the ground, and a takeoff at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))
     lines: list[BurnLine] = []
-    load, resting = 1, 0
+    load, waits = 1, 0
     fresh = now.spheres >= settings.spheres and now.battery_s >= settings.battery_s
     for _ in range(MAX_ROUNDS):
         plan = next_line(now, settings)
@@ -106,9 +107,9 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
             now, load, fresh = _reloaded(now, settings), load + 1, True
             continue
         if isinstance(plan, NoPlan):
-            # Fire near home, as its own spheres': it passes.
-            if plan.why == "danger" and resting < REST_TIMES:
-                now, resting = replace(now, at_s=now.at_s + REST_S), resting + 1
+            # Fire near home, for example of the burn's own spheres, burns out.
+            if plan.why == "danger" and waits < MAX_WAITS:
+                now, waits = replace(now, at_s=now.at_s + WAIT_S), waits + 1
                 continue
             break
         lines.append(BurnLine(len(lines) + 1, load, plan))
@@ -117,12 +118,11 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
         now, fresh = _after(now, plan, CombinedFires([base, now.lights(lit)]), pause_s), False
     else:
         plan = NoPlan("complete", f"stopped after {MAX_ROUNDS} lines and reloads")
-    home_s = _way_home_s(now, settings)
     return WholeBurn(
         lines=tuple(lines),
         loads=load,
         begin_s=situation.at_s,
-        end_s=now.at_s + home_s,
+        end_s=now.at_s + _return_s(now, settings),
         fire=now.fire,
         area_left=now.area,
         ended=plan if isinstance(plan, NoPlan) else NoPlan("complete", "burn complete"),
@@ -146,20 +146,21 @@ def _after(now: Situation, plan: LinePlan, fire: Simulation, pause_s: float) -> 
     )
 
 
-def _way_home_s(now: Situation, settings: BurnSection) -> float:
+def _return_s(now: Situation, settings: BurnSection) -> float:
+    """Return the duration of the return home."""
     if now.height_m <= 0.0 and (now.x_m, now.y_m) == now.home_m:
         return 0.0
-    here = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)
+    start = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)
     air = constraints_of(now, settings)
-    above = air.straight_up(here)[-1]
+    above = air.straight_up(start)[-1]
     home_s = air.home_s(above)
-    return above.at_s - here.at_s + (home_s if math.isfinite(home_s) else 0.0)
+    return above.at_s - start.at_s + (home_s if math.isfinite(home_s) else 0.0)
 
 
 def _reloaded(now: Situation, settings: BurnSection) -> Situation:
     return replace(
         now,
-        at_s=now.at_s + _way_home_s(now, settings) + settings.reload_s,
+        at_s=now.at_s + _return_s(now, settings) + settings.reload_s,
         x_m=now.home_m[0],
         y_m=now.home_m[1],
         height_m=0.0,
@@ -169,21 +170,11 @@ def _reloaded(now: Situation, settings: BurnSection) -> Situation:
 
 
 def _assumed(situation: Situation, settings: BurnSection, pause_s: float) -> Assumptions:
-    return Assumptions(
-        ignition_delay_s=settings.ignition_delay_s,
-        spheres_a_load=settings.spheres,
-        max_drops_per_min=settings.max_drops_per_min,
-        speed_m_s=settings.speed_m_s,
-        climb_m_s=settings.climb_m_s,
-        sink_m_s=settings.sink_m_s,
-        drop_height_m=settings.drop_height_m,
-        safe_height_m=settings.safe_height_m,
-        battery_s=settings.battery_s,
-        battery_reserve_s=settings.battery_reserve_s,
-        reload_s=settings.reload_s,
-        pause_s=pause_s,
-        time_margin_s=settings.time_margin_s,
-        distance_margin_m=settings.distance_margin_m,
-        wind_m_s=situation.wind_m_s,
-        toward_rad=situation.toward_rad,
-    )
+    given: dict[str, Any] = {
+        "spheres_a_load": settings.spheres,
+        "pause_s": pause_s,
+        "wind_m_s": situation.wind_m_s,
+        "toward_rad": situation.toward_rad,
+    }
+    names = [field.name for field in fields(Assumptions) if field.name not in given]
+    return Assumptions(**given, **{name: getattr(settings, name) for name in names})

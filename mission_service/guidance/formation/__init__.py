@@ -1,5 +1,5 @@
-"""Fixed wings that loiter around a fire over virtual agents: the paper of that name, and beyond.
+"""Formations of fixed wings that loiter around a fire by virtual agents, after the paper's method.
 
-Everything here is pure: no clock, no network, no randomness of its own. Positions are metres, x
-east and y north in the landscape's frame; angles are radians anticlockwise from east, as there.
+All modules are pure: they use no clock, network or random source. Positions are metres, x east and
+y north, in the landscape's CRS; angles are radians anticlockwise from its east.
 """

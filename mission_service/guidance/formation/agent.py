@@ -1,8 +1,8 @@
 """One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
 
-Every UAV runs one agent on its own camera and the messages it receives. ``step`` is called at
-each of its positions and returns an ``Intention``: an orbit and an airspeed, to be flown by the
-ideal world's kinematics, an autopilot's own orbit command, or a loiter item.
+Every UAV has one agent, whose inputs are the UAV's camera and the messages received. ``step`` is
+called at each position of the UAV and returns an ``Intention``: an orbit and an airspeed, which are
+flown by the kinematics of a simulation, an orbit command of the autopilot, or a loiter item.
 """
 
 import math
@@ -39,16 +39,16 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # an orbit this far from the one sent is sent at once, as is a new goal
-LONGEST_STEP_S = 1.0
+RESEND_M = 20.0  # a larger change of the orbit is sent at once, as is a new goal
+MAX_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
-COOL_FOR_S = 20.0  # time at the higher altitude after the last heat
+COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
 
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """A UAV's own state; velocities over the ground, the wind towards x (east), y (north)."""
+    """State of the agent's own UAV: velocity over the ground, wind towards x (east), y (north)."""
 
     at_us: int
     x_m: float
@@ -66,8 +66,8 @@ class OwnState:
 class Intention:
     """The orbit (radius signed as in MAVLink) and the airspeed that a UAV intends to fly.
 
-    ``climb_m`` is the climb above the normal altitude to avoid heat; ``settled``: the UAV has been
-    on that orbit for a while. On the way home the virtual agent's place is NaN.
+    ``climb_m`` is the climb above the normal altitude to avoid heat. ``settled`` is true after
+    ``SETTLED_FOR_S`` on that orbit. The virtual agent's position is NaN during the return home.
     """
 
     orbit_x_m: float
@@ -78,7 +78,7 @@ class Intention:
     settled: bool
     agent_x_m: float
     agent_y_m: float
-    in_conflict: bool = False  # the orbit wanted is not flown because of another UAV
+    in_conflict: bool = False  # another UAV prevents the desired orbit
 
 
 class Agent:
@@ -94,7 +94,7 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """``fire`` is shared by the ground base before the mission: cells that burn at ``at_us``.
+        """Create an agent; ``fire`` are the burning cells at ``at_us`` that all UAVs start with.
 
         Raises MissionServiceError for cells that are not on the grid.
         """
@@ -114,7 +114,7 @@ class Agent:
         self.avoidance = avoidance
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
-        self.home_m: tuple[float, float] | None = None  # set while it flies home
+        self.home_m: tuple[float, float] | None = None  # set during the return home
         self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
         self._rules = avoidance_rules(settings)
         self._key = priority_key(name)
@@ -147,14 +147,14 @@ class Agent:
                 self.maps.set(*self.map.on_message(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Apply a camera view: numbers of cells that burn, and of cells that do not."""
+        """Apply a camera view: the numbers of burning and of unburned cells."""
         self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
     # Outputs ----------------------------------------------------------------------------------
 
     def step(self, own: OwnState) -> Intention:
-        """Advance to the UAV's present state; returns its intended orbit and airspeed."""
-        self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, LONGEST_STEP_S)
+        """Advance to the UAV's present state; return the intended orbit and airspeed."""
+        self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, MAX_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
             self.peers.apply_state(state)
@@ -164,29 +164,28 @@ class Agent:
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
-        """The messages to send now."""
+        """Return the messages to send now."""
         outbox, self._outbox = self._outbox, []
         return [*outbox, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
-        """Leave the formation (lost, or on the ground) until the next ``step``."""
+        """Leave the formation until the next ``step``, because of a lost link or a landing."""
         self.agent_m = self._choice = None
         self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """Fly to a circle around (x, y) from now on, without a virtual agent."""
+        """Intend a circle around (x, y) from now on, without a virtual agent."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:
-        """End ``go_home``: the virtual agent starts again at the UAV."""
+        """End ``go_home``: the virtual agent starts again from the UAV."""
         self.home_m = None
 
     # The virtual agent ------------------------------------------------------------------------
 
     def _move_agent(self, own: OwnState, peers: Floats) -> None:
-        """Start the virtual agent ahead of its UAV, and move it (eqs. 4 and 12)."""
-        settings = self.settings
-        agent_m = self.agent_m
+        """Start the virtual agent ahead of its UAV if necessary, and move it (eqs. 4 and 12)."""
+        settings, agent_m, step_s = self.settings, self.agent_m, self._step_s
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
             yaw_rad = math.atan2(own.velocity_y_m_s, own.velocity_x_m_s)
             agent_m = (
@@ -194,11 +193,9 @@ class Agent:
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
         east_m_s, north_m_s = self._mover.velocity(
-            own.at_us / 1e6, *agent_m, peers[:, GOAL_X], peers[:, GOAL_Y], self.maps, self._step_s
+            own.at_us / 1e6, *agent_m, peers[:, GOAL_X], peers[:, GOAL_Y], self.maps, step_s
         )
-        step_s = self._step_s
-        agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
-        self.agent_m = agent_m
+        self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
 
     # Intention --------------------------------------------------------------------------------
 
@@ -208,18 +205,12 @@ class Agent:
             heading_rad = math.atan2(
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
-            flying = OwnMotion(
-                self._key,
-                own.x_m,
-                own.y_m,
-                own.altitude_amsl_m,
-                heading_rad,
-                own.airspeed_m_s,
-                own.wind_x_m_s,
-                own.wind_y_m_s,
+            motion = OwnMotion(
+                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, heading_rad),
+                *(own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
             )
-            held = self._choice if self._choice is not None else AdoptedOrbit(orbit)
-            self._choice = choose_orbit(own.at_us / 1e6, flying, orbit, held, peers, self._rules)
+            held = self._choice or AdoptedOrbit(orbit)
+            self._choice = choose_orbit(own.at_us / 1e6, motion, orbit, held, peers, self._rules)
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
             orbit.x_m,
@@ -235,28 +226,22 @@ class Agent:
         return intention
 
     def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
-        """The orbit round the virtual agent, in phase with the others (section 5.3.2)."""
+        """Return the orbit round the virtual agent, in phase with other UAVs (section 5.3.2)."""
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
         airspeed_m_s = airframe.cruise_m_s
         if self.synchronises:
             airspeed_m_s = airspeed_in_phase_m_s(
-                own.x_m,
-                own.y_m,
-                *centre_m,
-                radius_m,
-                self._key,
-                peers,
-                self.settings.range_m,
-                airframe.min_airspeed_m_s,
-                airframe.max_airspeed_m_s,
+                *(own.x_m, own.y_m, *centre_m, radius_m),
+                *(self._key, peers, self.settings.range_m),
+                *(airframe.min_airspeed_m_s, airframe.max_airspeed_m_s),
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
         return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
     def _climb(self, own: OwnState) -> float:
-        """Metres to climb: up in heat, down again after ``COOL_FOR_S`` (section 5.3.3)."""
+        """Return the climb in metres: it grows in heat, and decreases later (section 5.3.3)."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
             self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)
@@ -269,13 +254,12 @@ class Agent:
     def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
         if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
             self._settled_m, self._settled_at_us = (orbit.x_m, orbit.y_m), own.at_us
-        on_orbit = is_on_orbit(own.x_m, own.y_m, orbit.x_m, orbit.y_m, orbit.radius_m)
-        if not on_orbit:
+        if not is_on_orbit(own.x_m, own.y_m, orbit.x_m, orbit.y_m, orbit.radius_m):
             self._settled_at_us = own.at_us
         return own.at_us - self._settled_at_us >= SETTLED_FOR_S * 1e6
 
     def _queue_state(self, own: OwnState, intention: Intention) -> None:
-        """Send the state when it is due, or at once when the orbit or the goal has changed."""
+        """Queue the state when it is due, or at once if the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
         changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m
@@ -283,22 +267,12 @@ class Agent:
             return
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
+        agent_x_m, agent_y_m = self.agent_m or (None, None)
         state = State(
-            own.at_us,
-            self.name,
-            own.x_m,
-            own.y_m,
-            own.altitude_amsl_m,
-            own.velocity_x_m_s,
-            own.velocity_y_m_s,
-            self.agent_m and self.agent_m[0],
-            self.agent_m and self.agent_m[1],
-            intention.orbit_x_m,
-            intention.orbit_y_m,
-            intention.orbit_radius_m,
-            intention.airspeed_m_s,
+            *(own.at_us, self.name, own.x_m, own.y_m, own.altitude_amsl_m),
+            *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
+            *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
             intention.settled,
-            goal_m and goal_m[0],
-            goal_m and goal_m[1],
+            *(goal_m or ()),
         )
         self._outbox.append(state)

@@ -1,8 +1,8 @@
 """The local maps of one UAV (sections 3.4 and 5.1): fire, augmented fire, area of virtual agents.
 
-The last two are counts: the number of cells of fire within reach of a cell. A cell that begins to
-burn adds one to a disc around it, a cell that is cleared subtracts it again, so updates are
-incremental, and a kernel tests a cell by ``augmentation[row, col] > 0``.
+The last two are counts of the burning cells within reach of each cell. A cell that begins to burn
+adds one to all counts in a disc around it, and a cell that is cleared subtracts one, so that
+updates are incremental. Kernels test a cell by ``augmentation[row, col] > 0``.
 """
 
 import math
@@ -16,17 +16,17 @@ from mission_service.errors import MissionServiceError
 
 Cells = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-Counts = NDArray[Any]  # uint16, or int32 where a disc has more cells than that can count
+Counts = NDArray[Any]  # uint16, or int32 if a disc has 2**16 cells or more
 
 
 class AgentMaps:
-    """The fire on a UAV's map, and the areas that follow. All arrays are (y, x), row 0 north.
+    """The fire on a UAV's map, and the areas derived from it. Arrays are (y, x), row 0 north.
 
-    ``fire`` is true where it burns or has burned. ``augmentation`` and ``area`` count the cells of
-    fire not farther than ``augmentation_m`` and ``agent_area_m``, centre to centre: the paper's
+    ``fire`` is true for burning and burned cells. ``augmentation`` and ``area`` count the cells of
+    fire up to ``augmentation_m`` and ``agent_area_m`` away, centre to centre: the paper's
     augmentation map is ``augmentation > 0``, its virtual agent area ``(area > 0) & ~fire``.
-    ``monitored`` counts those not farther than ``monitoring_m``, for the rule of ``coverage``.
-    ``sums`` is (3,): cells of fire, the sum of their rows, of their columns.
+    ``monitored`` counts those up to ``monitoring_m`` away, for the rule of ``coverage``.
+    ``sums`` (3,) are the number of cells of fire, the sum of their rows and of their columns.
     """
 
     def __init__(
@@ -53,32 +53,25 @@ class AgentMaps:
         for cells, burns in ((cells_on, True), (cells_off, False)):
             if len(cells):
                 check_cells(cells, self.fire.shape)
-                once = np.unique(cells)
-                add_discs(once, burns, self.fire, self._monitoring, self.monitored)
-                stamp(
-                    cells,
-                    burns,
-                    self.fire,
-                    self._near,
-                    self.augmentation,
-                    self._far,
-                    self.area,
-                    self.sums,
-                )
+                unique = np.unique(cells)
+                add_discs(unique, burns, self.fire, self._monitoring, self.monitored)
+                near, far = (self._near, self.augmentation), (self._far, self.area)
+                stamp(cells, burns, self.fire, *near, *far, self.sums)
 
     @property
     def centre_row_col(self) -> tuple[float, float] | None:
-        """The fire's centre of gravity (float row, col); None while there is no fire."""
+        """Return the fire's centre of gravity (float row, col); None without fire."""
         count, rows, cols = self.sums.tolist()
         return (rows / count, cols / count) if count else None
 
 
 def disc(reach_cells: float) -> Cells:
-    """A disc as half its width in each row: columns up to and with that are within reach.
+    """Return the half width of a disc in each of its rows (2 k + 1), in columns.
 
-    (2 k + 1), from the row k cells above the centre to the one k below. Centres of cells count.
+    The rows are from k cells above the centre to k cells below. A cell belongs to the disc if the
+    distance between the centres of the cells is within reach.
     """
-    reach2 = reach_cells * reach_cells + 1e-9  # 160 m are 16 cells of 10 m
+    reach2 = reach_cells * reach_cells + 1e-9  # exact for whole numbers of cells
     k = math.isqrt(int(reach2))
     rows = np.arange(-k, k + 1)
     half_widths: Cells = np.floor(np.sqrt(reach2 - rows * rows)).astype(np.int64)
@@ -86,7 +79,7 @@ def disc(reach_cells: float) -> Cells:
 
 
 def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
-    """Zeros (y, x) of a type that can count all cells of a disc."""
+    """Return zeros (y, x) of a type that can count all cells of a disc."""
     cells = int((2 * half_widths + 1).sum())
     return np.zeros(shape, dtype=np.uint16 if cells < 2**16 else np.int32)
 
@@ -97,13 +90,13 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
     if min_cell < 0 or max_cell >= shape[0] * shape[1]:
         raise MissionServiceError(
             f"fire map: cell {min_cell if min_cell < 0 else max_cell} is not on a map of "
-            f"{shape[0]} x {shape[1]} cells; all must fly with the same landscape"
+            f"{shape[0]} x {shape[1]} cells; use the same landscape for all vehicles"
         )
 
 
 @kernel
 def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add or subtract the discs of cells, each given once, that ``stamp`` is about to change."""
+    """Add or subtract the discs of the unique cells that the next ``stamp`` will change."""
     for i in range(cells.size):
         row, col = cells[i] // fire.shape[1], cells[i] % fire.shape[1]
         if fire[row, col] != burns:
@@ -112,7 +105,7 @@ def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyp
 
 @kernel
 def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type: ignore[no-untyped-def]
-    """Set cells to fire or not; add or subtract the discs of those that change."""
+    """Set cells to fire or not; add or subtract the discs of the cells that change."""
     cols = fire.shape[1]
     sign = 1 if burns else -1
     for i in range(cells.size):
@@ -129,7 +122,7 @@ def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type
 
 @kernel
 def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Indices are unsigned: with a test for negative ones it is 6 times as slow."""
+    """Add ``sign`` to a disc. Unsigned indices avoid a test, which makes it 6 times as fast."""
     rows, cols = counts.shape
     k = half_widths.size // 2
     for r in range(max(row - k, 0), min(row + k + 1, rows)):

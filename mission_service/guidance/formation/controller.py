@@ -1,11 +1,11 @@
-"""Flight in a formation: orbits that move with virtual agents, and loiters at settled agents.
+"""Guidance of a formation: orbits that follow virtual agents, and loiters at settled agents.
 
-A vehicle flies to the fire and loiters by a mission, so that it ends there if anything fails. On
-the way its agent takes control: orbit commands of the stack follow the virtual agent. Once the
-agent has settled, the circle becomes the loiter of the vehicle's mission, which it then flies; when
-the agent moves, orbit commands resume. Meanwhile the mission on board is renewed at intervals, so
-that it ends in a circle nearby. The rate of commands is limited: one under way at a time, and a
-minimum interval for each kind.
+The first mission of a vehicle leads to a loiter near the fire, where the vehicle stays if anything
+fails. During this flight its agent takes control: orbit commands of the stack follow the virtual
+agent. When the agent has settled, its circle becomes the loiter of the mission, and the vehicle
+flies the mission; when the agent moves, orbit commands resume. The mission on board is renewed at
+intervals, so that it ends in a circle nearby. The rate of commands is limited: one pending command
+at a time, and a minimum interval for each kind.
 """
 
 import math
@@ -60,53 +60,63 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 
 ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
-# Near others a vehicle must fly the orbit that its agent has sent and checked.
+# Near other vehicles the commanded orbit must match the orbit that the agent has checked and sent.
 NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
 RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
-LOOK_DOWN_EVERY_S = 10.0
+CHECK_GROUND_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
 CLIMBS_BELOW_M = 30.0
 SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
-AGAIN_AFTER_S = 5.0
-HOME_WITHIN_M = 500.0  # from here its autopilot flies home
-UNANSWERED_S = 30.0  # timeout of an order without an outcome
-TAKES_EFFECT_S = 15.0  # a mode change within this time of an orbit order is its effect
-# The mode in which a stack flies commanded orbits.
+RETRY_AFTER_S = 5.0
+HOME_WITHIN_M = 500.0  # within this distance of home the autopilot flies the return
+ORDER_TIMEOUT_S = 30.0
+TAKES_EFFECT_S = 15.0  # a mode change within this time after an orbit command is its effect
+# Modes in which the stacks fly commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
 
 @dataclass
-class Led:
-    """The flight state of one vehicle, and the orders sent to it."""
+class OrderState:
+    """The state of one vehicle, and the orders sent to it."""
 
-    leads: bool = False  # it flies its mission or our orbits, not under manual control
+    guided: bool = False  # it flies its mission or commanded orbits, not under manual control
     taken_over: bool = False
     mode: str = ""
-    order: str = ""  # under way
+    order: str = ""  # pending order
     ordered_at_s: float = -math.inf
-    circle: Circle | None = None  # ordered last, or flown by the mission
+    circle: Circle | None = None  # last ordered, or flown by the mission
     altitude_m: float = 0.0
     orbit_at_s: float = -math.inf
-    look_down_at_s: float = -math.inf
+    check_ground_at_s: float = -math.inf
     airspeed_m_s: float | None = None
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # latest end of the agent's control
+    goes_home_until_s: float = math.inf  # limit of the agent's control
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 
+    def has_settled(self, at_s: float) -> bool:
+        """Return whether the agent has been settled long enough for a loiter item."""
+        return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
+
+    def start_due(self, at_s: float) -> bool:
+        """Return whether to start the mission on board, which ends in the circle being flown."""
+        if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
+            return False
+        return self.has_settled(at_s) and at_s >= self.start_not_before_s
+
 
 def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
-    """Distance from the fire's centre at which a vehicle's circle is clear of all known fire."""
+    """Return the distance from the fire's centre at which a circle is clear of all known fire."""
     return formation.reach_m + 3.0 * section.loiter_radius_m
 
 
 def waits_at(
     scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
 ) -> Place:
-    """The end of a vehicle's first mission: its own place at the fire's edge."""
+    """Return the end of a vehicle's first mission: its own place at the fire's edge."""
     number = [each.name for each in scenario.vehicles].index(section.name)
     reach_m = clear_of_fire_m(formation, section)
     apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
@@ -116,7 +126,7 @@ def waits_at(
 def mission_to_place(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """The first mission of a vehicle on the ground: to its place at the fire's edge."""
+    """Return the first mission of a vehicle on the ground: to its place at the fire's edge."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
     landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
@@ -124,7 +134,7 @@ def mission_to_place(
 
 
 class FormationFlight(Guidance):
-    """Commands each vehicle to fly as its agent intends."""
+    """Guidance that sends the agents' intended orbits as commands to the vehicles."""
 
     def __init__(
         self,
@@ -138,117 +148,121 @@ class FormationFlight(Guidance):
         self.formation = Formation(scenario, landscape)
         self.planners = self.formation.members
         self._missions = missions
-        self._led = {section.name: Led() for section in scenario.vehicles}
-        self._not_understood: set[str] = set()
-        self._in_contact = not scenario.formation.peer_messaging  # else it circles in place
+        self._states = {section.name: OrderState() for section in scenario.vehicles}
+        self._rejected_senders: set[str] = set()
+        self._in_contact = (
+            not scenario.formation.peer_messaging
+        )  # else each vehicle keeps its loiter
 
     # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """After a restart of the service: drop pending orders; agents send their orbits again."""
+        """Drop pending orders after a restart of the service; orbits are commanded again."""
         if isinstance(event, Resumed):
-            for led in self._led.values():
-                if led.order == "orbit":  # it may have arrived and may still change the mode
-                    led.orbit_at_s = event.at_us / 1e6
-                led.order, led.circle, led.airspeed_m_s = "", None, None
+            for state in self._states.values():
+                if (
+                    state.order == "orbit"
+                ):  # it may have been received and may still change the mode
+                    state.orbit_at_s = event.at_us / 1e6
+                state.order, state.circle, state.airspeed_m_s = "", None, None
         return []
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Process results, modes and restarts; returns announcements and messages."""
-        led, at_s = self._led[vehicle.name], event.at_us / 1e6
+        """Process results, modes and restarts; return announcements and messages."""
+        state, at_s = self._states[vehicle.name], event.at_us / 1e6
         commands: list[AnyCommand] = []
         match event:
             case CommandFinished():
-                self._finished(led, event, at_s)
+                self._finished(state, event, at_s)
             case UploadFinished() if vehicle.pending is None:
-                led.loiter = led.sending if event.outcome == "accepted" else None
+                state.loiter = state.sending if event.outcome == "accepted" else None
             case MissionReadBack() if vehicle.read_back == "new":
-                led.loiter = led.sending
+                state.loiter = state.sending
             case MissionReadBack() if vehicle.read_back == "unknown":
-                led.loiter = None
-            case Telemetry() if self._is_manual(vehicle, led):
+                state.loiter = None
+            case Telemetry() if self._is_manual(vehicle, state):
                 assert vehicle.availability.fix is not None
                 self.formation.track_manual(vehicle.name, vehicle.availability.fix)
             case LinkLost() if (
-                led.taken_over or self.formation.members[vehicle.name].manual_control
+                state.taken_over or self.formation.members[vehicle.name].manual_control
             ):
                 self.formation.on_link_lost(vehicle.name)
             case LinkRestored():
-                led.circle = led.airspeed_m_s = None
+                state.circle = state.airspeed_m_s = None
             case VehicleRebooted():
                 self.formation.end_tracking(vehicle.name, event.at_us)
-                self._led[vehicle.name] = Led()
+                self._states[vehicle.name] = OrderState()
             case ModeChanged():
-                self._mode_changed(vehicle, led, event, at_s)
+                self._mode_changed(vehicle, event, at_s)
             case PeerLinkChanged():
                 self._in_contact = event.there
             case PeerMessage():
                 commands += self._receive(vehicle, event.message)
-            case _:
-                pass
         return [*commands, *self.formation.outgoing()]
 
-    def _is_manual(self, vehicle: Vehicle, led: Led) -> bool:
-        """Whether it is in the air and under control of neither its agent nor its mission."""
+    def _is_manual(self, vehicle: Vehicle, state: OrderState) -> bool:
+        """Return whether it is airborne and controlled by neither its agent nor its mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.fix is None:
             return False
-        return bool(vehicle.ordered) or availability.recalled or not led.leads
+        return bool(vehicle.ordered) or availability.recalled or not state.guided
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
-        """Apply a peer's message; reject cells off this map, with one report per sender."""
+        """Apply a peer's message; reject cells off the map, with one warning for each sender."""
         try:
             self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
-            if message.sender not in self._not_understood:
-                self._not_understood.add(message.sender)
-                return [announce(vehicle, f"message dropped: {error}", warning=True)]
+            if message.sender not in self._rejected_senders:
+                self._rejected_senders.add(message.sender)
+                return [announce(vehicle, f"message rejected: {error}", warning=True)]
         return []
 
-    def _finished(self, led: Led, event: CommandFinished, at_s: float) -> None:
-        if event.command != led.order:
+    def _finished(self, state: OrderState, event: CommandFinished, at_s: float) -> None:
+        if event.command != state.order:
             return
-        led.order = ""
+        state.order = ""
         if event.accepted:
             return
         match event.command:
             case "orbit":
-                led.circle, led.orbit_at_s = None, at_s + AGAIN_AFTER_S - ORBIT_EVERY_S
+                state.circle, state.orbit_at_s = None, at_s + RETRY_AFTER_S - ORBIT_EVERY_S
             case "change speed":
-                led.airspeed_m_s, led.speed_at_s = None, at_s + AGAIN_AFTER_S
+                state.airspeed_m_s, state.speed_at_s = None, at_s + RETRY_AFTER_S
             case _:
-                led.start_not_before_s = at_s + 2.0 * AGAIN_AFTER_S
+                state.start_not_before_s = at_s + 2.0 * RETRY_AFTER_S
 
-    def _mode_changed(self, vehicle: Vehicle, led: Led, event: ModeChanged, at_s: float) -> None:
+    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, at_s: float) -> None:
+        state = self._states[vehicle.name]
         if not event.armed:
             self.formation.members[vehicle.name].agent.come_back()
             self.formation.end_tracking(vehicle.name, event.at_us)
-            self._led[vehicle.name] = Led(loiter=led.loiter, sending=led.sending)
+            self._states[vehicle.name] = OrderState(loiter=state.loiter, sending=state.sending)
             return
-        if event.mode == led.mode and led.leads and event.mode != "mission":
-            return  # reported again after a restart of the service
-        if event.mode != led.mode:  # both stacks reset the speed with the mode
-            led.mode, led.airspeed_m_s = event.mode, None
+        if event.mode == state.mode and state.guided and event.mode != "mission":
+            return  # a repeated report after a restart of the service
+        if event.mode != state.mode:  # both stacks reset the airspeed at a mode change
+            state.mode, state.airspeed_m_s = event.mode, None
         if event.mode == "mission":
-            led.leads = True
-            if led.loiter is None or led.loiter != led.circle:
-                led.circle = None
+            state.guided = True
+            if state.loiter is None or state.loiter != state.circle:
+                state.circle = None
             return
-        ordered = led.order == "orbit" or at_s - led.orbit_at_s < TAKES_EFFECT_S
-        if not led.leads or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
+        ordered = state.order == "orbit" or at_s - state.orbit_at_s < TAKES_EFFECT_S
+        if not state.guided or (ordered and event.mode in ORBITS_IN[vehicle.section.stack]):
             return
-        self._led[vehicle.name] = Led(mode=event.mode, loiter=led.loiter, sending=led.sending)
+        state = OrderState(mode=event.mode, loiter=state.loiter, sending=state.sending)
+        self._states[vehicle.name] = state
         self.formation.members[vehicle.name].left(at_s)
         self.formation.end_tracking(vehicle.name, event.at_us)
 
     def in_mission(self, name: str) -> bool:
-        """Whether it flies the mission it has on board, by its mode."""
-        return self._led[name].mode == "mission"
+        """Return whether the vehicle flies its mission, by its mode."""
+        return self._states[name].mode == "mission"
 
     # Missions ---------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """The path to the edge of the fire; in the air to the nearest place clear of it."""
+        """Return the path to the fire's edge; in the air to the nearest place clear of fire."""
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
             reach_m = clear_of_fire_m(self.formation, section)
@@ -258,40 +272,39 @@ class FormationFlight(Guidance):
         return np.array([(fix.x_m, fix.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission to a waiting place."""
-        section, led = vehicle.section, self._led[vehicle.name]
+        """Return the mission to a waiting place."""
+        section, state = vehicle.section, self._states[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
-        led.sending = circle
+        state.sending = circle
         if not vehicle.availability.airborne:
             return first_mission(self.landscape, circle, section, vehicle.landing.at(fix.at_s))
         altitude_m = self._altitude(vehicle, circle, fix)
         return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(fix.at_s))
 
-    def _begin_again(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Send the first mission again to a vehicle that refused it in the air at the start."""
+    def _resend_first(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
+        """Send the first mission again to an airborne vehicle that rejected it."""
         if fix.at_s < vehicle.not_before_s:
             return []
         path_m = self.first_path(vehicle, fix)
         items = self.items(vehicle, path_m, fix)
         return [self._missions.upload(vehicle, path_m, items, fix, "fly to the fire")]
 
-    def _renew(self, vehicle: Vehicle, led: Led, fix: PositionFix) -> list[AnyCommand]:
-        """Renew the mission so that it ends in the circle being flown, if that is due."""
-        circle = led.circle
-        if circle is None or vehicle.awaits_mission or led.mode == "mission":
+    def _renew(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> list[AnyCommand]:
+        """Renew the mission if due, so that it ends in the circle being flown."""
+        circle = state.circle
+        if circle is None or circle == state.loiter or vehicle.awaits_mission:
             return []
-        if led.order == "orbit" or fix.at_s < vehicle.not_before_s:
+        if state.mode == "mission" or state.order == "orbit" or fix.at_s < vehicle.not_before_s:
             return []
-        settled = self._has_settled(led, fix)
-        if led.loiter is not None and not settled:
-            near = math.dist(circle.centre_m, led.loiter.centre_m) < RENEW_BEYOND_M
+        settled = state.has_settled(fix.at_s)
+        if state.loiter is not None and not settled:
+            near = math.dist(circle.centre_m, state.loiter.centre_m) < RENEW_BEYOND_M
             if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
-        if circle == led.loiter:
-            return []
-        led.sending = circle
-        items = loiter_mission(self.landscape, circle, led.altitude_m, vehicle.landing.at(fix.at_s))
-        why = "settled: loiter here" if settled else "loiter not far from here"
+        state.sending = circle
+        landing = vehicle.landing.at(fix.at_s)
+        items = loiter_mission(self.landscape, circle, state.altitude_m, landing)
+        why = "settled: loiter on this circle" if settled else "loiter on a circle nearby"
         path_m = np.array([circle.centre_m])
         return [self._missions.upload(vehicle, path_m, items, fix, why)]
 
@@ -302,115 +315,102 @@ class FormationFlight(Guidance):
     # Orders -----------------------------------------------------------------------------------
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Commands to follow the agent; none before the vehicle has climbed out by its mission."""
-        led = self._led[vehicle.name]
+        """Return commands to follow the agent; none before the mission's climb is complete."""
+        state = self._states[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
-            return self._begin_again(vehicle, fix)
-        if not led.leads or not (led.taken_over or self._takes_over(vehicle, led, fix)):
+            return self._resend_first(vehicle, fix)
+        if not state.guided or not (state.taken_over or self._takes_over(vehicle, state, fix)):
             return []
         if not self._in_contact:
             return []
         intention = self.formation.step(vehicle.name, fix)
-        wanted = Circle(
-            intention.orbit_x_m,
-            intention.orbit_y_m,
-            intention.orbit_radius_m,
-            intention.climb_m,
-        )
+        centre_m, radius_m = (intention.orbit_x_m, intention.orbit_y_m), intention.orbit_radius_m
+        desired = Circle(*centre_m, radius_m, intention.climb_m)
         near = not intention.settled and self.formation.is_near_others(vehicle.name)
-        orbit_due = self._orbit_due(vehicle, led, wanted, fix, near)
+        orbit_due = self._orbit_due(vehicle, state, desired, fix, near)
         if orbit_due or not intention.settled:
-            led.settled_since_s = None
-        elif led.settled_since_s is None:
-            led.settled_since_s = fix.at_s
+            state.settled_since_s = None
+        elif state.settled_since_s is None:
+            state.settled_since_s = fix.at_s
         commands: list[AnyCommand] = []
-        if led.order and fix.at_s - led.ordered_at_s < UNANSWERED_S:
+        if state.order and fix.at_s - state.ordered_at_s < ORDER_TIMEOUT_S:
             pass
         elif orbit_due:
-            commands.append(self._orbit(vehicle, led, wanted, fix))
-        elif self._start_due(led, fix):
-            led.order, led.ordered_at_s = "start mission", fix.at_s
-            led.start_not_before_s = fix.at_s + AGAIN_AFTER_S
+            commands.append(self._orbit(vehicle, desired, fix))
+        elif state.start_due(fix.at_s):
+            state.order, state.ordered_at_s = "start mission", fix.at_s
+            state.start_not_before_s = fix.at_s + RETRY_AFTER_S
             commands.append(StartMission(vehicle.name))
         else:
-            commands += self._speed(vehicle, led, intention, fix, near)
-        return [*commands, *self._renew(vehicle, led, fix)]
+            commands += self._speed(vehicle, intention, fix, near)
+        return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Commands home by the agent, which avoids the others; None near home."""
-        led = self._led[vehicle.name]
+        """Return commands by which the agent guides a vehicle home; None near home."""
+        state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
-        if away_m < HOME_WITHIN_M or not led.taken_over:
+        if away_m < HOME_WITHIN_M or not state.taken_over:
             return None
         if not vehicle.going_home:
             vehicle.going_home = True
             slow_m_s = max(vehicle.section.airspeed_m_s / 2.0, 1.0)
-            led.goes_home_until_s = fix.at_s + away_m / slow_m_s
+            state.goes_home_until_s = fix.at_s + away_m / slow_m_s
             self.formation.members[vehicle.name].agent.go_home(*vehicle.home_m)
-            words = "its time is nearly over: led home"
+            words = "flight time is nearly over: guided home"
             return [announce(vehicle, words), *self.lead(vehicle, fix)]
-        return self.lead(vehicle, fix) if fix.at_s < led.goes_home_until_s else None
+        return self.lead(vehicle, fix) if fix.at_s < state.goes_home_until_s else None
 
-    def _takes_over(self, vehicle: Vehicle, led: Led, fix: PositionFix) -> bool:
-        """Whether it is clear of its home and of the terrain."""
+    def _takes_over(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> bool:
+        """Return whether it is clear of its home and of the terrain."""
         place_m: Place = (fix.x_m, fix.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
             return False
         reach_m = 2.0 * vehicle.section.loiter_radius_m
         ground_m = highest_ground_m(self.landscape, place_m, place_m, reach_m)
         clear_m = min(CLIMBS_FIRST_M, vehicle.section.altitude_agl_m) / 2.0
-        led.taken_over = fix.altitude_m >= ground_m + clear_m
-        return led.taken_over
+        state.taken_over = fix.altitude_m >= ground_m + clear_m
+        return state.taken_over
 
     def _orbit_due(
-        self, vehicle: Vehicle, led: Led, wanted: Circle, fix: PositionFix, near: bool
+        self, vehicle: Vehicle, state: OrderState, desired: Circle, fix: PositionFix, near: bool
     ) -> bool:
-        flown = led.circle
+        flown = state.circle
         if flown is None:
-            return fix.at_s - led.orbit_at_s >= ORBIT_EVERY_S
-        wider = abs(wanted.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
-        if fix.at_s - led.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
+            return fix.at_s - state.orbit_at_s >= ORBIT_EVERY_S
+        wider = abs(desired.radius_m - flown.radius_m) >= RADIUS_CHANGES_M
+        if fix.at_s - state.orbit_at_s < (NEAR_EVERY_S if wider or near else ORBIT_EVERY_S):
             return False
         moves_m = NEAR_MOVES_M if near else ORBIT_MOVES_M
-        if wider or math.dist(wanted.centre_m, flown.centre_m) > moves_m:
+        if wider or math.dist(desired.centre_m, flown.centre_m) > moves_m:
             return True
-        if abs(wanted.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
+        if abs(desired.climb_m - flown.climb_m) >= ALTITUDE_CHANGES_M:
             return True
-        if fix.at_s < led.look_down_at_s:
+        if fix.at_s < state.check_ground_at_s:
             return False
-        led.look_down_at_s = fix.at_s + LOOK_DOWN_EVERY_S
-        return abs(self._altitude(vehicle, flown, fix) - led.altitude_m) >= ALTITUDE_CHANGES_M
+        state.check_ground_at_s = fix.at_s + CHECK_GROUND_EVERY_S
+        return abs(self._altitude(vehicle, flown, fix) - state.altitude_m) >= ALTITUDE_CHANGES_M
 
-    def _orbit(self, vehicle: Vehicle, led: Led, wanted: Circle, fix: PositionFix) -> Orbit:
-        led.circle, led.altitude_m = wanted, self._altitude(vehicle, wanted, fix)
-        led.order, led.ordered_at_s = "orbit", fix.at_s
-        led.orbit_at_s, led.look_down_at_s = fix.at_s, fix.at_s + LOOK_DOWN_EVERY_S
-        return orbit_of(vehicle.name, self.landscape, wanted, led.altitude_m)
-
-    def _has_settled(self, led: Led, fix: PositionFix) -> bool:
-        since_s = led.settled_since_s
-        return since_s is not None and fix.at_s - since_s >= SETTLED_FOR_S
-
-    def _start_due(self, led: Led, fix: PositionFix) -> bool:
-        """Whether to start the mission on board, which ends in the commanded circle being flown."""
-        ready = led.loiter is not None and led.loiter == led.circle and led.mode != "mission"
-        return ready and self._has_settled(led, fix) and fix.at_s >= led.start_not_before_s
+    def _orbit(self, vehicle: Vehicle, circle: Circle, fix: PositionFix) -> Orbit:
+        state = self._states[vehicle.name]
+        state.circle, state.altitude_m = circle, self._altitude(vehicle, circle, fix)
+        state.order, state.ordered_at_s = "orbit", fix.at_s
+        state.orbit_at_s, state.check_ground_at_s = fix.at_s, fix.at_s + CHECK_GROUND_EVERY_S
+        return orbit_of(vehicle.name, self.landscape, circle, state.altitude_m)
 
     def _speed(
-        self, vehicle: Vehicle, led: Led, intention: Intention, fix: PositionFix, near: bool
+        self, vehicle: Vehicle, intention: Intention, fix: PositionFix, near: bool
     ) -> list[AnyCommand]:
-        section = vehicle.section
-        least, most = section.min_airspeed_m_s, section.max_airspeed_m_s
-        if fix.altitude_m < led.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
-            least = max(least, min(section.airspeed_m_s, most))
-        wanted = round(min(max(intention.airspeed_m_s, least), most), 1)
-        told = led.airspeed_m_s
-        # At once after a mode change, which resets the airspeed.
+        section, state = vehicle.section, self._states[vehicle.name]
+        min_m_s, max_m_s = section.min_airspeed_m_s, section.max_airspeed_m_s
+        if fix.altitude_m < state.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
+            min_m_s = max(min_m_s, min(section.airspeed_m_s, max_m_s))
+        new_m_s = round(min(max(intention.airspeed_m_s, min_m_s), max_m_s), 1)
+        ordered_m_s = state.airspeed_m_s  # None after a mode change, which resets it
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
-        if fix.at_s - led.speed_at_s < (0.0 if told is None else every_s):
+        if fix.at_s - state.speed_at_s < (0.0 if ordered_m_s is None else every_s):
             return []
-        if told is not None and abs(wanted - told) <= SPEED_CHANGES_M_S:
+        if ordered_m_s is not None and abs(new_m_s - ordered_m_s) <= SPEED_CHANGES_M_S:
             return []
-        led.airspeed_m_s, led.speed_at_s = wanted, fix.at_s
-        led.order, led.ordered_at_s = "change speed", fix.at_s
-        return [ChangeSpeed(vehicle.name, wanted)]
+        state.airspeed_m_s, state.speed_at_s = new_m_s, fix.at_s
+        state.order, state.ordered_at_s = "change speed", fix.at_s
+        return [ChangeSpeed(vehicle.name, new_m_s)]

@@ -1,20 +1,22 @@
-"""A rule for virtual agents beyond the paper's forces: each goes where it adds most coverage.
+"""Coverage rule for virtual agents, beyond the paper's forces: maximise the added coverage.
 
-An agent's gain, the weight in its circle that no other agent covers, is its part of a potential,
-the weight that all cover together. So every gain of one agent is a gain of all, and they come to
-rest, in measurements within 3 % of the best placement (``experiments/static_placement.py``).
-Forces stop wherever they cancel: between the fire's centre and a neighbour.
+An agent's gain is the weight in its circle that no other agent covers. The total weight covered is
+a potential: a gain of one agent is a gain of all. Therefore the agents come to rest, in
+measurements within 3 % of the best placement (``experiments/virtual_agents/static_placement.py``).
+With forces, agents stop where the forces cancel, between the fire's centre and a neighbour.
 
-An agent compares all places of a lattice in its area, less the cost of the path there, which leads
-around the augmented fire. It moves only for a gain of ``WORTH`` or when the fire comes, so that a
-loiter item can fly a settled one. Where it gains no coverage, it keeps away from others.
+An agent compares all places of a lattice in its area by their gain minus the cost of the path,
+which leads around the augmented fire. It moves only for a gain of ``WORTH`` or if fire reaches its
+place, so that a loiter item can fly the orbit of a settled agent. Among places without a gain it
+prefers those far from other agents.
 
-Weights count in fifths: 5 for a cell within the augmentation (priority 1), 1 within d_mon (0.2).
+Weights are in fifths: 5 for a cell within the augmentation (priority 1), 1 within d_mon (0.2).
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +32,22 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 
 Floats = NDArray[np.float64]
 
-# Minimum gain of a move at once (half a percent of what four cover), and after a time in a place.
+# Minimum gain of a move at first (0.5 % of the coverage of four), and after LATER_S at a place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
-WAY_PER_M = 0.03  # cost of a metre of path
-CROWD_M = 150.0  # others nearer than this cost much more (``coverage_kernels.CROWD``)
+COST_PER_M = 0.03  # cost of a metre of path
+CROWD_M = 150.0  # closer agents have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
-MARGIN_M = 10.0  # a place nearer to the augmented fire has a cost, for the fire grows
+MARGIN_M = 10.0  # a place closer to the augmented fire has a cost, since the fire grows
 ARRIVED_M = 0.5
-STILL_M = 5.0  # another agent that moved farther since the last decision is passing
+STILL_M = 5.0  # an agent that moved farther since the last decision is in transit
 DECIDE_EVERY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The goal of a virtual agent, and the via: the last point on its path in a straight line.
+    """The goal of a virtual agent, and the via: the end of the first straight leg of its path.
 
-    ``since_s`` is when the goal was chosen.
+    ``since_s`` is the time at which the goal was chosen.
     """
 
     x_m: float
@@ -55,14 +57,13 @@ class Goal:
     since_s: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Workspace:
-    """The circle of coverage, and arrays that kernels write in; shared by all agents."""
+class _Workspace(NamedTuple):
+    """The circle of coverage, and work arrays of kernels; shared by all agents."""
 
     half_widths: NDArray[np.int64]
     sums: NDArray[np.int32]  # (rows, cols + 1)
     distances: Floats
-    before: NDArray[np.int64]
+    previous: NDArray[np.int64]
     queue: NDArray[np.int64]
     queued: NDArray[np.bool_]
     found: Floats
@@ -93,10 +94,10 @@ def next_goal(
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
-    """The goal of the agent at (x, y); None outside its area, where forces move the agent.
+    """Return the goal of the agent at (x, y); None outside its area, where forces move the agent.
 
-    ``goal`` is the previous result (None at first), ``others_m`` (n, 2) x, y of the other agents,
-    or of where they go. To be called every few seconds (``AgentMover``).
+    ``goal`` is the previous result (None at first), ``others_m`` (n, 2) are x, y of the goals or
+    positions of the other agents. ``AgentMover`` calls this function every few seconds.
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -108,21 +109,13 @@ def next_goal(
     stride = max(round(LATTICE_M / cell_m), 1)
     radius = settings.coverage_radius_m / cell_m
     workspace = _workspace(grid.rows, grid.cols, stride, radius)
-    found = workspace.found
     if not find_goal(
-        row,
-        col,
-        goal is not None,
-        goal_row,
-        goal_col,
+        *(row, col, goal is not None, goal_row, goal_col),
         (grid.north_m - others_m[:, 1]) / cell_m - 0.5,
         (others_m[:, 0] - grid.west_m) / cell_m - 0.5,
-        maps.fire,
-        maps.augmentation,
-        maps.monitored,
-        maps.area,
+        *(maps.fire, maps.augmentation, maps.monitored, maps.area),
         WORTH + patience * (WORTH_LATER - WORTH),
-        WAY_PER_M * cell_m,
+        COST_PER_M * cell_m,
         math.ceil(MARGIN_M / cell_m),
         radius,
         math.ceil(settings.monitoring_m / cell_m) + 1,
@@ -130,37 +123,31 @@ def next_goal(
         settings.spacing_m / cell_m,
         CROWD_M / cell_m,
         stride,
-        workspace.half_widths,
-        workspace.sums,
-        workspace.distances,
-        workspace.before,
-        workspace.queue,
-        workspace.queued,
-        found,
+        *workspace,
     ):
         return None
-    goal_x_m, goal_y_m = grid.xy_of(*found[:2].tolist())
+    goal_x_m, goal_y_m = grid.xy_of(*workspace.found[:2].tolist())
     if goal is None or math.hypot(goal_x_m - goal.x_m, goal_y_m - goal.y_m) > 1e-6:
         since_s = at_s
-    return Goal(goal_x_m, goal_y_m, *grid.xy_of(*found[2:].tolist()), since_s)
+    return Goal(goal_x_m, goal_y_m, *grid.xy_of(*workspace.found[2:].tolist()), since_s)
 
 
 def velocity(
     x_m: float, y_m: float, goal: Goal, max_m_s: float, step_s: float
 ) -> tuple[float, float]:
-    """Velocity (east, north) in m/s of the agent for a step; it stops at the via."""
+    """Return the velocity (east, north) in m/s of the agent for a step; it stops at the via."""
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
-    way_m = math.hypot(east, north)
-    if way_m < ARRIVED_M or step_s <= 0.0:
+    distance_m = math.hypot(east, north)
+    if distance_m < ARRIVED_M or step_s <= 0.0:
         return 0.0, 0.0
-    speed_m_s = min(max_m_s, way_m / step_s)
-    return east / way_m * speed_m_s, north / way_m * speed_m_s
+    speed_m_s = min(max_m_s, distance_m / step_s)
+    return east / distance_m * speed_m_s, north / distance_m * speed_m_s
 
 
 class AgentMover:
     """Moves one virtual agent: by this rule within its area, by the paper's forces outside.
 
-    With ``placement`` "forces" of the settings it moves by the paper's forces alone.
+    With ``placement`` "forces" in the settings, the agent moves by the paper's forces only.
     """
 
     def __init__(self, settings: Settings, grid: MapGrid, tie_rad: float) -> None:
@@ -169,11 +156,11 @@ class AgentMover:
         self._constants = constants_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
-        self._others_m: Floats = np.empty((0, 2))  # when it decided last
+        self._others_m: Floats = np.empty((0, 2))  # at the last decision
 
     @property
     def goal_m(self) -> tuple[float, float] | None:
-        """The goal to send to the others; None while forces move the agent."""
+        """Return the goal to send to the others; None while forces move the agent."""
         goal = self.goal
         return None if goal is None else (goal.x_m, goal.y_m)
 
@@ -187,9 +174,10 @@ class AgentMover:
         maps: AgentMaps,
         step_s: float,
     ) -> tuple[float, float]:
-        """Velocity (east, north) in m/s for the next ``step_s``; 0 without fire. Times only rise.
+        """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_*`` (n): places or goals of the other virtual agents in range, NaN if absent.
+        ``others_*`` (n) are goals or positions of the other virtual agents in range, NaN if absent.
+        ``at_s`` must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col
@@ -200,7 +188,7 @@ class AgentMover:
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
         ):
-            # Due times keep their offset, so that no two agents decide together again and again.
+            # Due times keep their offset, so that two agents do not always decide at the same time.
             if at_s >= self._due_s:
                 self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
             others_m = np.stack([others_x_m, others_y_m], axis=1)
@@ -208,34 +196,23 @@ class AgentMover:
         if self.goal is not None:
             return velocity(x_m, y_m, self.goal, settings.agent_speed_m_s, step_s)
         east_m_s, north_m_s = velocity_of_forces(
-            x_m,
-            y_m,
-            others_x_m,
-            others_y_m,
-            *grid.xy_of(*centre),
-            maps.augmentation,
-            maps.area,
-            grid.west_m,
-            grid.north_m,
-            grid.cell_m,
-            self._constants,
-            settings.spacing_m,
-            settings.agent_speed_m_s,
-            self._tie_rad,
+            *(x_m, y_m, others_x_m, others_y_m, *grid.xy_of(*centre)),
+            *(maps.augmentation, maps.area, grid.west_m, grid.north_m, grid.cell_m),
+            *(self._constants, settings.spacing_m, settings.agent_speed_m_s, self._tie_rad),
         )
         return float(east_m_s), float(north_m_s)
 
     def _decide(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
     ) -> None:
-        """Choose a goal. An agent at its goal does not give way to others that are only passing."""
+        """Choose a goal. An agent at its goal does not give way to agents in transit."""
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
             away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (before, now)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
-            alone = self._next(at_s, x_m, y_m, still_m, maps)
-            goal = goal if alone is None or alone.since_s == at_s else self.goal
+            without = self._next(at_s, x_m, y_m, still_m, maps)
+            goal = goal if without is None or without.since_s == at_s else self.goal
         self.goal = goal
 
     def _next(
@@ -247,6 +224,6 @@ class AgentMover:
         return math.dist((x_m, y_m), (goal.x_m, goal.y_m)) < ARRIVED_M
 
     def _is_at_via(self, x_m: float, y_m: float, goal: Goal) -> bool:
-        """Whether it is at a corner of its path, before the goal."""
+        """Return whether it is at a corner of its path, before the goal."""
         at_via = math.dist((x_m, y_m), (goal.via_x_m, goal.via_y_m)) < ARRIVED_M
         return at_via and not self._is_at(x_m, y_m, goal)

@@ -1,11 +1,11 @@
 """Compiled parts of ``coverage``: the weight that a circle adds, and paths around the fire.
 
-Lengths are in cells, places are float (row, col) of the grid with whole numbers at the centres of
-cells. Boxes are (top, bottom, left, right), the second and last excluded. The lattice has a node at
-each cell whose row and column are multiples of ``stride``; node (i, j) has the number
+Lengths are in cells, and places are float (row, col) with whole numbers at the centres of cells.
+Boxes are (top, bottom, left, right), without row ``bottom`` and column ``right``. The lattice has a
+node at each cell whose row and column are multiples of ``stride``; node (i, j) has the number
 ``i * wide + j``.
 
-Indices of inner loops are unsigned: signed ones cost a test for negative values each time.
+Indices of inner loops are unsigned, since signed indices require a test for negative values.
 """
 
 import math
@@ -14,18 +14,18 @@ import numpy as np
 
 from firemodel.compiled import kernel
 
-NEAR, FAR = 5, 1  # fifths of a cell (section 3.4)
+NEAR, FAR = 5, 1  # weights of cells in fifths (section 3.4)
 RINGS = 8  # radius, in strides, of the search for the first free node
-PER_CELL = 4  # samples along a straight line
+PER_CELL = 4  # samples of a straight line
 NO_PATH = math.inf
-# Others nearer than the spacing cost up to the first, nearer than CROWD_M up to the second more.
+# Maximum cost of an agent closer than the spacing, and additional one if closer than CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
-TOUCHING = 50.0  # what a place within the margin of the augmented fire costs
+TOUCHING = 50.0  # cost of a place within the margin of the augmented fire
 
 
 @kernel
 def extent(fire):  # type: ignore[no-untyped-def]
-    """The least box around all fire (rows, cols); without fire an empty one."""
+    """Return the smallest box around all fire (rows, cols); an empty one without fire."""
     rows, cols = fire.shape
     top, bottom, left, right = rows, 0, cols, 0
     for r in range(rows):
@@ -46,7 +46,7 @@ def extent(fire):  # type: ignore[no-untyped-def]
 
 @kernel
 def wider(box, by, shape):  # type: ignore[no-untyped-def]
-    """A box made larger on all sides, within the map."""
+    """Return a box extended on all sides, within the map."""
     return (
         max(box[0] - by, 0),
         min(box[1] + by, shape[0]),
@@ -57,7 +57,7 @@ def wider(box, by, shape):  # type: ignore[no-untyped-def]
 
 @kernel
 def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
-    """Fill ``sums`` (rows, cols + 1) in the box with sums along rows of uncovered weights."""
+    """Fill ``sums`` (rows, cols + 1) in the box with cumulative uncovered weights of rows."""
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
@@ -86,7 +86,7 @@ def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius,
 
 @kernel
 def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-def]
-    """The weight of ``sum_left_over`` in the circle around a cell; ``half_widths`` by its rows."""
+    """Return the weight of ``sum_left_over`` in a circle, given by its half widths in rows."""
     top, bottom, left, right = box
     reach = half_widths.size // 2
     total = 0
@@ -100,7 +100,7 @@ def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-
 
 @kernel
 def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, crowd):  # type: ignore[no-untyped-def]
-    """Cost of the nearness of others: up to ``neighbour`` each, up to ``crowd`` more when close."""
+    """Return the cost of other agents nearby: up to ``neighbour``, and ``crowd`` if very close."""
     total = 0.0
     for k in range(others_row.size):
         away = math.hypot(row - others_row[k], col - others_col[k])
@@ -113,7 +113,7 @@ def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, cro
 
 @kernel
 def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
-    """Whether a cell is on the map and outside the augmentation, by a margin on eight sides."""
+    """Return whether a cell is on the map and outside the augmentation, with a margin."""
     rows, cols = augmentation.shape
     if not (0 <= row < rows and 0 <= col < cols) or augmentation[row, col] != 0:
         return False
@@ -131,7 +131,7 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 
 @kernel
 def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
-    """Whether the straight line between two places keeps out of the augmentation."""
+    """Return whether the straight line between two places is outside the augmentation."""
     steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
     for k in range(steps + 1):
         share = k / max(steps, 1)
@@ -146,9 +146,10 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
     """Fill ``distances`` from (row, col) to each node in the box, ``NO_PATH`` without a path.
 
-    ``previous`` is the node before it on that path, -1 for the first. The first ones are the free
-    nodes next to the place: in sight, or for a place in the augmentation the nearest. Returns
-    whether there are any. ``queue``, ``queued`` are work arrays with an entry for each node.
+    ``previous`` is the preceding node on that path, -1 for a first node. First nodes are the free
+    nodes next to the place, connected to it by a clear straight line unless the place is in the
+    augmentation. Returns whether any exist. ``queue``, ``queued`` are work arrays with an entry for
+    each node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
@@ -197,23 +198,23 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
 
 @kernel
 def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
-    """The node next to a cell with the shortest path to it, -1 if there is none; its length."""
+    """Return the node next to a cell with the shortest path to it, or -1; and its length."""
     best, best_node = NO_PATH, -1
     for i in range(row // stride, row // stride + 2):
         for j in range(col // stride, col // stride + 2):
             r, c = i * stride, j * stride
             if box[0] <= r < box[1] and box[2] <= c < box[3]:
-                way = distances[i * wide + j] + math.hypot(r - row, c - col)
-                if way < best:
-                    best, best_node = way, i * wide + j
+                length = distances[i * wide + j] + math.hypot(r - row, c - col)
+                if length < best:
+                    best, best_node = length, i * wide + j
     return best_node, best
 
 
 @kernel
 def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
-    """Set ``found[2:]`` to the farthest node in sight on the path to ``found[:2]``.
+    """Set ``found[2:]`` to the farthest node on the path to ``found[:2]`` with a clear line.
 
-    Returns whether there is a path (``find_paths``).
+    Returns whether a path exists (``find_paths``).
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -229,74 +230,43 @@ def first_leg(row, col, augmentation, box, stride, distances, previous, found): 
 
 @kernel
 def find_goal(  # type: ignore[no-untyped-def]
-    row,
-    col,
-    has_goal,
-    goal_row,
-    goal_col,
-    others_row,
-    others_col,
-    fire,
-    augmentation,
-    monitored,
-    area,
-    worth,
-    way_cost,
-    margin,
-    radius,
-    monitored_reach,
-    area_reach,
-    spacing,
-    crowd_at,
-    stride,
-    half_widths,
-    sums,
-    distances,
-    before,
-    queue,
-    queued,
+    row, col, has_goal, goal_row, goal_col, others_row, others_col,
+    fire, augmentation, monitored, area, worth, path_cost, margin, radius, monitored_reach,
+    area_reach, spacing, crowd_at, stride, half_widths, sums, distances, previous, queue, queued,
     found,
-):
-    """``coverage.next_goal`` in cells: fills ``found`` (4), goal and via; False for None."""
+):  # fmt: skip
+    """Fill ``found`` (4) with goal and via of ``coverage.next_goal`` in cells; False for None."""
     if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)
     box = wider(burning, monitored_reach, fire.shape)
     sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
     scene = (
-        augmentation,
-        margin,
-        half_widths,
-        box,
-        sums,
-        others_row,
-        others_col,
-        spacing,
-        crowd_at,
-    )
-    # The present goal, unless the fire has come, and the best place near it.
+        augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at
+    )  # fmt: skip
+    # The present goal, unless fire has reached it, and the best place near it.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
     threshold, best = -math.inf, -math.inf
     if is_free(r, c, augmentation, 0):
-        threshold = worth + value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        threshold = worth + value(r, c, scene) - path_cost * math.hypot(r - row, c - col)
         near_row, near_col = climb(r, c, stride, area, scene)
-        way = math.hypot(near_row - row, near_col - col)
-        best = value(near_row, near_col, scene) - way_cost * way
+        distance = math.hypot(near_row - row, near_col - col)
+        best = value(near_row, near_col, scene) - path_cost * distance
         if best > threshold:
             found[0], found[1] = near_row, near_col
-    # The best node of the lattice, and uphill from there.
+    # The best node of the lattice, and the best place near it.
     field = wider(burning, area_reach, fire.shape)
     on_lattice, node_row, node_col = -math.inf, -1, -1
     for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
         for c in range((field[2] + stride - 1) // stride * stride, field[3], stride):
             if area[r, c] != 0 and augmentation[r, c] == 0:
-                new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+                new = value(r, c, scene) - path_cost * math.hypot(r - row, c - col)
                 if new > on_lattice:
                     on_lattice, node_row, node_col = new, r, c
     if node_row >= 0:
         r, c = climb(node_row, node_col, stride, area, scene)
-        new = value(r, c, scene) - way_cost * math.hypot(r - row, c - col)
+        new = value(r, c, scene) - path_cost * math.hypot(r - row, c - col)
         if new > max(best, threshold):
             found[0], found[1] = r, c
     elif threshold == -math.inf:
@@ -304,14 +274,14 @@ def find_goal(  # type: ignore[no-untyped-def]
     found[2], found[3] = found[0], found[1]
     if is_clear(row, col, found[0], found[1], augmentation):
         return True
-    if not find_paths(row, col, augmentation, field, stride, distances, before, queue, queued):
+    if not find_paths(row, col, augmentation, field, stride, distances, previous, queue, queued):
         return False
-    return first_leg(row, col, augmentation, field, stride, distances, before, found)
+    return first_leg(row, col, augmentation, field, stride, distances, previous, found)
 
 
 @kernel
 def value(row, col, scene):  # type: ignore[no-untyped-def]
-    """The gain of a free cell to an agent."""
+    """Return the gain of an agent at a free cell."""
     augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
     gain = weight_within(row, col, half_widths, box, sums) - crowding(
         row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
@@ -321,7 +291,7 @@ def value(row, col, scene):  # type: ignore[no-untyped-def]
 
 @kernel
 def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
-    """The best place near a cell, in the area: uphill with smaller and smaller steps."""
+    """Return the best cell of the area near a cell, by ascents with decreasing steps."""
     augmentation = scene[0]
     best = value(row, col, scene)
     while step > 1:

@@ -1,11 +1,11 @@
 """Avoidance by shared intentions: an orbit is adopted only if its path is clear of all others.
 
-Beyond the paper, whose vehicles use velocities only. Each vehicle sends the orbit it flies to
+The vehicles of the paper use velocities only. Here each vehicle sends the orbit to which it flies
 (``State.orbit_*``) and flies it by eqs. 14 and 15, so that all others can predict its path. A
-vehicle keeps its orbit, which was clear of all others when adopted, until another one is clear over
-the horizon: the one wanted, or else the best of some detours, waiting circles and other airspeeds.
-So the orbit flown has always been checked, and later adopters have checked theirs against it. Only
-two that adopt at once could conflict: vehicles near each other take turns.
+vehicle keeps its orbit, which was clear of all others at its adoption, until another orbit is clear
+over the horizon: the desired one, or else the best of some detours, waiting circles and other
+airspeeds. The orbit flown has thus been checked, and orbits adopted later were checked against it.
+Conflicts could arise only between two simultaneous adoptions, so nearby vehicles take turns.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class IntendedOrbit(NamedTuple):
-    """The circle that a vehicle flies to and round; a negative radius is anticlockwise."""
+    """The circle to which a vehicle flies and on which it stays; negative radius: anticlockwise."""
 
     x_m: float
     y_m: float
@@ -30,12 +30,12 @@ class IntendedOrbit(NamedTuple):
 
 
 class OwnMotion(NamedTuple):
-    """The vehicle itself, now."""
+    """The present motion of the vehicle itself."""
 
     key: int  # peer_table.priority_key(name)
     x_m: float
     y_m: float
-    altitude_m: float  # the planned one, if altitudes are planned
+    altitude_m: float  # the planned altitude, if altitudes are planned
     heading_rad: float
     airspeed_m_s: float
     wind_x_m_s: float = 0.0
@@ -43,12 +43,12 @@ class OwnMotion(NamedTuple):
 
 
 class AdoptedOrbit(NamedTuple):
-    """The orbit adopted, and the result of the last decision about it."""
+    """The adopted orbit, and the result of the last decision on it."""
 
     orbit: IntendedOrbit
-    in_conflict: bool = False  # the orbit wanted is not flown: another vehicle is in the way
-    clear_s: float = 0.0  # how long the path of the orbit adopted is clear
-    looked_at_s: float = -1e9
+    in_conflict: bool = False  # another vehicle prevents the desired orbit
+    clear_s: float = 0.0  # time for which the path of the orbit is clear
+    decided_at_s: float = -1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,34 +56,31 @@ class AvoidanceRules:
     """Distances and times of the avoidance."""
 
     airframe: Airframe
-    apart_m: float  # nearer is a collision: 2 r_s
-    margin_m: float = 15.0  # on top of it, between paths
-    margin_m_s: float = 5.0  # on top of that, for each second that a peer's state is late
+    apart_m: float  # a smaller distance is a collision: 2 r_s
+    margin_m: float = 15.0  # additional distance between paths
+    margin_m_s: float = 5.0  # additional distance for each second that a peer's state is late
     horizon_s: float = 40.0
     every_s: float = 0.5  # between decisions
-    turn_s: float = 2.0  # duration of a turn, in which states of all near vehicles must arrive
-    layers_m: float = 1e9  # planned altitudes this far apart need no avoidance
+    turn_s: float = (
+        2.0  # duration of a turn, during which states of all nearby vehicles must arrive
+    )
+    layers_m: float = 1e9  # no avoidance between planned altitudes this far apart
 
     @property
     def for_kernel(self) -> tuple[float, float, float, float, float]:
-        """The argument ``rule`` of ``decide_orbit``."""
-        numbers = (self.apart_m, self.margin_m, self.margin_m_s, self.turn_s, self.layers_m)
-        one, two, three, four, five = map(float, numbers)
-        return one, two, three, four, five
+        """Return the argument ``rule`` of ``decide_orbit``."""
+        apart_m, margin_m, margin_m_s = map(float, (self.apart_m, self.margin_m, self.margin_m_s))
+        return apart_m, margin_m, margin_m_s, float(self.turn_s), float(self.layers_m)
 
     @property
     def frame(self) -> tuple[float, float, float]:
-        """The argument ``frame`` of ``decide_orbit``."""
-        frame = self.airframe
-        return (
-            float(frame.min_airspeed_m_s),
-            float(frame.max_airspeed_m_s),
-            float(frame.bank_rad),
-        )
+        """Return the argument ``frame`` of ``decide_orbit``."""
+        min_m_s, max_m_s = self.airframe.min_airspeed_m_s, self.airframe.max_airspeed_m_s
+        return float(min_m_s), float(max_m_s), float(self.airframe.bank_rad)
 
 
 def avoidance_rules(settings: Settings) -> AvoidanceRules:
-    """The rules that follow from the formation's settings."""
+    """Return the rules for the formation's settings."""
     return AvoidanceRules(
         settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.vertical_separation_m
     )
@@ -92,23 +89,23 @@ def avoidance_rules(settings: Settings) -> AvoidanceRules:
 def choose_orbit(
     at_s: float,
     own: OwnMotion,
-    wanted: IntendedOrbit,
+    desired: IntendedOrbit,
     held: AdoptedOrbit,
     peers: Floats,
     rules: AvoidanceRules,
 ) -> AdoptedOrbit:
-    """The orbit to fly from now on. Called at each position; decides every ``every_s``.
+    """Return the orbit to fly; called at each position, with a new decision every ``every_s``.
 
     ``peers`` (n, COLUMNS) are rows of ``PeerTable.rows``.
     """
-    if at_s - held.looked_at_s < rules.every_s - 1e-6:
+    if at_s - held.decided_at_s < rules.every_s - 1e-6:
         return held
     rows = int(rules.horizon_s) + 1
     orbit = np.empty(4)
-    changed, other, clear_s = decide_orbit(
+    changed, in_conflict, clear_s = decide_orbit(
         float(at_s),
         np.array(own, np.float64),
-        np.array(wanted, np.float64),
+        np.array(desired, np.float64),
         np.array(held.orbit, np.float64),
         peers,
         rules.for_kernel,
@@ -118,6 +115,5 @@ def choose_orbit(
         np.empty((len(peers), NOTES)),
         orbit,
     )
-    return AdoptedOrbit(
-        IntendedOrbit(*orbit.tolist()) if changed else held.orbit, other, clear_s, at_s
-    )
+    adopted = IntendedOrbit(*orbit.tolist()) if changed else held.orbit
+    return AdoptedOrbit(adopted, in_conflict, clear_s, at_s)

@@ -1,6 +1,6 @@
-"""The compiled part of ``intent_avoidance``: predicted paths, their conflicts, and detours.
+"""Compiled parts of ``intent_avoidance``: predicted paths, their conflicts, and detours.
 
-Paths have a row a second, from now. Orbits are arrays (4): x, y, signed radius, airspeed.
+Paths have one row for each second from now. Orbits are arrays (4): x, y, signed radius, airspeed.
 """
 
 import math
@@ -24,24 +24,24 @@ from mission_service.guidance.formation.peer_table import (
 )
 
 STEP_S = 1.0
-REACH_M = 600.0  # detours lead no farther from the vehicle
-NEAR_M = 200.0  # vehicles that come nearer than this within NEAR_S take turns
+REACH_M = 600.0  # maximum distance of detours from the vehicle
+NEAR_M = 200.0  # vehicles that are, or within NEAR_S will be, closer take turns
 NEAR_S = 5.0
-FRESH_S = 1.0  # a state no older is not late
-LATE_M = 45.0  # added to a margin for a late state, at most
-HASTE_S = 8.0  # a path clear for less is left at once, out of turn
-SMALL_M = 40.0  # radius of waiting circles, at least
-WORTH_M = 40.0  # another detour is adopted if it leads so much nearer
-NOTES = 6  # for each predicted peer: see the places of a peer's notes
+FRESH_S = 1.0  # older states are late
+LATE_M = 45.0  # maximum additional margin for a late state
+HASTE_S = 8.0  # a path that is clear for less is changed at once, out of turn
+SMALL_M = 40.0  # minimum radius of waiting circles
+WORTH_M = 40.0  # minimum gain of one detour over another
+NOTES = 6  # values noted for each predicted peer
 
-# Places of ``own`` and of a peer's notes.
+# Indices of ``own`` and of a peer's notes.
 OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
 WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 
 @kernel
 def hashed(key, slot):  # type: ignore[no-untyped-def]
-    """A pseudo-random number from 0 to 2^32, the same in all processes."""
+    """Return a pseudo-random number from 0 to 2^32, equal in all processes."""
     bits = (int(key) * 0x9E3779B1 + int(slot) * 0x85EBCA77) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -50,15 +50,15 @@ def hashed(key, slot):  # type: ignore[no-untyped-def]
 
 @kernel
 def rank(key, slot):  # type: ignore[no-untyped-def]
-    """The priority in a slot: the highest one may adopt; each is high once in eight slots."""
+    """Return the priority in a slot; the highest may adopt. Each key is high once in 8 slots."""
     return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
 
 
 @kernel
 def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
-    """Whether no vehicle that is, or soon may be, near has priority, and all their states are new.
+    """Return whether no vehicle that is or soon may be near has priority or an old state.
 
-    New: sent since the slot began, so what they adopted before is known, and now they may not.
+    A state sent before the begin of the slot is old: a later adoption may not have been received.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -84,7 +84,7 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-
 
 @kernel
 def _box(path, more_m):  # type: ignore[no-untyped-def]
-    """West, east, south, north of a path, wider by ``more_m``."""
+    """Return west, east, south and north of a path, extended by ``more_m``."""
     west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
     for row in range(path.shape[0]):
         west, east = min(west, path[row, 0]), max(east, path[row, 0])
@@ -94,9 +94,10 @@ def _box(path, more_m):  # type: ignore[no-untyped-def]
 
 @kernel
 def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[no-untyped-def]
-    """How long a path (rows, 2) stays clear of the first ``count`` of ``paths`` (n, rows, 2).
+    """Return for how long a path (rows, 2) is clear of the first ``count`` of ``paths``.
 
-    ``apart_at`` is the note (APART or HELD_APART) of how far apart is clear.
+    ``paths`` are (n, rows, 2); ``apart_at`` is the index (APART or HELD_APART) of the noted minimum
+    distance.
     """
     west, east, south, north = _box(path, 0.0)
     first = path.shape[0] - 1
@@ -114,7 +115,7 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
             away_x = paths[peer, row, 0] - path[row, 0]
             away_y = paths[peer, row, 1] - path[row, 1]
             distance2 = away_x * away_x + away_y * away_y
-            # Two vehicles approach by no more than this in a step: skip the steps that takes.
+            # Skips the steps in which two vehicles cannot come closer than the minimum distance.
             ahead = apart_m + 2.0 * max_m_s * STEP_S
             if distance2 > ahead * ahead:
                 row += int((math.sqrt(distance2) - apart_m) / (2.0 * max_m_s * STEP_S))
@@ -133,8 +134,8 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
 
 
 @kernel
-def _meets(row, peers, box):  # type: ignore[no-untyped-def]
-    """Whether a peer's path to and round its orbit touches a box: west, east, south, north."""
+def _may_enter(row, peers, box):  # type: ignore[no-untyped-def]
+    """Return whether a peer's path to and round its orbit may enter a box (W, E, S, N)."""
     west, east, south, north = box
     span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
     return (
@@ -146,8 +147,8 @@ def _meets(row, peers, box):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
-    """Add the paths and notes of peers that may come into a box, and were not in ``seen``.
+def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
+    """Add paths and notes of peers that may enter a box, except those that may enter ``seen``.
 
     Returns the new count.
     """
@@ -155,8 +156,8 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
     bank_rad = frame[2]
     for row in range(peers.shape[0]):
         if (
-            not _meets(row, peers, box)
-            or _meets(row, peers, seen)
+            not _may_enter(row, peers, box)
+            or _may_enter(row, peers, seen)
             or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
         ):
             continue
@@ -170,7 +171,7 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
         notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
             paths[count], 0.0
         )
-        # A peer that is too near already must not come nearer.
+        # A peer that is already too near must not come closer.
         now_m = math.hypot(paths[count, 0, 0] - own[OWN_X], paths[count, 0, 1] - own[OWN_Y])
         late_m = min(margin_m_s * max(peers[row, AGE_S] - FRESH_S, 0.0), LATE_M)
         clear_m = max(apart_m + 1.0, now_m - 2.0)
@@ -181,8 +182,8 @@ def _look(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ign
 
 
 @kernel
-def _joined(one, other):  # type: ignore[no-untyped-def]
-    """The box around two."""
+def _union(one, other):  # type: ignore[no-untyped-def]
+    """Return the box around two boxes."""
     return (
         min(one[0], other[0]),
         max(one[1], other[1]),
@@ -193,7 +194,7 @@ def _joined(one, other):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
-    """The path to and round an orbit."""
+    """Fill ``path`` with the path to and round an orbit."""
     predict_path(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
         orbit[0], orbit[1], orbit[2], orbit[3],
@@ -202,8 +203,8 @@ def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """How long the path to and round an orbit is clear; 0 if others cannot predict the path."""
+def _clear_s(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
+    """Return for how long the path to an orbit is clear; 0 if others cannot predict it."""
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],
@@ -215,17 +216,17 @@ def _try(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignor
 
 @kernel
 def _copy(orbit, to):  # type: ignore[no-untyped-def]
-    for place in range(4):
-        to[place] = orbit[place]
+    for i in range(4):
+        to[i] = orbit[i]
 
 
 @kernel
-def _cost_m(orbit, wanted):  # type: ignore[no-untyped-def]
-    """How far an orbit is from the one wanted."""
+def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
+    """Return the cost in metres of the deviation of an orbit from the desired one."""
     return (
-        math.hypot(orbit[0] - wanted[0], orbit[1] - wanted[1])
-        + 0.5 * abs(abs(orbit[2]) - abs(wanted[2]))
-        + 5.0 * abs(orbit[3] - wanted[3])
+        math.hypot(orbit[0] - desired[0], orbit[1] - desired[1])
+        + 0.5 * abs(abs(orbit[2]) - abs(desired[2]))
+        + 5.0 * abs(orbit[3] - desired[3])
     )
 
 
@@ -236,43 +237,40 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 @kernel
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
-    """The airspeed of waiting circles: between cruise and minimum, over the wind in any case."""
+    """Return the airspeed of waiting circles: between minimum and cruise, above the wind speed."""
     min_m_s, max_m_s, _ = frame
     slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
     return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), max_m_s)
 
 
 @kernel
-def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
-    """Fill in the orbit of one of KINDS candidates: other airspeeds, waiting circles, detours."""
+def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
+    """Fill ``orbit`` with one of KINDS candidates: airspeeds, waiting circles, detours."""
     min_m_s, max_m_s, _ = frame
-    sense = 1.0 if wanted[2] > 0.0 else -1.0
+    sense = 1.0 if desired[2] > 0.0 else -1.0
     min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
     slow_m_s = slow_of(own, frame)
-    _copy(wanted, orbit)
-    if number < AIRSPEEDS:  # as wanted, at another airspeed
-        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
+    _copy(desired, orbit)
+    if number < 2 * AIRSPEEDS:  # the desired or the present orbit, at another airspeed
+        if number >= AIRSPEEDS:
+            _copy(held, orbit)
+        orbit[3] = min_m_s + (max_m_s - min_m_s) * (number % AIRSPEEDS) / (AIRSPEEDS - 1)
         return
-    number -= AIRSPEEDS
-    if number < AIRSPEEDS:  # as it is, at another airspeed
-        _copy(held, orbit)
-        orbit[3] = min_m_s + (max_m_s - min_m_s) * number / (AIRSPEEDS - 1)
-        return
-    number -= AIRSPEEDS
+    number -= 2 * AIRSPEEDS
     orbit[3] = slow_m_s
-    if number < 3:  # waiting in the middle of the orbit
-        orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(wanted[2]))
+    if number < 3:  # a waiting circle in the middle of the desired orbit
+        orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(desired[2]))
         return
     number -= 3
-    if number < 2 * ROUND:  # round a place to the side of the way
-        angle_rad = math.atan2(wanted[1] - own[OWN_Y], wanted[0] - own[OWN_X])
+    if number < 2 * ROUND:  # a detour around a place beside the path
+        angle_rad = math.atan2(desired[1] - own[OWN_Y], desired[0] - own[OWN_X])
         angle_rad += 2.0 * math.pi * (number // 2 + twist) / ROUND
-        far_m = 160.0 if number % 2 == 0 else 350.0
-        orbit[0] = own[OWN_X] + far_m * math.cos(angle_rad)
-        orbit[1] = own[OWN_Y] + far_m * math.sin(angle_rad)
+        away_m = 160.0 if number % 2 == 0 else 350.0
+        orbit[0] = own[OWN_X] + away_m * math.cos(angle_rad)
+        orbit[1] = own[OWN_Y] + away_m * math.sin(angle_rad)
         orbit[2] = sense * small_m
         return
-    number -= 2 * ROUND  # a circle that begins here, to the left and to the right
+    number -= 2 * ROUND  # a circle from the present position, to the left or to the right
     radius_m = small_m * (1.0 + number // 4)
     left = number % 2 == 0
     orbit[3] = slow_m_s if number // 2 % 2 == 0 else min_m_s
@@ -283,68 +281,68 @@ def _way(number, own, wanted, held, frame, small_m, twist, orbit):  # type: igno
 
 
 @kernel
-def _is_other(orbit, than):  # type: ignore[no-untyped-def]
-    """Whether two orbits differ enough to change to the other."""
+def _differs(orbit, other):  # type: ignore[no-untyped-def]
+    """Return whether two orbits differ enough for a change."""
     return (
-        abs(orbit[0] - than[0]) + abs(orbit[1] - than[1]) + abs(orbit[2] - than[2]) > 2.0
-        or abs(orbit[3] - than[3]) > 0.2
+        abs(orbit[0] - other[0]) + abs(orbit[1] - other[1]) + abs(orbit[2] - other[2]) > 2.0
+        or abs(orbit[3] - other[3]) > 0.2
     )
 
 
 @kernel
 def decide_orbit(  # type: ignore[no-untyped-def]
-    at_s, own, wanted, held, peers, rule, frame, path, paths, notes, adopted
+    at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fills ``adopted`` if it is another one.
+    """Decide on the orbit to fly; fill ``adopted`` if another orbit is adopted.
 
-    Returns whether another orbit is adopted, whether the one wanted is not flown because of a
-    conflict, and how long the orbit adopted or kept is clear.
+    Returns whether another orbit is adopted, whether a conflict prevents the desired orbit, and for
+    how long the adopted or held orbit is clear.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)
     _ahead(own, held, frame, path)
     box = _box(path, near_m)
-    count = _look(own, peers, rule, frame, box, nowhere, 0, paths, notes)
+    count = _add_peers(own, peers, rule, frame, box, nowhere, 0, paths, notes)
     horizon_s = (path.shape[0] - 1) * STEP_S
     held_s = clear_for_s(path, paths, notes, count, HELD_APART, frame[1])
-    other = _cost_m(held, wanted) > WORTH_M
+    in_conflict = _cost_m(held, desired) > WORTH_M
     slot = math.floor(at_s / rule[3])
-    if held_s >= horizon_s and not _is_other(wanted, held):
+    if held_s >= horizon_s and not _differs(desired, held):
         return False, False, held_s
     if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4]):
-        return False, other, held_s
-    _ahead(own, wanted, frame, path)
-    wider = _joined(_box(path, near_m), box)
-    count = _look(own, peers, rule, frame, wider, box, count, paths, notes)
-    _copy(wanted, adopted)
-    clear_s = _try(own, wanted, frame, path, paths, notes, count, APART)
+        return False, in_conflict, held_s
+    _ahead(own, desired, frame, path)
+    wider = _union(_box(path, near_m), box)
+    count = _add_peers(own, peers, rule, frame, wider, box, count, paths, notes)
+    _copy(desired, adopted)
+    clear_s = _clear_s(own, desired, frame, path, paths, notes, count, APART)
     if clear_s >= horizon_s:
-        return _is_other(wanted, held), False, clear_s
+        return _differs(desired, held), False, clear_s
     reach = (own[OWN_X] - REACH_M, own[OWN_X] + REACH_M, own[OWN_Y] - REACH_M, own[OWN_Y] + REACH_M)
     adopted[3] = frame[1]
     _ahead(own, adopted, frame, path)
-    widest = _joined(_joined(_box(path, near_m), reach), wider)
-    count = _look(own, peers, rule, frame, widest, wider, count, paths, notes)
+    widest = _union(_union(_box(path, near_m), reach), wider)
+    count = _add_peers(own, peers, rule, frame, widest, wider, count, paths, notes)
     wind_m_s = math.hypot(own[WIND_X], own[WIND_Y])
     small_m = max(1.2 * tightest_m(slow_of(own, frame), wind_m_s, frame[2]), SMALL_M)
     twist = hashed(own[OWN_KEY], slot) / 4294967296.0
-    best_m = _cost_m(held, wanted) - WORTH_M if held_s >= horizon_s else np.inf
+    best_m = _cost_m(held, desired) - WORTH_M if held_s >= horizon_s else np.inf
     best, best_s, best_kind = False, clear_s, -1
     for kind in range(KINDS):
-        _way(kind, own, wanted, held, frame, small_m, twist, adopted)
-        cost_m = _cost_m(adopted, wanted)
+        _candidate(kind, own, desired, held, frame, small_m, twist, adopted)
+        cost_m = _cost_m(adopted, desired)
         tightest = 1.05 * tightest_m(adopted[3], wind_m_s, frame[2])
-        if cost_m >= best_m or abs(adopted[2]) < min(tightest, abs(wanted[2])):
+        if cost_m >= best_m or abs(adopted[2]) < min(tightest, abs(desired[2])):
             continue
-        clear_s = _try(own, adopted, frame, path, paths, notes, count, APART)
+        clear_s = _clear_s(own, adopted, frame, path, paths, notes, count, APART)
         if clear_s >= horizon_s:
             best, best_m, best_kind, best_s = True, cost_m, kind, clear_s
         elif not best and held_s < horizon_s and clear_s > best_s:
             best_kind, best_s = kind, clear_s
     if best or best_s > held_s:
         if best_kind < 0:
-            _copy(wanted, adopted)
+            _copy(desired, adopted)
         else:
-            _way(best_kind, own, wanted, held, frame, small_m, twist, adopted)
+            _candidate(best_kind, own, desired, held, frame, small_m, twist, adopted)
         return True, best_kind >= 0, best_s
     return False, True, held_s

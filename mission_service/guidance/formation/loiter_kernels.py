@@ -1,15 +1,15 @@
-"""Circling a virtual agent (eqs. 14 and 15), one step of an ideal fixed wing, its path ahead.
+"""Loitering around a virtual agent (eqs. 14 and 15): control law, one step, and predicted path.
 
-Kernels over scalars: metres, x east, y north; angles radians anticlockwise from east. A radius is
-signed as in MAVLink: negative is anticlockwise, the paper's way.
+Kernels over scalars: metres, x east, y north; angles in radians anticlockwise from east. A radius
+is signed as in MAVLink: negative is anticlockwise, the direction of the paper.
 
-The law controls the course over the ground; in wind the heading crabs. It uses the place at the end
-of the step, not at its begin, so that the circle flown has the radius asked for.
+The law controls the course over the ground; in wind the heading includes the drift angle. The law
+uses the position at the end of the step, so that the circle flown has the commanded radius.
 
-Eq. 14 (turn right, anticlockwise, until the agent is on the left) is left out: eq. 15 leads there
-by itself, and with eq. 14 a vehicle with its agent inside its own turning circle turns for ever.
-In its place a vehicle that has to turn about turns in the direction of the orbit, so that it does
-not alternate between left and right, and others can predict its path.
+Eq. 14 (turn right until the agent is on the left) is omitted: eq. 15 leads to the same orbit, and
+with eq. 14 a vehicle whose agent is inside its turning circle would turn right for ever. Instead a
+vehicle that must reverse its course turns in the direction of the orbit, so that it does not
+alternate between left and right, and others can predict its path.
 """
 
 import math
@@ -17,42 +17,28 @@ import math
 from firemodel.compiled import kernel
 
 GRAVITY_M_S2 = 9.80665
-ACCELERATION_M_S2 = 1.5  # of the airspeed, both ways
-ABOUT = -0.7  # cosine of the angle from which on a turn is about
-FORK = 0.15  # nearer to where the way of turning changes than this is at the fork
+ACCELERATION_M_S2 = 1.5  # maximum change of the airspeed, up and down
+ABOUT = -0.7  # cosine of the smallest course change that counts as a reversal
+FORK = 0.15  # a course change this close to ABOUT may lead to a left or a right turn
 
 
 @kernel
 def sense_of(radius_m):  # type: ignore[no-untyped-def]
-    """1 for anticlockwise, -1 for clockwise."""
+    """Return 1 for an anticlockwise orbit, -1 for a clockwise one."""
     return -1.0 if radius_m > 0.0 else 1.0
 
 
 @kernel
-def wanted_course_rad(  # type: ignore[no-untyped-def]
-    x_m, y_m, agent_x_m, agent_y_m, radius_m
-):
-    """Eq. 15 as it should be: the polar angle seen from the agent, and 2 atan(d / r) on.
-
-    Far away it points at the agent, on the circle along it, in the middle outwards.
-    """
-    polar_rad = math.atan2(y_m - agent_y_m, x_m - agent_x_m)
-    distance_m = math.hypot(x_m - agent_x_m, y_m - agent_y_m)
-    sense = sense_of(radius_m)
-    return polar_rad + sense * 2.0 * math.atan(distance_m / abs(radius_m))
-
-
-@kernel
 def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
-    """The largest level turn in a step; never more than half a turn."""
+    """Return the largest level turn in a step, at most half a turn."""
     return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
 
 
 @kernel
-def next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s):  # type: ignore[no-untyped-def]
-    """The airspeed at the end of a step."""
+def next_airspeed_m_s(airspeed_m_s, desired_m_s, step_s):  # type: ignore[no-untyped-def]
+    """Return the airspeed at the end of a step."""
     max_change_m_s = ACCELERATION_M_S2 * step_s
-    return airspeed_m_s + min(max(wanted_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
+    return airspeed_m_s + min(max(desired_m_s - airspeed_m_s, -max_change_m_s), max_change_m_s)
 
 
 @kernel
@@ -60,9 +46,11 @@ def _aim(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s,
 ):  # fmt: skip
-    """The unit heading wanted at the end of a step.
+    """Return the desired unit heading at the end of a step.
 
-    Eq. 15 without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
+    Eq. 15 in the corrected form: the desired course is the polar angle seen from the agent plus
+    2 atan(d / r). Far away it points at the agent, on the circle along it, in the middle outwards.
+    It is computed without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
     """
     sense = sense_of(radius_m)
     radius_m = abs(radius_m)
@@ -73,7 +61,7 @@ def _aim(  # type: ignore[no-untyped-def]
     distance2 = away_x * away_x + away_y * away_y
     distance_m = math.sqrt(distance2)
     if distance_m > 1e-6:
-        # The step is an arc: what it goes along the circle does not lead away from it.
+        # The step is an arc: its part along the circle does not change the distance from it.
         round_m = (away_x * over_y - away_y * over_x) * step_s / distance_m
         arc2 = max(distance2 - round_m * round_m, 0.0)
         share = 1.0 / ((radius_m * radius_m + arc2) * distance_m)
@@ -93,9 +81,9 @@ def _aim(  # type: ignore[no-untyped-def]
 
 @kernel
 def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-untyped-def]
-    """The unit heading after turning towards another one, by the angle of cos, sin at most.
+    """Return the unit heading after a turn towards another one, by at most the angle of cos, sin.
 
-    If that is about, it is turned the way of ``sense``, or with 0 the shorter one.
+    A reversal turns in the direction ``sense``; with sense 0 every turn is the shorter one.
     """
     along = head_x * aim_x + head_y * aim_y
     if along >= cos:
@@ -112,20 +100,20 @@ def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-u
 def _moved(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
 ):
-    """Where a step ends: with the heading of its middle."""
+    """Return the position at the end of a step, flown with the heading of its middle."""
     mid_x, mid_y = head_x + new_x, head_y + new_y
     size2 = mid_x * mid_x + mid_y * mid_y
     if size2 < 1e-12:
         mid_x, mid_y, size2 = -head_y, head_x, 1.0
-    way_m = airspeed_m_s * step_s / math.sqrt(size2)
-    x_m += way_m * mid_x + wind_x_m_s * step_s
-    y_m += way_m * mid_y + wind_y_m_s * step_s
+    scale_m = airspeed_m_s * step_s / math.sqrt(size2)
+    x_m += scale_m * mid_x + wind_x_m_s * step_s
+    y_m += scale_m * mid_y + wind_y_m_s * step_s
     return x_m, y_m
 
 
 @kernel
 def tightest_m(airspeed_m_s, wind_m_s, bank_rad):  # type: ignore[no-untyped-def]
-    """The smallest circle over the ground that can be flown, downwind too."""
+    """Return the radius of the smallest circle over the ground that can be flown in a wind."""
     over_m_s = airspeed_m_s + wind_m_s
     return over_m_s * over_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
 
@@ -135,7 +123,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s, bank_rad,
 ):  # fmt: skip
-    """The heading that flies to and round an orbit, for the end of a step; for ``heading_step``."""
+    """Return the heading to and round an orbit at the end of a step, for ``heading_step``."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
@@ -150,7 +138,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 def at_fork(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
 ):
-    """Whether a small difference decides in which direction the vehicle turns to an orbit."""
+    """Return whether a small difference may reverse the direction of the turn to an orbit."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
@@ -162,86 +150,50 @@ def at_fork(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _flown_to(  # type: ignore[no-untyped-def]
-    x_m, y_m, head_x, head_y, aim_x, aim_y, sense, airspeed_m_s, wind_x_m_s, wind_y_m_s,
-    step_s, bank_rad,
-):  # fmt: skip
-    """One step towards a unit heading, as far as it turns: x, y and heading at its end."""
-    turn_rad = max_turn_rad(airspeed_m_s, bank_rad, step_s)
-    new_x, new_y = _turned(
-        head_x, head_y, aim_x, aim_y, sense, math.cos(turn_rad), math.sin(turn_rad)
-    )
-    x_m, y_m = _moved(
-        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
-        wind_x_m_s, wind_y_m_s, step_s,
-    )  # fmt: skip
-    return x_m, y_m, math.atan2(new_y, new_x)
-
-
-@kernel
 def heading_step(  # type: ignore[no-untyped-def]
-    x_m, y_m, heading_rad, airspeed_m_s, wanted_rad, wanted_m_s, wind_x_m_s, wind_y_m_s,
+    x_m, y_m, heading_rad, airspeed_m_s, desired_rad, desired_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
 ):  # fmt: skip
-    """One step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
+    """Compute one step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
 
-    Returns x, y, heading, airspeed at its end.
+    Returns x, y, heading and airspeed at the end of the step.
     """
-    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
-    airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
-    x_m, y_m, heading_rad = _flown_to(
-        x_m, y_m, math.cos(heading_rad), math.sin(heading_rad),
-        math.cos(wanted_rad), math.sin(wanted_rad), 0.0, airspeed_m_s,
-        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
-    )  # fmt: skip
-    return x_m, y_m, heading_rad, new_m_s
-
-
-@kernel
-def orbit_step(  # type: ignore[no-untyped-def]
-    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
-    wind_x_m_s, wind_y_m_s, step_s, bank_rad,
-):  # fmt: skip
-    """One step of the ideal fixed wing (eq. 1) to or round an orbit, by eqs. 14 and 15.
-
-    Returns x, y, heading, airspeed at its end.
-    """
-    new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, step_s)
+    new_m_s = next_airspeed_m_s(airspeed_m_s, desired_m_s, step_s)
     airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    aim_x, aim_y = _aim(
-        x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
-        wind_x_m_s, wind_y_m_s, step_s,
-    )  # fmt: skip
-    x_m, y_m, heading_rad = _flown_to(
-        x_m, y_m, head_x, head_y, aim_x, aim_y, sense_of(radius_m), airspeed_m_s,
-        wind_x_m_s, wind_y_m_s, step_s, bank_rad,
-    )  # fmt: skip
-    return x_m, y_m, heading_rad, new_m_s
+    aim_x, aim_y = math.cos(desired_rad), math.sin(desired_rad)
+    turn_rad = max_turn_rad(airspeed_m_s, bank_rad, step_s)
+    new_x, new_y = _turned(
+        head_x, head_y, aim_x, aim_y, 0.0, math.cos(turn_rad), math.sin(turn_rad)
+    )
+    x_m, y_m = _moved(
+        x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
+    )
+    return x_m, y_m, math.atan2(new_y, new_x), new_m_s
 
 
 @kernel
 def predict_path(  # type: ignore[no-untyped-def]
-    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wanted_m_s,
+    x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, desired_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
-    """Fill ``path_m`` (n, 2): x, y after first_s, first_s + step_s, ..., as ``orbit_step`` flies.
+    """Fill ``path_m`` (n, 2) with x, y after first_s, first_s + step_s, ... on the way to an orbit.
 
-    ``first_s`` may be the age of what is known of the vehicle, so that row 0 is now.
+    With the age of the vehicle's state as ``first_s``, row 0 is the present position.
     """
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
-    bits = math.ceil(first_s / step_s)
-    part_s = first_s / bits if bits > 0 else step_s
+    parts = math.ceil(first_s / step_s)
+    part_s = first_s / parts if parts > 0 else step_s
     sense = sense_of(radius_m)
-    turns_at_m_s, cos, sin = 0.0, 1.0, 0.0
-    for row in range(min(1 - bits, 0), path_m.shape[0]):
+    turn_airspeed_m_s, cos, sin = 0.0, 1.0, 0.0
+    for row in range(min(1 - parts, 0), path_m.shape[0]):
         if row == 1:
             part_s = step_s
-        if row > 0 or bits > 0:
-            new_m_s = next_airspeed_m_s(airspeed_m_s, wanted_m_s, part_s)
+        if row > 0 or parts > 0:
+            new_m_s = next_airspeed_m_s(airspeed_m_s, desired_m_s, part_s)
             airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
-            if airspeed_m_s != turns_at_m_s or row == 1:
-                turns_at_m_s = airspeed_m_s
+            if airspeed_m_s != turn_airspeed_m_s or row == 1:
+                turn_airspeed_m_s = airspeed_m_s
                 turn_rad = max_turn_rad(airspeed_m_s, bank_rad, part_s)
                 cos, sin = math.cos(turn_rad), math.sin(turn_rad)
             aim_x, aim_y = _aim(
@@ -250,9 +202,8 @@ def predict_path(  # type: ignore[no-untyped-def]
             )  # fmt: skip
             new_x, new_y = _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin)
             x_m, y_m = _moved(
-                x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s,
-                wind_x_m_s, wind_y_m_s, part_s,
-            )  # fmt: skip
+                x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, part_s
+            )
             head_x, head_y, airspeed_m_s = new_x, new_y, new_m_s
         if row >= 0:
             path_m[row, 0] = x_m

@@ -1,13 +1,13 @@
-"""UAVs of the formation under manual control: the orbits by which the others avoid them.
+"""Expected orbits of UAVs of the formation under manual control, by which the others avoid them.
 
-Such a UAV (held, recalled or flown by a pilot) has no virtual agent and avoids nothing. Its state
-is sent with the orbit expected from its motion, so that the others keep clear of it.
+Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid the others.
+Its state is sent with the orbit expected from its motion, so that the others avoid it.
 """
 
 import math
 
-MEASURED_OVER_S = 1.0  # a turn rate; over less time it is noise
-STRAIGHT_RAD_S = 0.02  # a slower turn counts as straight flight
+MEASURED_OVER_S = 1.0  # duration over which a turn rate is measured
+STRAIGHT_RAD_S = 0.02  # a lower turn rate counts as straight flight
 AHEAD_S = 60.0
 MIN_SPEED_M_S = 1.0
 
@@ -18,9 +18,9 @@ ObservedMotion = tuple[float, float, float, float, float]
 def expected_orbit(
     before: ObservedMotion, now: ObservedMotion, radius_m: float
 ) -> tuple[float, float, float]:
-    """The circle (x, y, radius; negative: anticlockwise) that a UAV is expected to be on or fly to.
+    """Estimate the circle (x, y, radius; negative: anticlockwise) that a UAV flies on or to.
 
-    From its turn between two moments; in straight flight it is on its way to a circle of
+    The estimate follows from its turn between two moments. In straight flight it is a circle of
     ``radius_m`` (> 0) a minute ahead.
     """
     at_s, x_m, y_m, vx_m_s, vy_m_s = now
@@ -33,5 +33,5 @@ def expected_orbit(
     rate_rad_s = turned_rad / (at_s - before[0]) if at_s > before[0] else 0.0
     if abs(rate_rad_s) < STRAIGHT_RAD_S:
         return x_m + AHEAD_S * vx_m_s, y_m + AHEAD_S * vy_m_s, -radius_m
-    turn_m = speed_m_s / rate_rad_s  # to the left of it; negative: to the right
+    turn_m = speed_m_s / rate_rad_s  # radius of a left turn; negative: of a right turn
     return x_m - vy_m_s / speed_m_s * turn_m, y_m + vx_m_s / speed_m_s * turn_m, -turn_m

@@ -1,4 +1,4 @@
-"""The grid of a map: the landscape's, without its fuels and elevation."""
+"""The grid of a map, which is that of the landscape."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from firemodel.landscape.landscape import Landscape
 
 @dataclass(frozen=True, slots=True)
 class MapGrid:
-    """Square cells, row 0 in the north; ``west_m``, ``north_m``: the outer corner of cell 0, 0."""
+    """A grid of square cells, row 0 north; ``west_m``, ``north_m`` are its north-west corner."""
 
     rows: int
     cols: int
@@ -17,18 +17,18 @@ class MapGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, cols)."""
+        """Return (rows, cols)."""
         return self.rows, self.cols
 
     def row_col_of(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Float (row, col) of a place; whole numbers are the centres of cells."""
+        """Return the float (row, col) of a place; whole numbers are the centres of cells."""
         return (self.north_m - y_m) / self.cell_m - 0.5, (x_m - self.west_m) / self.cell_m - 0.5
 
     def xy_of(self, row: float, col: float) -> tuple[float, float]:
-        """The place (x, y) in metres of a float (row, col)."""
+        """Return the place (x, y) in metres of a float (row, col)."""
         return self.west_m + (col + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
 
 
 def map_grid_of(landscape: Landscape) -> MapGrid:
-    """The grid of a landscape."""
+    """Return the grid of a landscape."""
     return MapGrid(*landscape.shape, landscape.cell_size_m, landscape.west_m, landscape.north_m)

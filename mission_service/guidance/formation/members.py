@@ -1,7 +1,7 @@
-"""The agents of a formation in flight: one for each vehicle, each with its own map, in one process.
+"""Agents of a formation in flight, in one process: one for each vehicle, with its own map.
 
-Events become inputs of an agent; its messages are received by the others at once, in the order of
-the scenario.
+Events are inputs of the agents. The other agents receive an agent's messages without delay, in the
+order of the scenario.
 """
 
 import math
@@ -32,18 +32,17 @@ from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
-FOUR_BY_THREE = 0.75  # image ratio of a camera without an angle along the track
-HOT_FOR_S = 1.5  # after the last look at fire straight below
+ASPECT_RATIO = 0.75  # of the image (4:3), for a camera without an angle along the track
+HOT_FOR_S = 1.5  # after the last view of fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
-    """Table 1 with the scenario's settings of the formation and of this vehicle."""
+    """Return table 1 with the scenario's settings of the formation and of a vehicle."""
     shared = scenario.formation
     camera = camera_of(section)
     if camera.along_rad is None:
-        along_rad = 2.0 * math.atan(FOUR_BY_THREE * math.tan(camera.across_rad / 2.0))
+        along_rad = 2.0 * math.atan(ASPECT_RATIO * math.tan(camera.across_rad / 2.0))
         camera = replace(camera, along_rad=along_rad)
-    airframe = Airframe(section.min_airspeed_m_s, section.max_airspeed_m_s)
     height_m = shared.vertical_separation_m
     return Settings(
         vertical_separation_m=NEVER_M if height_m is None else height_m,
@@ -55,14 +54,14 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
         neighbourhood_m=shared.neighbourhood_m,
         range_m=shared.range_m,
         camera=camera,
-        airframe=airframe,
+        airframe=Airframe(section.min_airspeed_m_s, section.max_airspeed_m_s),
     )
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """The cells (numbers, rising) that the base shares as burning before the mission.
+    """Return the burning cells (numbers, rising) that all agents receive before the mission.
 
-    The fire at the start if the scenario defines one, else the reported cell of the fire.
+    They are the fire at the start if the scenario defines one, else the reported cell of the fire.
     """
     burning = burning_of(scenario, landscape)
     if burning is not None:
@@ -72,7 +71,7 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """One vehicle of the formation: its agent, and the state that its events set."""
+    """One vehicle of the formation: its agent, and its state according to events."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
@@ -81,7 +80,7 @@ class FormationMember:
         self.fix: PositionFix | None = None
         self.flies = False
         self.state: State | None = None  # the last one sent
-        self.manual_control = False  # in the air, and not led by its agent
+        self.manual_control = False  # in the air, but not controlled by its agent
         self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
         self._formation = formation
 
@@ -91,30 +90,28 @@ class FormationMember:
         Autopilots do not report the outside temperature.
         """
         self.correct(observed)
-        middle = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
-        if ord(middle) == BURNING:
+        below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
+        if ord(below) == BURNING:
             self.hot_until_s = observed.at_us / 1e6 + HOT_FOR_S
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction to the agent's map."""
-        text = "".join(observed.cells).encode("ascii")
-        codes = np.frombuffer(text, dtype=np.uint8)
-        width, cols = len(observed.cells[0]), self._formation.cols
+        codes = np.frombuffer("".join(observed.cells).encode("ascii"), dtype=np.uint8)
         places = np.flatnonzero(codes != ord("."))
-        rows, columns = np.divmod(places, width)
-        cells = (observed.row + rows) * cols + observed.col + columns
+        rows, columns = np.divmod(places, len(observed.cells[0]))
+        cells = (observed.row + rows) * self._formation.cols + observed.col + columns
         burns = codes[places] == BURNING
         self.agent.add_view(cells[burns], cells[~burns], observed.at_us)
         self._formation.burns(cells[burns])
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind, turned from true north to the grid."""
+        """Set the wind, rotated from true north to the grid."""
         towards = math.radians(from_deg + 180.0)
         true_m_s = (speed_m_s * math.sin(towards), speed_m_s * math.cos(towards))
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Nothing: positions go to ``Formation.step``."""
+        """Do nothing: positions are inputs of ``Formation.step``."""
         return None
 
     def left(self, at_s: float) -> None:
@@ -131,29 +128,24 @@ class Formation:
         grid, fire = map_grid_of(landscape), first_fire(scenario, landscape)
         self.cols = grid.cols
         rows, columns = np.divmod(fire, grid.cols)
-        self._middle = (float(rows.mean()), float(columns.mean()))
+        self._centre_row_col = (float(rows.mean()), float(columns.mean()))
         self._cell_m = grid.cell_m
-        self.centre_m = grid.xy_of(*self._middle)
+        self.centre_m = grid.xy_of(*self._centre_row_col)
         self.reach_m = self._cell_m
         self.burns(fire)
         turn = math.radians(landscape.grid_convergence_deg)
         self._cos, self._sin = math.cos(turn), math.sin(turn)
         shared = scenario.formation
         self._range_m, self._near_m = shared.range_m, shared.neighbourhood_m
-        self._talks = shared.peer_messaging
+        self._peer_messaging = shared.peer_messaging
         self._outgoing: list[BroadcastMessage] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
         self.members: dict[str, FormationMember] = {
             section.name: FormationMember(
                 Agent(
-                    section.name,
-                    settings_of(scenario, section),
-                    grid,
-                    fire,
-                    at_us,
-                    shared.avoidance,
-                    shared.synchronises,
+                    *(section.name, settings_of(scenario, section), grid, fire, at_us),
+                    *(shared.avoidance, shared.synchronises),
                 ),
                 self,
             )
@@ -161,29 +153,26 @@ class Formation:
         }
 
     def burns(self, cells: Cells) -> None:
-        """Add burning cells to ``reach_m``, the farthest fire from ``centre_m``."""
+        """Extend ``reach_m``, the largest distance of fire from ``centre_m``, by burning cells."""
         if cells.size:
             rows, cols = np.divmod(cells, self.cols)
-            off = np.hypot(rows - self._middle[0], cols - self._middle[1])
+            off = np.hypot(rows - self._centre_row_col[0], cols - self._centre_row_col[1])
             self.reach_m = max(self.reach_m, float(off.max()) * self._cell_m)
 
     def on_grid(self, east_m_s: float, north_m_s: float) -> tuple[float, float]:
-        """A velocity relative to true north as (x, y) of the grid."""
+        """Convert a velocity relative to true north to (x, y) of the grid."""
         return (
             east_m_s * self._cos - north_m_s * self._sin,
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
     def step(self, name: str, fix: PositionFix) -> Intention:
-        """Advance a vehicle's agent to its position, send its messages; returns its intention."""
+        """Advance a vehicle's agent to its position and send its messages; return its intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         own = OwnState(
-            round(fix.at_s * 1e6),
-            fix.x_m,
-            fix.y_m,
-            fix.altitude_m,
+            *(round(fix.at_s * 1e6), fix.x_m, fix.y_m, fix.altitude_m),
             *velocity_m_s,
             math.dist(velocity_m_s, member.wind_m_s),
             *member.wind_m_s,
@@ -228,40 +217,40 @@ class Formation:
         )
 
     def leave(self, name: str, at_s: float) -> None:
-        """Take a vehicle out of the formation: on its way home, lost, or on the ground."""
+        """Remove a vehicle that is lost, on the ground, or returning home by itself."""
         member, at_us = self.members[name], round(at_s * 1e6)
         member.agent.leave(at_us, "left")
         self._publish(member, at_us)
 
     def on_link_lost(self, name: str) -> None:
-        """The link of a vehicle is lost: the others avoid it by dead reckoning."""
+        """Send the last state of a vehicle: the others avoid it by dead reckoning."""
         state = self.members[name].state
         if state is not None:
             self._lost.add(name)
             self._send(self.members[name], state)
 
     def end_tracking(self, name: str, at_us: int) -> None:
-        """End dead reckoning and manual tracking: the vehicle flies otherwise, or not at all."""
+        """End dead reckoning and manual tracking of a vehicle."""
         member = self.members[name]
         if name in self._lost or member.manual_control:
             self._lost.discard(name)
             member.manual_control = False
-            self._send(member, Leaving(at_us, name, "flies otherwise"))
+            self._send(member, Leaving(at_us, name, "tracking ended"))
 
     def deliver(self, name: str, message: AnyMessage) -> None:
-        """Give a message to a vehicle's agent; states only from within range.
+        """Deliver a message to a vehicle's agent; a state only within radio range.
 
-        Raises MissionServiceError for cells that are not on the map: then nothing has changed.
+        Raises MissionServiceError, without a change, for cells that are not on the map.
         """
         member = self.members[name]
         if isinstance(message, State) and member.fix is not None:
-            here_m = (member.fix.x_m, member.fix.y_m)
-            if math.dist(here_m, (message.x_m, message.y_m)) > self._range_m:
+            distance_m = math.dist((member.fix.x_m, member.fix.y_m), (message.x_m, message.y_m))
+            if distance_m > self._range_m:
                 return
         member.agent.on_message(message)
 
     def outgoing(self) -> list[BroadcastMessage]:
-        """Messages for other processes since the last call."""
+        """Return the messages for other processes since the last call."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
@@ -273,7 +262,7 @@ class Formation:
             self._send(member, message)
 
     def _send(self, member: FormationMember, message: AnyMessage) -> None:
-        if self._talks:
+        if self._peer_messaging:
             self._outgoing.append(BroadcastMessage(member.agent.name, message))
         for name, other in self.members.items():
             if other is not member:

@@ -1,14 +1,15 @@
-"""Vehicles in phase on their orbits (section 5.3.2): a vehicle ahead of the others flies slower.
+"""Phase synchronisation on orbits (section 5.3.2): a vehicle ahead of the others flies slower.
 
-Beyond the paper: all vehicles within radio range count, not the neighbours alone, because a ring of
-vehicles that each follow the next ones only may settle with phases that wind once round; and where
-phases are spread so evenly that they have no mean, all follow the one with the lowest key. A
-vehicle off its orbit does not count. Angles in radians anticlockwise; kernels.
+In addition to the paper, all vehicles within radio range count, not only the neighbours: a ring of
+vehicles that each follow their neighbours may settle with phases spread over a full turn. If phases
+are spread so evenly that they have no mean, all follow the vehicle with the lowest key. A vehicle
+off its orbit does not count. Kernels; angles are in radians anticlockwise.
 """
 
 import math
 
 from firemodel.compiled import kernel
+from mission_service.guidance.formation.loiter_kernels import sense_of
 from mission_service.guidance.formation.peer_table import (
     AGE_S,
     KEY,
@@ -21,31 +22,31 @@ from mission_service.guidance.formation.peer_table import (
     Y,
 )
 
-MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # of the most thrust (eq. 16)
-STEEPNESS = 2.3  # eq. 17, a radian
-ON_ORBIT = 0.25  # of the radius: nearer to the circle than this is on it
-NO_MEAN = 0.3  # mean of unit vectors shorter than this: phases are spread all round
-WIND_MARGIN_M_S = 2.0  # airspeed over the wind, at least
+MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # of the maximum thrust (eq. 16)
+STEEPNESS = 2.3  # per radian (eq. 17)
+ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
+NO_MEAN = 0.3  # phases whose mean unit vector is shorter have no mean
+WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
 
 @kernel
 def wrapped_rad(angle_rad):  # type: ignore[no-untyped-def]
-    """The same direction, from -π to π."""
+    """Return the same direction within -π to π."""
     return math.atan2(math.sin(angle_rad), math.cos(angle_rad))
 
 
 @kernel
 def thrust_share(ahead_rad):  # type: ignore[no-untyped-def]
-    """Eqs. 16 and 17: of the most thrust, for one that is ahead of the mean by an angle."""
+    """Return the share of the maximum thrust for an angle ahead of the mean (eqs. 16 and 17)."""
     share = CRUISE_SHARE + 0.3 * 2.0 * (1.0 / (1.0 + math.exp(STEEPNESS * ahead_rad)) - 0.5)
     return min(max(share, MIN_SHARE), MAX_SHARE)
 
 
 @kernel
 def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no-untyped-def]
-    """0.4 is the least airspeed, 0.7 cruise (``Airframe.cruise_m_s``), 1 the most.
+    """Return the airspeed of a share: 0.4 minimum, 0.7 cruise (``Airframe``), 1 maximum.
 
-    Over the wind in any case, as far as the airframe goes.
+    It exceeds the wind speed if the maximum airspeed allows it.
     """
     cruise_m_s = max(CRUISE_SHARE * max_m_s, min_m_s)
     if share < CRUISE_SHARE:
@@ -59,7 +60,7 @@ def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no
 
 @kernel
 def is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):  # type: ignore[no-untyped-def]
-    """Whether a place is near a circle."""
+    """Return whether a place is near a circle."""
     distance_m = math.hypot(x_m - orbit_x_m, y_m - orbit_y_m)
     return abs(distance_m - abs(radius_m)) < ON_ORBIT * abs(radius_m)
 
@@ -68,11 +69,11 @@ def is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):  # type: ignore[no-un
 def ahead_of_others_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m
 ):
-    """Eq. 18 against the circular mean of all others that are on an orbit of the same radius.
+    """Compute eq. 18: the angle ahead of the circular mean of others on an orbit of this radius.
 
-    ``peers`` (n, COLUMNS) as of ``PeerTable.rows``; old states are advanced on their circles. The
-    angle is positive for a vehicle ahead, in either sense of turn. 0 where there are no others, or
-    the vehicle itself is not on its orbit.
+    ``peers`` (n, COLUMNS) are rows of ``PeerTable.rows``; old states are advanced on their circles.
+    The angle is positive for a vehicle ahead, in either sense of turn. It is 0 without other
+    vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):
         return 0.0
@@ -99,7 +100,7 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
             first_key, first_rad = peers[row, KEY], angle_rad
     if count == 0:
         return 0.0
-    sense = -1.0 if radius_m > 0.0 else 1.0
+    sense = sense_of(radius_m)
     all_x, all_y = sum_x + math.cos(own_rad), sum_y + math.sin(own_rad)
     if math.hypot(all_x, all_y) < NO_MEAN * (count + 1):
         return sense * wrapped_rad(own_rad - first_rad)
@@ -111,6 +112,6 @@ def airspeed_in_phase_m_s(  # type: ignore[no-untyped-def]
     x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m,
     min_m_s, max_m_s, wind_m_s,
 ):  # fmt: skip
-    """The airspeed that brings the vehicle into phase: eqs. 16 to 18 in one."""
+    """Return the airspeed that brings the vehicle into phase (eqs. 16 to 18)."""
     ahead_rad = ahead_of_others_rad(x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m)
     return airspeed_of_share_m_s(thrust_share(ahead_rad), min_m_s, max_m_s, wind_m_s)

@@ -1,4 +1,4 @@
-"""The last state received of each other UAV, as rows of numbers for the kernels."""
+"""The last received state of each other UAV, as rows of numbers for the kernels."""
 
 import math
 import zlib
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 # Columns of a row.
 X, Y, ALTITUDE, VX, VY = range(5)
-GOAL_X, GOAL_Y = 5, 6  # where its virtual agent goes or is; NaN without one
+GOAL_X, GOAL_Y = 5, 6  # goal or position of its virtual agent; NaN without an agent
 ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(7, 13)
 COLUMNS = 13
 
@@ -20,12 +20,12 @@ LOST_AFTER_S = 10.0
 
 
 def priority_key(name: str) -> int:
-    """A number for a name, equal in all processes: the lower number has priority."""
+    """Return a number for a name, equal in all processes; a lower number has priority."""
     return zlib.crc32(name.encode())
 
 
 class PeerTable:
-    """One row for each UAV; not for those that have left, or sent nothing for ``LOST_AFTER_S``."""
+    """One row for each UAV that sent a state in the last ``LOST_AFTER_S`` and has not left."""
 
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
@@ -33,7 +33,7 @@ class PeerTable:
         self._received_at_us = np.zeros(8, dtype=np.int64)
 
     def apply_state(self, state: State) -> None:
-        """Store a state, unless a later one is stored."""
+        """Store a state unless a later one is stored."""
         row = self._row_of.get(state.sender)
         if row is None:
             row = self._new_row(state.sender)
@@ -57,14 +57,14 @@ class PeerTable:
         )
 
     def remove(self, name: str) -> None:
-        """Leave a UAV out until its next state."""
+        """Remove a UAV until its next state."""
         row = self._row_of.get(name)
         if row is not None:
             self._rows[row, AGE_S] = np.inf
             self._received_at_us[row] = np.iinfo(np.int64).min
 
     def rows(self, at_us: int) -> Floats:
-        """Rows (n, COLUMNS) of the UAVs with a recent state; column ``AGE_S`` is its age."""
+        """Return rows (n, COLUMNS) of UAVs with a recent state; column ``AGE_S`` is its age."""
         count = len(self._row_of)
         age_s = (at_us - self._received_at_us[:count].astype(np.float64)) / 1e6
         self._rows[:count, AGE_S] = age_s
@@ -73,10 +73,8 @@ class PeerTable:
     def _new_row(self, name: str) -> int:
         row = self._row_of[name] = len(self._row_of)
         if row == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-            self._received_at_us = np.concatenate(
-                [self._received_at_us, np.zeros_like(self._received_at_us)]
-            )
+            self._rows = np.pad(self._rows, ((0, row), (0, 0)))
+            self._received_at_us = np.pad(self._received_at_us, (0, row))
         self._received_at_us[row] = np.iinfo(np.int64).min
         self._rows[row, KEY] = priority_key(name)
         return row

@@ -1,8 +1,8 @@
-"""Inner loops of the shared fire map: versioned cells, tiles and their checksums.
+"""Compiled loops of the shared fire map: versioned cells, tiles and their checksums.
 
-``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, 0 if unknown; ``fire`` (y, x) is
-their last bit. ``sums`` (tiles) is for each tile of ``TILE`` x ``TILE`` cells, numbered in rows,
-the sum of ``cell_checksum`` of its known cells.
+``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, or 0 if unknown; ``fire`` (y, x) is
+their last bit. ``sums`` (tiles) are the checksums of tiles of ``TILE`` x ``TILE`` cells, numbered
+row by row: the sum of ``cell_checksum`` of the known cells of a tile.
 """
 
 import numpy as np
@@ -10,12 +10,12 @@ import numpy as np
 from firemodel.compiled import kernel
 
 TILE = 16
-CHECKSUM = 2**40 - 1  # so many values; below 2**53, up to which JSON's numbers are safe
+CHECKSUM = 2**40 - 1  # largest value; less than 2**53, the limit of exact numbers in JSON
 
 
 @kernel
 def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
-    """A cell's share of a checksum (the finaliser of splitmix64); 0 if it is unknown."""
+    """Return the hash of a cell (the finaliser of splitmix64); 0 if it is unknown."""
     if stamp == 0:
         return 0
     x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
@@ -25,8 +25,8 @@ def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _renew(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
-    """Give a cell a new stamp; 1 if it burns now and did not, -1 if it is the reverse, else 0."""
+def _set_stamp(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
+    """Set a cell's stamp; return 1 if it has begun to burn, -1 if it has ceased to, else 0."""
     cols = fire.shape[1]
     row, col = cell // cols, cell % cols
     tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
@@ -41,7 +41,7 @@ def _renew(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
 
 @kernel
 def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
-    """Index of the first cell that is not on a map of ``size`` cells, -1 if all are."""
+    """Return the index of the first cell off a map of ``size`` cells; -1 if all are on it."""
     for i in range(cells.size):
         if cells[i] < 0 or cells[i] >= size:
             return i
@@ -50,10 +50,10 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Set cells seen to burn or not, newer than all received before.
+    """Set cells that a camera shows as burning or not; they are newer than all received cells.
 
-    Fills ``changed``; returns its count and -1, or 0 and the index of a cell off the map: then
-    nothing has changed.
+    Fills ``changed``; returns its count and -1. If a cell is off the map nothing changes, and the
+    result is 0 and its index.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -65,7 +65,7 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
         stamp = 2 * at_us + int(burns)
         if stamp <= stamps[row, col]:
             stamp = stamps[row, col] // 2 * 2 + 2 + int(burns)
-        _renew(cells[i], stamp, stamps, fire, sums)
+        _set_stamp(cells[i], stamp, stamps, fire, sums)
         changed[count] = cells[i]
         count += 1
     return count, off_map
@@ -75,8 +75,8 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
 def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
     """Merge received stamps: the later stamp of each cell wins.
 
-    Fills ``changed`` with cells that burn now from the front, and cells that no longer do from the
-    back; returns both counts and -1, or the index of a cell off the map as ``record_view`` does.
+    Fills ``changed`` from the front with cells that have begun to burn, and from the back with
+    those that have ceased to. Returns both counts and -1, or the index of a cell off the map.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -84,14 +84,14 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
     for i in range(cells.size if off_map < 0 else 0):
         cell = cells[i]
         if new[i] > stamps[cell // cols, cell % cols]:
-            way = _renew(cell, new[i], stamps, fire, sums)
-            if way > 0:
+            change = _set_stamp(cell, new[i], stamps, fire, sums)
+            if change > 0:
                 changed[on] = cell
                 on += 1
-            elif way < 0:
+            elif change < 0:
                 off += 1
                 changed[cells.size - off] = cell
-    # A cell that is in a message twice may have been both.
+    # A cell that is in a message twice may be in both parts.
     kept_on, kept_off = 0, 0
     for i in range(on):
         if fire[changed[i] // cols, changed[i] % cols]:
@@ -106,9 +106,9 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
 
 @kernel
 def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
-    """The number of cells in runs (n, 4), see ``Difference``.
+    """Return the number of cells in the runs (n, 4) of a ``Difference``.
 
-    Returns -1 - index for a run that is not on a map of ``size`` cells.
+    The result is -1 - index for a run that is not on a map of ``size`` cells.
     """
     count = 0
     for i in range(runs.shape[0]):
@@ -120,7 +120,7 @@ def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
-    """Fill in the cells of runs, and their stamps."""
+    """Fill ``cells`` and ``stamps`` with the cells of runs."""
     count = 0
     for i in range(runs.shape[0]):
         for cell in range(runs[i, 0], runs[i, 0] + runs[i, 1]):
@@ -131,10 +131,11 @@ def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
 
 @kernel
 def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
-    """Tiles with other checksums at a sender: ``listed`` (n, 2), 0 for the rest of its range.
+    """Find the tiles with a different checksum at a sender.
 
-    Fills ``theirs`` (tiles) with its checksums, and ``found``; returns their count, or -1 if a tile
-    is beyond the map.
+    ``listed`` (n, 2) are tiles and checksums of the sender, which are 0 in the rest of its range.
+    Fills ``theirs`` (tiles) with the sender's checksums, and ``found`` with the tiles; returns
+    their count, or -1 if a tile is off the map.
     """
     if not 0 <= first <= end <= sums.size:
         return -1
@@ -154,14 +155,14 @@ def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no
 
 @kernel
 def corner(tile, cols):  # type: ignore[no-untyped-def]
-    """First row and column of a tile."""
+    """Return the first row and column of a tile."""
     across = (cols + TILE - 1) // TILE
     return tile // across * TILE, tile % across * TILE
 
 
 @kernel
 def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
-    """Known cells of a tile: fills ``found``, rising; returns their count."""
+    """Fill ``found`` with the known cells of a tile in rising order; return their count."""
     rows, cols = stamps.shape
     top, left = corner(tile, cols)
     count = 0
@@ -175,9 +176,10 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
-    """The cells of a tile that another UAV lacks by its checksum: all, or one, or two.
+    """Find the cells of a tile that another UAV lacks, by its checksum: all, one, or two.
 
-    Fills ``found``; returns their count, 0 if there is no such set. ``shares`` is a work array.
+    Fills ``found``; returns their count, or 0 if no such set has the difference as its checksum.
+    ``shares`` is a work array.
     """
     cols = stamps.shape[1]
     count = known_cells(tile, stamps, found)
@@ -200,9 +202,9 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 
 @kernel
 def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
-    """Cells of a tile with a later stamp than ``sent``, or that are not in ``cells``.
+    """Find the cells of a tile that are not in ``cells``, or have a later stamp than ``sent``.
 
-    ``theirs`` is zeros (TILE * TILE); fills ``found``, rising; returns their count.
+    ``theirs`` are zeros (TILE * TILE). Fills ``found`` in rising order; returns their count.
     """
     rows, cols = stamps.shape
     top, left = corner(tile, cols)

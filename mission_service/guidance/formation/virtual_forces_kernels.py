@@ -1,17 +1,19 @@
-"""The virtual forces of the paper (section 5.2, eqs. 5 to 13), compiled: one agent, one moment.
+"""The virtual forces of the paper (section 5.2, eqs. 5 to 13) on one agent, compiled.
 
-Forces are in m/s of the virtual agent. Distances between agents count in the paper's cells of 10 m
-(``PAPER_CELL_M``), so that constants mean the same on every map. What the paper leaves open:
+Forces are in m/s of the virtual agent. Distances between agents are in the paper's cells of 10 m
+(``PAPER_CELL_M``), so that constants have the same meaning on every map. Where the paper is
+incomplete, these rules apply:
 
-- Eq. 7 raises a negative number to the power e3: taken is its magnitude, the overlap, and the force
-  is repulsive, as the text has it.
-- Two agents at one place, or one at the fire's very centre, have no direction to go: it is
+- Eq. 7 raises a negative number to the power e3. Its magnitude, the overlap, is used instead, and
+  the force is repulsive, as the text states.
+- Two agents at the same place, and an agent at the fire's centre, have no defined direction. It is
   ``tie_rad``, which must differ between vehicles.
-- The escape (eq. 13) goes anticlockwise around the fire, as UAVs loiter, and takes the place of the
-  weak force, which is ignored.
+- The escape (eq. 13) leads anticlockwise around the fire, as UAVs loiter, and replaces the weak
+  force.
 
-``constants`` is ``as_array(Constants)``. Maps are uint8 (rows, cols), row 0 north, not 0 where set;
-``west_m``, ``north_m`` are the outer north-west corner. All beyond their edge is not set.
+``constants`` is ``constants_array(Constants)``. Maps are arrays (rows, cols), row 0 north, and
+nonzero where set; ``west_m``, ``north_m`` are their north-west corner. No cell beyond their edge is
+set.
 """
 
 import math
@@ -28,18 +30,18 @@ SAME_PLACE_M = 1e-6
 
 
 def constants_array(constants: Constants) -> NDArray[np.float64]:
-    """The constants (8), in the order of ``NAMES``."""
+    """Return the constants (8), in the order of ``NAMES``."""
     return np.array([getattr(constants, name) for name in NAMES], dtype=np.float64)
 
 
 def tie_rad(number: int) -> float:
-    """A direction for vehicle ``number`` unlike that of all others (the golden angle)."""
+    """Return a direction that differs for each vehicle ``number`` (by the golden angle)."""
     return number * 2.399963229728653 % (2.0 * math.pi)
 
 
 @kernel
 def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untyped-def]
-    """Whether a map is set at a place."""
+    """Return whether a map is set at a place."""
     row = math.floor((north_m - y_m) / cell_m)
     col = math.floor((x_m - west_m) / cell_m)
     rows, cols = bitmap.shape
@@ -48,7 +50,7 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 @kernel
 def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
-    """The unit vector to a place and its distance; for the same place the one at ``tie_rad``."""
+    """Return the unit vector to a place, and its distance; ``tie_rad`` breaks a tie."""
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
     if distance_m < SAME_PLACE_M:
@@ -58,19 +60,19 @@ def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no
 
 @kernel
 def attraction(in_area, constants):  # type: ignore[no-untyped-def]
-    """Attraction of an agent to the fire's centre, m/s (eq. 5)."""
+    """Return the attraction of an agent to the fire's centre, m/s (eq. 5)."""
     return constants[C1] if in_area else constants[C2]
 
 
 @kernel
 def avoidance(in_augmentation, constants):  # type: ignore[no-untyped-def]
-    """Repulsion of an agent from the fire's centre, m/s (eq. 9)."""
+    """Return the repulsion of an agent from the fire's centre, m/s (eq. 9)."""
     return constants[C4] if in_augmentation else 0.0
 
 
 @kernel
 def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad):  # type: ignore[no-untyped-def]
-    """Repulsion by all other agents (n) within the spacing (eqs. 6 to 8): a vector, m/s."""
+    """Return the repulsion by all other agents (n) within the spacing (eqs. 6 to 8), m/s."""
     east, north = 0.0, 0.0
     for j in range(others_x_m.size):
         e, n, distance_m = unit_vector(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
@@ -83,34 +85,21 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
 
 @kernel
 def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
-    """Whether all forces cancel although the others' repulsion is strong (section 5.2.5)."""
+    """Return whether all forces cancel despite a strong repulsion by others (section 5.2.5)."""
     return force < constants[T1] and formation_force > constants[T2]
 
 
 @kernel
 def velocity_of_forces(  # type: ignore[no-untyped-def]
-    x_m,
-    y_m,
-    others_x_m,
-    others_y_m,
-    centre_x_m,
-    centre_y_m,
-    augmentation,
-    area,
-    west_m,
-    north_m,
-    cell_m,
-    constants,
-    spacing_m,
-    max_m_s,
-    tie_rad,
-):
-    """The velocity (east, north) in m/s of a virtual agent at (x, y) (eqs. 10 to 13).
+    x_m, y_m, others_x_m, others_y_m, centre_x_m, centre_y_m, augmentation, area,
+    west_m, north_m, cell_m, constants, spacing_m, max_m_s, tie_rad,
+):  # fmt: skip
+    """Compute the velocity (east, north) in m/s of a virtual agent at (x, y) (eqs. 10 to 13).
 
-    ``others_*`` (n) are the agents of UAVs in range, without itself; ``centre_*`` the centre of
-    gravity of the fire; ``spacing_m`` is d of eq. 8, ``max_m_s`` vel_max.
+    ``others_*`` (n) are the other agents in range, ``centre_*`` is the centre of gravity of the
+    fire, ``spacing_m`` is d of eq. 8 and ``max_m_s`` is vel_max.
     """
-    # At the very centre all directions lead out: the one inwards is opposite to the tie's.
+    # At the centre all directions lead outwards: the inward one is defined opposite to tie_rad.
     in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
     in_area = is_set(area, x_m, y_m, west_m, north_m, cell_m)
     in_augmentation = is_set(augmentation, x_m, y_m, west_m, north_m, cell_m)
@@ -119,7 +108,7 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
     east, north = inwards * in_e + push_e, inwards * in_n + push_n
     force = math.hypot(east, north)
     if in_local_minimum(force, math.hypot(push_e, push_n), constants):
-        # Anticlockwise around the centre: the way in, turned right.
+        # Anticlockwise around the centre: the inward direction, turned right.
         east, north, force = constants[C5] * in_n, -constants[C5] * in_e, constants[C5]
     elif force < constants[T1]:
         return 0.0, 0.0

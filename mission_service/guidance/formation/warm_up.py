@@ -1,4 +1,4 @@
-"""Compilation of the formation's kernels before flight; the first time takes many seconds."""
+"""Compilation of the formation's kernels before flight; the first run takes many seconds."""
 
 import numpy as np
 
@@ -14,11 +14,11 @@ STEP_US = 250_000
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Fly three agents briefly over a small fire, with their messages about it lost.
+    """Run three agents for some steps over a small fire, with the loss of their fire updates.
 
-    So every kernel of an agent is called once and compiled, or loaded from the disk cache. The
-    compiler distinguishes columns of one row and of several: agents receive no message first, then
-    two.
+    Every kernel of an agent is thereby called, and compiled or loaded from the disk cache. The
+    compiler distinguishes arrays of one row from those of several, so agents first receive no
+    message, then two.
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])
