@@ -6,6 +6,8 @@ import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import click
+
 from mission_service.config.scenario import load_scenario
 from mission_service.simulation.sim import simulate
 
@@ -25,14 +27,13 @@ def main() -> None:
     with ProcessPoolExecutor(2) as pool:
         counts = list(pool.map(reversals, ALPHAS))
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(
+        click.echo(
             json.dumps([{"alpha": a, "reversals": n} for a, n in zip(ALPHAS, counts, strict=True)])
-            + "\n"
         )
         return
-    sys.stdout.write("| α | " + " | ".join(f"{alpha:g}" for alpha in ALPHAS) + " |\n")
-    sys.stdout.write("|---" * (len(ALPHAS) + 1) + "|\n")
-    sys.stdout.write("| reversals | " + " | ".join(map(str, counts)) + " |\n")
+    click.echo("| α | " + " | ".join(f"{alpha:g}" for alpha in ALPHAS) + " |\n", nl=False)
+    click.echo("|---" * (len(ALPHAS) + 1) + "|\n", nl=False)
+    click.echo("| reversals | " + " | ".join(map(str, counts)) + " |\n", nl=False)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import click
+
 from mission_service.config.service import HttpSection
 from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.api.server import bound, serving
@@ -69,7 +71,7 @@ def main() -> None:
         began_s = time.monotonic()
         code = asyncio.run(fuzz(world, examples, seed))
         took_s = time.monotonic() - began_s
-        sys.stdout.write(f"{name}: {took_s:.0f} s; {len(world.told)} requests became events\n")
+        click.echo(f"{name}: {took_s:.0f} s; {len(world.told)} requests became events")
     sys.exit(code)
 
 

@@ -10,6 +10,7 @@ other's reciprocal velocity obstacle; a collision a distance below 60 m.
 import sys
 import time
 
+import click
 import numpy as np
 
 from mission_service.guidance.formation import intent_avoidance as intent
@@ -30,7 +31,7 @@ SPACING_M = 280.0
 
 
 def say(line: str) -> None:
-    sys.stdout.write(line + "\n")
+    click.echo(line)
 
 
 def worlds(count: int, seed: int) -> dict[str, tuple[World, float]]:

@@ -3,8 +3,7 @@
 On fires other than those that are reported, a participant each, beside our own method.
 """
 
-import sys
-
+import click
 import numpy as np
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
@@ -37,7 +36,7 @@ def main() -> None:
         return float(np.nanmean(found))
 
     uncorrected_m = mean_m(None)
-    sys.stdout.write(f"no corrections      {uncorrected_m:6.1f} m\n")
+    click.echo(f"no corrections      {uncorrected_m:6.1f} m")
     for length_m in LENGTHS_M:
 
         def method(
@@ -47,9 +46,9 @@ def main() -> None:
 
         left_m = mean_m(method)
         share = 1.0 - left_m / uncorrected_m
-        sys.stdout.write(f"paper, {length_m:5.0f} m      {left_m:6.1f} m  {share:5.0%}\n")
+        click.echo(f"paper, {length_m:5.0f} m      {left_m:6.1f} m  {share:5.0%}")
     left_m = mean_m(GaussianCorrected)
-    sys.stdout.write(f"Gaussian process    {left_m:6.1f} m  {1 - left_m / uncorrected_m:5.0%}\n")
+    click.echo(f"Gaussian process    {left_m:6.1f} m  {1 - left_m / uncorrected_m:5.0%}")
 
 
 if __name__ == "__main__":

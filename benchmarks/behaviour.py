@@ -25,6 +25,8 @@ from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
+import click
+
 from mission_service.config.scenario import SHIPPED, load_scenario
 
 SCENARIOS = sorted(file.stem for file in SHIPPED.glob("*.toml"))
@@ -47,8 +49,7 @@ def record(folder: Path, wanted: list[str]) -> None:
     chosen = [name for name in parts if not wanted or any(_is_in(name, each) for each in wanted)]
     with ThreadPoolExecutor(PROCESSES) as pool:
         for name, _ in zip(chosen, pool.map(lambda each: parts[each](), chosen), strict=True):
-            sys.stdout.write(f"{name}\n")
-            sys.stdout.flush()
+            click.echo(f"{name}")
 
 
 def _is_in(name: str, part: str) -> bool:
@@ -144,8 +145,8 @@ def compare(before: Path, after: Path, names: dict[str, str], without: tuple[str
         found = list(islice(_differences(*pair, names, without), SHOWN))
         different += bool(found)
         for words in found:
-            sys.stdout.write(f"{file}: {words}\n")
-    sys.stdout.write(f"{len(files)} files, {different} differ\n")
+            click.echo(f"{file}: {words}")
+    click.echo(f"{len(files)} files, {different} differ")
     return different
 
 

@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import shapely
 
@@ -297,9 +298,8 @@ def main() -> None:
         for seed in range(first, first + runs):
             found = fly(seed, Path(folder))
             total = {key: total[key] + found[key] for key in total}
-            sys.stdout.write(f"seed {seed}: {found['ordered']} ordered, {found['releases']} fell\n")
-            sys.stdout.flush()
-    sys.stdout.write(f"{runs} runs: {total['ordered']} drops ordered, none that should not be\n")
+            click.echo(f"seed {seed}: {found['ordered']} ordered, {found['releases']} fell")
+    click.echo(f"{runs} runs: {total['ordered']} drops ordered, none that should not be")
 
 
 if __name__ == "__main__":

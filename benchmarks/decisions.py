@@ -13,6 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import click
 import numpy as np
 
 from firemodel.physics.weather import WeatherStream
@@ -134,14 +135,14 @@ def main() -> None:
             for name, make_rule in TEAM_RULES.items()
         ]
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps({"limit_ms": LIMIT_MS, "decisions": rows}) + "\n")
+        click.echo(json.dumps({"limit_ms": LIMIT_MS, "decisions": rows}))
         return
-    sys.stdout.write("planner                 cells   median ms     p99 ms\n")
+    click.echo("planner                 cells   median ms     p99 ms")
     for row in rows:
-        sys.stdout.write(
-            f"{row['planner']:22}{row['front_cells']:7}{row['median_ms']:12}{row['p99_ms']:11}\n"
+        click.echo(
+            f"{row['planner']:22}{row['front_cells']:7}{row['median_ms']:12}{row['p99_ms']:11}"
         )
-    sys.stdout.write(f"limit of the median at 2,000 cells: {LIMIT_MS} ms\n")
+    click.echo(f"limit of the median at 2,000 cells: {LIMIT_MS} ms")
 
 
 if __name__ == "__main__":

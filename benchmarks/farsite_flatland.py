@@ -22,7 +22,6 @@ At the top of each case is FARSITE's fastest spread in cells that caught fire in
 """
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -30,6 +29,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -221,19 +221,17 @@ def main() -> None:
         entry.dead_1h_pct for entry in read_case(folder, STEADY, conditioned=True).entries
     ]
     steady, *_ = stretches_of(landscape, read_case(folder, STEADY, conditioned=False))
-    sys.stdout.write(
-        f"head at the first moistures: {steady.head_m / steady.upto_s * 60:.2f} m/min\n"
-    )
-    sys.stdout.write(row("1-h moisture, implied", implied, 2))
-    sys.stdout.write(row("1-h moisture, hourly", followed_pct, 2))
+    click.echo(f"head at the first moistures: {steady.head_m / steady.upto_s * 60:.2f} m/min")
+    click.echo(row("1-h moisture, implied", implied, 2), nl=False)
+    click.echo(row("1-h moisture, hourly", followed_pct, 2), nl=False)
     for case in CASES:
         held = read_case(folder, case, conditioned=False)
         hourly = read_case(folder, case, conditioned=True)
         minutes = followed(held)
         theirs = farsites(folder, case, landscape)
-        sys.stdout.write(f"{case}\n")
-        sys.stdout.write(row("  minutes, up to", BINS_MIN[1:], 0))
-        sys.stdout.write(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2))
+        click.echo(f"{case}")
+        click.echo(row("  minutes, up to", BINS_MIN[1:], 0), nl=False)
+        click.echo(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2), nl=False)
         lines: dict[str, tuple[WeatherStream, float | None]] = {
             "held": (held, None),
             "hourly": (hourly, None),
@@ -247,16 +245,16 @@ def main() -> None:
         for name, (stream, per_min) in lines.items():
             answer = exact(lit, stretches_of(landscape, stream, per_min))
             both = zip(answer, theirs, strict=True)
-            sys.stdout.write(row(f"{name}, exact", [overlap(*pair) for pair in both]))
+            click.echo(row(f"{name}, exact", [overlap(*pair) for pair in both]), nl=False)
             if per_min is None:
                 found = ours(landscape, stream, lit)
                 both = zip(found, theirs, strict=True)
-                sys.stdout.write(row(f"{name}, this fire", [overlap(*pair) for pair in both]))
+                click.echo(row(f"{name}, this fire", [overlap(*pair) for pair in both]), nl=False)
                 both = zip(found, answer, strict=True)
-                sys.stdout.write(row("  these two", [overlap(*pair) for pair in both]))
+                click.echo(row("  these two", [overlap(*pair) for pair in both]), nl=False)
         for hour in (1, HOURS):
             gaps = gaps_m(answer[hour - 1], theirs[hour - 1])
-            sys.stdout.write(row(f"  short of it, m, {hour} h", gaps, 0))
+            click.echo(row(f"  short of it, m, {hour} h", gaps, 0), nl=False)
 
 
 if __name__ == "__main__":

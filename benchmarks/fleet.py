@@ -14,6 +14,8 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
+import click
+
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
@@ -33,11 +35,7 @@ async def fly(ports: list[int]) -> None:
     async with asyncio.TaskGroup() as group:
         for index, port in enumerate(ports):
             stack = stack_named("px4" if index % 2 == 0 else "ardupilot", "plane")
-            mock = MockAutopilot(
-                stack,
-                LocalFrame(36.3, -84.2, 300.0),
-                system_id=index + 1,
-            )
+            mock = MockAutopilot(stack, LocalFrame(36.3, -84.2, 300.0), system_id=index + 1)
             if stack.name == "px4":  # these lines have no landing
                 mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
             group.create_task(serve(mock, f"udpout:127.0.0.1:{port}", 1.0, clock_us))
@@ -45,8 +43,7 @@ async def fly(ports: list[int]) -> None:
 
 def _tell_cpu() -> None:
     if sys.stdin.readline():
-        sys.stdout.write(f"{time.process_time()}\n")
-        sys.stdout.flush()
+        click.echo(f"{time.process_time()}")
 
 
 class Vehicle:
@@ -110,12 +107,11 @@ async def run(vehicles: int, items: int, rounds: int) -> bool:
                     f"{name} {statistics.median(s for n, _, s in ended if n == name):.2f}"
                     for name in sorted({name for name, _, _ in ended})
                 )
-                sys.stdout.write(
+                click.echo(
                     f"{len(accepted)}/{vehicles} with {items} items in {taken_s:.2f} s "
                     f"({taken_s / MAX_S:.2f} of the limit); CPU: ours {own_s:.2f} s, "
-                    f"mocks {mock_s:.2f} s; median of one: {medians} s\n"
+                    f"mocks {mock_s:.2f} s; median of one: {medians} s"
                 )
-                sys.stdout.flush()
         finally:
             mocks.kill()
             await mocks.wait()

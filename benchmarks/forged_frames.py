@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
@@ -338,10 +339,10 @@ def main() -> None:
             scenario.duration_s,
             arguments.seed,
         )
-    sys.stdout.write(
+    click.echo(
         f"{forged.frames} forged frames, seed {arguments.seed}: "
         f"{time.perf_counter() - began_s:.0f} s; alarms {dict(sorted(forged.alarms.items()))}; "
-        f"frames sent to others: {forged.to_others}; journals differ: {different or 'nowhere'}\n"
+        f"frames sent to others: {forged.to_others}; journals differ: {different or 'nowhere'}"
     )
     enough = forged.frames >= arguments.frames
     sys.exit(bool(different) or bool(forged.to_others) or not enough)

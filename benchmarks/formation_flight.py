@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from mission_service.commands import ChangeSpeed, Orbit, UploadMission
@@ -115,7 +116,7 @@ def figures_of(path: Path, from_s: float = FROM_S) -> dict[str, Any]:
 def main() -> None:
     """Fly, unless a journal is given, and print the figures."""
     if len(sys.argv) > 1:
-        sys.stdout.write(json.dumps(figures_of(Path(sys.argv[1])), indent=2) + "\n")
+        click.echo(json.dumps(figures_of(Path(sys.argv[1])), indent=2))
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.jsonl"
@@ -126,7 +127,7 @@ def main() -> None:
         figures = figures_of(path)
     figures["times_real_time"] = round(scenario.duration_s / took_s, 1)
     figures["closest_pair_m"] = None if record.closest is None else record.closest.distance_m
-    sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+    click.echo(json.dumps(figures, indent=2))
 
 
 if __name__ == "__main__":

@@ -5,12 +5,12 @@ shared maps hear each other a quarter of a second later; new fire is seen at onc
 what is wrong on a map is what has not been heard.
 """
 
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
+import click
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -141,10 +141,10 @@ def main() -> None:
     """Print all."""
     order = rough_disc()
     for name, us in steps(order).items():
-        sys.stdout.write(f"{us:10.1f} us  {name}\n")
+        click.echo(f"{us:10.1f} us  {name}")
     for count in (2, 8, 64):
         for loss in (0.0, LOST):
-            sys.stdout.write(shared(order, count, loss, 120 if count < 64 else 60) + "\n")
+            click.echo(shared(order, count, loss, 120 if count < 64 else 60))
 
 
 if __name__ == "__main__":

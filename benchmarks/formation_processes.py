@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import aiomqtt
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -321,7 +322,7 @@ def main() -> None:
     speedup = float(sys.argv[2]) if len(sys.argv) > 2 else 15.0
     with tempfile.TemporaryDirectory() as folder:
         figures = asyncio.run(run(count, speedup, Path(folder)))
-    sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+    click.echo(json.dumps(figures, indent=2))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import click
+
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
 from mission_service.experiments.virtual_agents.scenarios import DURATION_S, EXPERIMENTS, burned
 from mission_service.guidance.formation.settings import Settings
@@ -47,8 +49,7 @@ def timed(work: Callable[[], object]) -> float:
 
 def tell(text: str) -> None:
     """A line of the result."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
+    click.echo(f"{text}")
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
@@ -222,10 +223,7 @@ def transfer_part(chance: random.Random, count: int, report: Report) -> None:
 
 def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
     """How one upload ended; raises AssertionError when it does not end."""
-    mock = MockAutopilot(
-        stack,
-        LocalFrame(36.3, -84.2, 300.0),
-    )
+    mock = MockAutopilot(stack, LocalFrame(36.3, -84.2, 300.0))
     client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
     while now_us < MAX_VIRTUAL_S * 1e6:
@@ -299,13 +297,13 @@ def main() -> None:
     failures = report.failures()
     if grown_mb > GROWTH_ALLOWED_MB:
         failures.append(f"memory grew by {grown_mb:.1f} MB")
-    sys.stdout.write(
+    click.echo(
         f"{report.bad} bad frames, seed {arguments.seed}: {taken_s:.1f} s, "
         f"{report.bad / taken_s:.0f} a second\n"
         f"good frames between them: {report.good}, lost {report.lost}; "
         f"chance checksums {report.by_chance}\n"
         f"transfers under fire: {dict(sorted(report.transfers.items()))}\n"
-        f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB\n"
+        f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB"
     )
     sys.exit("; ".join(failures) or 0)
 

@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from typing import Any
 
+import click
 import numpy as np
 import shapely
 
@@ -28,11 +29,7 @@ IGNITIONS = 500
 
 
 STEADY = (Spread(0.0, 0.3, 0.015, 0.015, -math.pi / 2),)
-CHANGING = (
-    *STEADY,
-    Spread(100.0, 0.4, 0.015, 0.015, -1.4),
-    Spread(400.0, 0.2, 0.015, 0.015, -1.7),
-)
+CHANGING = (*STEADY, Spread(100.0, 0.4, 0.015, 0.015, -1.4), Spread(400.0, 0.2, 0.015, 0.015, -1.7))
 
 
 def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
@@ -139,12 +136,12 @@ def main() -> None:
         **dict(sorted(counts.items())),
     }
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps(result | {"wrong": wrong[:100]}) + "\n")
+        click.echo(json.dumps(result | {"wrong": wrong[:100]}))
         return
     for name, figures in result.items():
-        sys.stdout.write(f"{name}: " + ", ".join(f"{k} {v}" for k, v in figures.items()) + "\n")
+        click.echo(f"{name}: " + ", ".join(f"{k} {v}" for k, v in figures.items()))
     for fault in wrong[:100]:
-        sys.stdout.write(fault + "\n")
+        click.echo(fault)
 
 
 if __name__ == "__main__":

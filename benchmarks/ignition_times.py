@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -151,16 +152,16 @@ def main() -> None:
     """Measure and print."""
     rows = [row for name, spreads in winds().items() for row in measure(name, spreads)]
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps({"ignitions": IGNITIONS, "ignition_times": rows}) + "\n")
+        click.echo(json.dumps({"ignitions": IGNITIONS, "ignition_times": rows}))
         return
-    sys.stdout.write(f"{IGNITIONS} ignitions{'ms':>52}{'of a core':>12}{'limit':>8}{'pairs':>8}\n")
+    click.echo(f"{IGNITIONS} ignitions{'ms':>52}{'of a core':>12}{'limit':>8}{'pairs':>8}")
     for row in rows:
         limit = f"{row['limit_ms']:.0f}" if "limit_ms" in row else ""
         pairs = f"{row['pairs']:.0f} x" if "pairs" in row else ""
         off = f"  off {row['off_s']:.0e} s" if "off_s" in row else ""
-        sys.stdout.write(
+        click.echo(
             f"{row['wind']:10}{row['what']:47}{row['ms']:9.2f}{row['core_ms']:12.2f}{limit:>8}"
-            f"{pairs:>8}{off}\n"
+            f"{pairs:>8}{off}"
         )
 
 

@@ -31,6 +31,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 from autopilot_bridge.links.link import other_end
 from benchmarks.burn_frames import check as unapproved
 from benchmarks.link_shared import free_ports
@@ -145,8 +147,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
             }
             for each, mock in mocks.items()
         }
-        sys.stdout.write(json.dumps(found) + "\n")
-        sys.stdout.flush()
+        click.echo(json.dumps(found))
 
     asyncio.get_running_loop().add_reader(sys.stdin, tell)
     async with asyncio.TaskGroup() as group:
@@ -408,8 +409,7 @@ def run(
             watched.ask_for(round(rng.uniform(0.0, max_bytes)) if rng.random() < 0.9 else 0)
             watched.kill()
             if found.kills % TOLD_EVERY == 0:
-                sys.stdout.write(found.line() + "\n")
-                sys.stdout.flush()
+                click.echo(found.line())
             if number < kills - 1:
                 taken_s = restarted(watched, rng)
                 found.restarts_s.append(taken_s)
@@ -457,11 +457,11 @@ def main() -> None:
         keep = {"state_every_s": 2.0, "rotate_mb": 2.0 if seed % 2 else 0.4, "keep_mb": 500.0}
         run(rule, min(KILLS_A_RUN, given.kills - found.kills), seed, Path(folder), found, keep)
         for line in found.wrong[told:]:
-            sys.stdout.write(f"WRONG {line}\n")
+            click.echo(f"WRONG {line}")
         seed += 1
-    sys.stdout.write(f"{found.line()}; files in {folder}\n")
+    click.echo(f"{found.line()}; files in {folder}")
     for why, count in found.refused.most_common(8):
-        sys.stdout.write(f"  {count} refused: {why}\n")
+        click.echo(f"  {count} refused: {why}")
     if found.wrong:
         sys.exit(1)
 

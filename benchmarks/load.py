@@ -23,6 +23,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
+
 from benchmarks.link_shared import free_ports
 from benchmarks.load_mocks import STAMP
 from benchmarks.load_scenario import Load, scenario_text
@@ -238,7 +240,7 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         figures = measure(given, Path(folder))
-    sys.stdout.write(json.dumps(figures) + "\n")
+    click.echo(json.dumps(figures))
     over = beyond(figures)
     if over:
         sys.exit("beyond the limit: " + "; ".join(over))

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 from pymavlink import mavutil
 from pyulog import ULog
 
@@ -75,7 +76,7 @@ def main() -> int:
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        sys.stdout.write(json.dumps(measured(given.logs[0])))
+        click.echo(json.dumps(measured(given.logs[0])), nl=False)
         return 0
     beyond = False
     for path in given.logs:
@@ -84,7 +85,7 @@ def main() -> int:
             command = [sys.executable, "-m", "benchmarks.logs", "--one", str(large)]
             found = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
         found["peer_per_s"] = peer_per_s(path)
-        sys.stdout.write(f"{path.name}: {json.dumps(found)}\n")
+        click.echo(f"{path.name}: {json.dumps(found)}")
         slow = path.suffix.lower() != ".ulg" and found["messages_per_s"] < MIN_PER_S
         late = found["first_event_s"] > MAX_FIRST_S
         beyond |= slow or late or found["max_mib"] > MAX_MIB

@@ -5,10 +5,11 @@ The worst delay is that of a task that asks to be woken each millisecond meanwhi
 
 import asyncio
 import json
-import sys
 import time
 from collections.abc import Callable, Coroutine
 from typing import Any
+
+import click
 
 from firemodel.landscape.default import jacksboro
 from firemodel.physics.weather import Weather, WeatherStream
@@ -28,7 +29,7 @@ TIMES = 5
 
 def told(line: str) -> None:
     """A line of the table."""
-    sys.stdout.write(line + "\n")
+    click.echo(line)
 
 
 def weather() -> WeatherStream:
@@ -70,10 +71,7 @@ async def forecasts(fire: Fire) -> None:
             await ask()
         wall_ms, cpu_ms = (
             1e3 * (after - before) / TIMES
-            for after, before in (
-                (time.perf_counter(), begun_s),
-                (time.process_time(), used_s),
-            )
+            for after, before in ((time.perf_counter(), begun_s), (time.process_time(), used_s))
         )
         told(
             f"{type(fire).__name__:14} {name:20} {wall_ms:7.1f} ms, {cpu_ms:7.1f} ms of CPU, "

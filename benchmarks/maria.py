@@ -11,13 +11,13 @@ true north to the grid's north, which is 14 degrees away there.
 """
 
 import argparse
-import sys
 from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--wind-factor", type=float, default=1.0, help="what to multiply it by")
     given = parser.parse_args()
     landscape, mapped = read_maria(check_folder(given.data / "maria_2019"))
-    sys.stdout.write("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias\n")
+    click.echo("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias")
     found: list[Scores] = []
     for now, then in pairwise(mapped):
         wind_m_s = float(now.weather.wind_speed_m_s * given.wind_factor)
@@ -136,10 +136,10 @@ def main() -> None:
         for_s = (then.at - now.at).total_seconds()
         one = scores(now.area, then.area, predict(landscape, now, weather, for_s))
         found.append(one)
-        sys.stdout.write(
+        click.echo(
             f"{now.at:%m-%d %H:%M} {for_s / 60:6.0f} {then.area.area / 1e6:6.2f} "
             f"{then.area.difference(now.area).area / 1e6:6.2f} {one.whole:7.3f} "
-            f"{one.persistence:7.3f} {one.new:8.3f} {one.bias:7.2f} {one.new_bias:8.2f}\n"
+            f"{one.persistence:7.3f} {one.new:8.3f} {one.bias:7.2f} {one.new_bias:8.2f}"
         )
     for name, some in (
         ("all", found),
@@ -147,9 +147,9 @@ def main() -> None:
         ("the others", [one for one in found if one.persistence >= 1.0 / GROWN]),
     ):
         mean = Scores(*np.mean(some, axis=0))
-        sys.stdout.write(
+        click.echo(
             f"mean of {len(some):2}, {name:20} {mean.whole:7.3f} {mean.persistence:7.3f} "
-            f"{mean.new:8.3f} {mean.bias:7.2f} {mean.new_bias:8.2f}\n"
+            f"{mean.new:8.3f} {mean.bias:7.2f} {mean.new_bias:8.2f}"
         )
 
 

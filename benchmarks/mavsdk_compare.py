@@ -12,6 +12,8 @@ import subprocess
 import sys
 import time
 
+import click
+
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.vehicle.client_events import TransferFinished
@@ -81,16 +83,15 @@ def main() -> None:
         for number in range(arguments.rounds):
             ours.append(asyncio.run(ours_s(port, arguments.items, 2.0 * number)))
             theirs.append(mavsdk_s(port, arguments.items, 2.0 * number + 1.0))
-            sys.stdout.write(f"ours {ours[-1]:.3f} s, MAVSDK {theirs[-1]:.3f} s\n")
-            sys.stdout.flush()
+            click.echo(f"ours {ours[-1]:.3f} s, MAVSDK {theirs[-1]:.3f} s")
     finally:
         process.kill()
         process.wait(timeout=10)
     ratio = statistics.median(ours) / statistics.median(theirs)
-    sys.stdout.write(
+    click.echo(
         f"{arguments.items} items, median of {arguments.rounds}: ours "
         f"{statistics.median(ours):.3f} s, MAVSDK {statistics.median(theirs):.3f} s, "
-        f"ours / MAVSDK {ratio:.2f}\n"
+        f"ours / MAVSDK {ratio:.2f}"
     )
 
 

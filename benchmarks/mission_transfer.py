@@ -7,9 +7,10 @@ mission is replaced. Each upload is read back by the other protocol and compared
 
 import argparse
 import socket
-import sys
 import time
 from typing import Protocol
+
+import click
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec, Message
@@ -46,10 +47,7 @@ class MockVehicle:
     target = (1, 1)
 
     def __init__(self, loss: float, delay_us: int = 10_000) -> None:
-        self._mock = MockAutopilot(
-            ARDUPLANE,
-            LocalFrame(HOME[0], HOME[1], HOME[2]),
-        )
+        self._mock = MockAutopilot(ARDUPLANE, LocalFrame(HOME[0], HOME[1], HOME[2]))
         self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
         self._codec = Codec(*STATION)
         self._now_us = 0
@@ -172,14 +170,13 @@ def main() -> None:
     for name, vehicle in vehicles:
         for _ in range(arguments.runs):
             taken = compare(vehicle, arguments.items)
-            sys.stdout.write(f"{name}, {arguments.items} items\n")
+            click.echo(f"{name}, {arguments.items} items")
             for way in ("up", "down"):
                 items_s, ftp_s = taken[f"items {way}"], taken[f"ftp {way}"]
-                sys.stdout.write(
+                click.echo(
                     f"  {way:4} items {items_s:7.2f} s  ftp {ftp_s:6.3f} s"
-                    f"  ratio {items_s / ftp_s:5.1f}\n"
+                    f"  ratio {items_s / ftp_s:5.1f}"
                 )
-            sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -166,13 +167,13 @@ def main() -> None:
     for name, landscape in landscapes(given.cells, given.finer).items():
         found = compare(name, landscape, python)
         if given.json:
-            sys.stdout.write(json.dumps(found) + "\n")
+            click.echo(json.dumps(found))
             continue
-        sys.stdout.write(
+        click.echo(
             f"{name}: {found['our_cells_per_s']:,.0f} cells/s in {found['our_s']:.2f} s, "
             f"pyretechnics {found['their_cells_per_s']:,.0f} in {found['their_s']:.1f} s: "
             f"{found['faster']:.1f} x; burned {found['our_cells']:,} and "
-            f"{found['their_cells']:,} cells, overlap {found['overlap']:.3f}\n"
+            f"{found['their_cells']:,} cells, overlap {found['overlap']:.3f}"
         )
 
 

@@ -6,6 +6,7 @@ python -m benchmarks.random_fires [first] [count]
 import multiprocessing
 import sys
 
+import click
 import numpy as np
 
 from tests.service.random_fires import mean_max_errors
@@ -20,14 +21,13 @@ def main() -> None:
         for seed, errors in zip(seeds, pool.imap(mean_max_errors, seeds), strict=True):
             circling, predictive = errors
             ratios.append(predictive / circling)
-            sys.stdout.write(
+            click.echo(
                 f"{seed:4d}  circling {circling:6.2f}  predictive {predictive:6.2f}  "
-                f"{ratios[-1]:.2f}\n"
+                f"{ratios[-1]:.2f}"
             )
-            sys.stdout.flush()
-    sys.stdout.write(
+    click.echo(
         f"{count} fires: mean ratio {np.mean(ratios):.2f}, worst {max(ratios):.2f} "
-        f"(fire {first + int(np.argmax(ratios))})\n"
+        f"(fire {first + int(np.argmax(ratios))})"
     )
 
 

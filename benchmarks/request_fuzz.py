@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
 import msgspec
 import numpy as np
 from msgspec import inspect as kinds
@@ -473,9 +474,9 @@ def main() -> None:
     for name in names:
         before = len(found.wrong)
         run(name, round(count / len(names)), seed, found)
-        print(f"{name}: {found.line()}", flush=True)  # noqa: T201
+        click.echo(f"{name}: {found.line()}")
         for line in found.wrong[before:]:
-            print(f"  {line}", flush=True)  # noqa: T201
+            click.echo(f"  {line}")
     sys.exit(1 if found.wrong else 0)
 
 

@@ -13,6 +13,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,15 +76,14 @@ def main() -> None:
         for name, scheme in product([name for name in ISLAM_HU if name in names], COMPARED):
             routes = [(0, 1.0), *product(SWEEPS, REACHES)]
             errors = list(pool.map(mean_max_cells, [(name, scheme, *route) for route in routes]))
-            sys.stdout.write(f"{name} {scheme}: circling {errors[0]:.2f} cells\n")
+            click.echo(f"{name} {scheme}: circling {errors[0]:.2f} cells")
             for place in np.argsort(errors)[:5]:
                 sweeps, reach = routes[place]
                 change = 100.0 * (errors[place] / errors[0] - 1.0)
-                sys.stdout.write(
+                click.echo(
                     f"  {sweeps} sweeps, {reach:.2f} of the perimeter past the head: "
-                    f"{errors[place]:.2f} ({change:+.0f} %)\n"
+                    f"{errors[place]:.2f} ({change:+.0f} %)"
                 )
-            sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import click
+
 from mission_service.config.scenario import load_scenario
 from mission_service.simulation.sim import simulate
 
@@ -47,7 +49,7 @@ def started(*arguments: str) -> float:
 def main() -> None:
     """Print start-up times, real-time factor and shares."""
     for arguments in (("--help",), ("config", "check", "default")):
-        sys.stdout.write(f"{' '.join(arguments)}: {started(*arguments):.2f} s of CPU\n")
+        click.echo(f"{' '.join(arguments)}: {started(*arguments):.2f} s of CPU")
     with tempfile.TemporaryDirectory() as folder:
         plain_s = fly(folder)
         profile = cProfile.Profile()
@@ -58,12 +60,12 @@ def main() -> None:
         for (file, _, name), entry in stats.stats.items()  # type: ignore[attr-defined]
     }
     hours = load_scenario("default").duration_s / 3600.0
-    sys.stdout.write(
-        f"{hours:g} h flown in {plain_s:.1f} s of CPU: {hours * 3600 / plain_s:.0f} x real time\n"
+    click.echo(
+        f"{hours:g} h flown in {plain_s:.1f} s of CPU: {hours * 3600 / plain_s:.0f} x real time"
     )
     for part, function in PARTS.items():
         share = cumulative.get(function, 0.0) / stats.total_tt  # type: ignore[attr-defined]
-        sys.stdout.write(f"{share:6.1%}  {part}\n")
+        click.echo(f"{share:6.1%}  {part}")
 
 
 if __name__ == "__main__":

@@ -27,6 +27,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
+
 from benchmarks.link_shared import free_ports
 from benchmarks.load import Client, memory_mib, process, ready_after_s
 from benchmarks.load_scenario import FIRST_PORT, Load, scenario_text
@@ -280,7 +282,7 @@ def main() -> None:
         finally:
             if INSIDE in os.environ:
                 subprocess.run(["umount", "--lazy", str(Path(folder) / "out")], check=False)
-    sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+    click.echo(json.dumps(figures, indent=2))
     if wrong:
         sys.exit("wrong: " + "; ".join(wrong))
 

@@ -16,6 +16,7 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
@@ -147,20 +148,19 @@ def main() -> None:
     if arguments.send:
         vehicles, seconds, *ports = arguments.send
         sent = send(int(vehicles), float(seconds), [int(port) for port in ports])
-        sys.stdout.write(json.dumps(sent))
+        click.echo(json.dumps(sent), nl=False)
         return
     failed = False
     for one_port in (False, True):
         found = asyncio.run(receive(arguments.vehicles, one_port, arguments.seconds))
         failed |= found["share"] > MAX_SHARE or found["not heard"] != 0
         where = "one port" if one_port else "a port each"
-        sys.stdout.write(
+        click.echo(
             f"{arguments.vehicles} vehicles, {where}: {100 * found['share']:.1f} % of a core "
             f"({found['share'] / MAX_SHARE:.2f} of the limit), {found['sent']:.0f} frames, "
             f"{found['not heard']:.0f} lost ({found['missed']:.0f} by sequence), "
-            f"{found['events']:.0f} events\n"
+            f"{found['events']:.0f} events"
         )
-        sys.stdout.flush()
     sys.exit(int(failed))
 
 

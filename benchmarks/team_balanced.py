@@ -12,6 +12,8 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import Any, NamedTuple
 
+import click
+
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
 from mission_service.experiments.bent.ring_history import RingStep, ring_history
@@ -207,10 +209,9 @@ def main() -> None:
         with ProcessPoolExecutor(2, initializer=_share, initargs=(history,)) as pool:
             found.append(compare(fire.name, list(pool.map(fly, cases(half_s)))))
         if "--json" not in sys.argv[1:]:
-            sys.stdout.write(in_text(found[-1]) + "\n")
-            sys.stdout.flush()
+            click.echo(in_text(found[-1]))
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps(found) + "\n")
+        click.echo(json.dumps(found))
 
 
 if __name__ == "__main__":

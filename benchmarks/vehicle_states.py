@@ -12,6 +12,8 @@ import sys
 import time
 from collections import Counter
 
+import click
+
 from tests.service.vehicle_machine import VehicleMachine, run
 
 EXAMPLES, STEPS_EACH = 100, 50
@@ -31,13 +33,13 @@ def main(steps: int, seed: int) -> int:
     _show("")
     for situation, count in sorted(met.items()):
         if not situation.startswith("violation: "):
-            sys.stdout.write(f"{count:10,}  {situation}\n")
+            click.echo(f"{count:10,}  {situation}")
     for kind, story in stories.items():
-        sys.stdout.write(f"\n{met[f'violation: {kind}']} times: {story}\n")
+        click.echo(f"\n{met[f'violation: {kind}']} times: {story}")
     violations = sum(count for kind, count in met.items() if kind.startswith("violation: "))
-    sys.stdout.write(
+    click.echo(
         f"\n{met['steps']:,} steps, {met['events']:,} events from seed {first} in "
-        f"{time.monotonic() - began_s:.0f} s: {violations} violations\n"
+        f"{time.monotonic() - began_s:.0f} s: {violations} violations"
     )
     return 1 if violations else 0
 

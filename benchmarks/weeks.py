@@ -33,6 +33,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 from benchmarks.link_shared import free_ports
 from benchmarks.load import Client, cpu_s, memory_mib, process, ready_after_s
 from benchmarks.load_scenario import FIRE, M_PER_DEG, Load, scenario_text
@@ -392,7 +394,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
     traces = [line for line in lines if "Traceback" in line or '"traceback"' in line]
     rss, anonymous = run.slopes_mib_h()
     files = {each.files for each in run.hours if each.hour >= WARM_UP_H}
-    sys.stdout.write(f"broker gone {flapping.times} times; not 2xx: {dict(people.statuses)}\n")
+    click.echo(f"broker gone {flapping.times} times; not 2xx: {dict(people.statuses)}")
     kept = Path(given.keep)
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(parents=True)
@@ -414,8 +416,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
 
 
 def _announce(hour: Hour) -> None:
-    sys.stdout.write(hour.line() + "\n")
-    sys.stdout.flush()
+    click.echo(hour.line())
 
 
 def main() -> None:
@@ -431,7 +432,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         checks = fly(given, Path(folder))
     for words, holds in checks:
-        sys.stdout.write(f"{'PASS' if holds else 'FAIL'} {words}\n")
+        click.echo(f"{'PASS' if holds else 'FAIL'} {words}")
     if not all(holds for _, holds in checks):
         sys.exit(1)
 

@@ -9,10 +9,10 @@ pyretechnics, without wind limit.
 """
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,10 +69,10 @@ def main() -> None:
     first_s, rate_m_s = timed(landscape)
     best_s = min(timed(landscape)[0] for _ in range(5))
     burns = rate_m_s > 0.0
-    sys.stdout.write(
+    click.echo(
         f"{rate_m_s.size:,} cells, {int(burns.sum()):,} burn: reading {reading_s:.2f} s, spread "
         f"{first_s:.3f} s at first, then {best_s:.3f} s; together {reading_s + first_s:.2f} s\n"
-        f"m/min: median {60 * np.median(rate_m_s[burns]):.3f}, most {60 * rate_m_s.max():.2f}\n"
+        f"m/min: median {60 * np.median(rate_m_s[burns]):.3f}, most {60 * rate_m_s.max():.2f}"
     )
     if not given.venv:
         return
@@ -81,10 +81,10 @@ def main() -> None:
     both = burns & (their_m_s > 0.0)
     ratio = rate_m_s[both] / their_m_s[both]
     low, middle, high = np.percentile(ratio, [5, 50, 95])
-    sys.stdout.write(
+    click.echo(
         f"over pyretechnics: 5 % {low:.4f}, median {middle:.4f}, 95 % {high:.4f}, from "
         f"{ratio.min():.4f} to {ratio.max():.4f}; {int((burns != (their_m_s > 0.0)).sum())} cells "
-        "burn in one only\n"
+        "burn in one only"
     )
 
 

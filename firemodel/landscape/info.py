@@ -24,12 +24,7 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.layers import (
-    layer_of,
-    unit_of,
-    unit_problems,
-    value_problems,
-)
+from firemodel.landscape.readers.layers import layer_of, unit_of, unit_problems, value_problems
 from firemodel.landscape.readers.rasters import Sources, bands_for, gaps, misfits
 from firemodel.landscape.readers.shapes import (
     crs_problems,
@@ -231,11 +226,7 @@ def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, f
 
 
 def _band_in_words(
-    layer: str,
-    band: Band,
-    units: Mapping[str, str],
-    nodata: float | None,
-    problems: list[str],
+    layer: str, band: Band, units: Mapping[str, str], nodata: float | None, problems: list[str]
 ) -> Description:
     unit = _kept(problems, unit_of, layer, band, units) if layer else band.unit
     found: Description = {

@@ -89,9 +89,7 @@ class AnyAngleFire(Fire):
         found.arrival_time_s = found._labels.arrival_s.reshape(self.landscape.shape)
         slowness = self._ground.slowness.copy()
         found._ground = self._ground._replace(
-            slowness=slowness,
-            rise=slowness.view(np.float32),
-            learned=self._ground.learned.copy(),
+            slowness=slowness, rise=slowness.view(np.float32), learned=self._ground.learned.copy()
         )
         found._heap = Heap(self._heap.times.copy(), self._heap.cells.copy(), self._heap.size)
         found._points = self._points.copy()

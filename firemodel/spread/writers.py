@@ -95,11 +95,7 @@ def fronts_geojson(
 
 
 def write_fronts(
-    path: Path,
-    fire: Fire,
-    times_s: Sequence[float],
-    name: str,
-    time_zero: datetime | None = None,
+    path: Path, fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> None:
     """Write burned areas as GeoJSON (RFC 7946; see ``fronts_geojson``).
 

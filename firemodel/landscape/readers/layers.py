@@ -15,14 +15,7 @@ from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
 # Each unit in metres, or as a fraction.
-FACTORS = {
-    "m": 1.0,
-    "m*10": 0.1,
-    "ft": 0.3048,
-    "ft*10": 0.03048,
-    "percent": 0.01,
-    "fraction": 1.0,
-}
+FACTORS = {"m": 1.0, "m*10": 0.1, "ft": 0.3048, "ft*10": 0.03048, "percent": 0.01, "fraction": 1.0}
 _HEIGHTS = ("m", "m*10", "ft", "ft*10")
 UNITS = {
     "fuel": (),
@@ -53,11 +46,7 @@ _WRITTEN_UNITS = {
     "azimuth degrees": "degrees",
     "categories (0-4)": "class",
 }
-_DESCRIPTIONS = {
-    "fuel models": "fuel",
-    "fuel model": "fuel",
-    "canopy base height": "canopy_base",
-}
+_DESCRIPTIONS = {"fuel models": "fuel", "fuel model": "fuel", "canopy base height": "canopy_base"}
 # Each of LANDFIRE's layer names implies a unit (its data dictionary).
 _LANDFIRE = {
     "f13": ("fuel", ""),
