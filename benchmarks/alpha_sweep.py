@@ -1,4 +1,4 @@
-"""Reversals of the default scenario over alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
+"""Reversals in the default scenario by alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
 
 import json
 import sys
@@ -15,7 +15,7 @@ ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 
 
 def reversals(alpha: float) -> int:
-    """Fly the default scenario once in calm air; how often the vehicle turned back."""
+    """Fly the default scenario once in calm air and return the number of reversals."""
     scenario = load_scenario("default", (f"planner.alpha={alpha}", "fly_in_wind=false"))
     with tempfile.TemporaryDirectory() as folder:
         record, _ = simulate(scenario, Path(folder) / "journal.jsonl", created="")
@@ -23,7 +23,7 @@ def reversals(alpha: float) -> int:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the number of reversals for each alpha."""
     with ProcessPoolExecutor(2) as pool:
         counts = list(pool.map(reversals, ALPHAS))
     if "--json" in sys.argv[1:]:

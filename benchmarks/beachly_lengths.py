@@ -1,6 +1,7 @@
-"""How the paper's corrections depend on their length: ``python -m benchmarks.beachly_lengths``.
+"""Error of the paper's corrections by kernel length: ``python -m benchmarks.beachly_lengths``.
 
-On fires other than those that are reported, a participant each, beside our own method.
+The random fires are other than those of the reported experiment, with one participant for each. The
+last line is the Gaussian process of this project.
 """
 
 import click
@@ -24,7 +25,7 @@ LENGTHS_M = (10.0, 15.0, 20.0, 25.0, 40.0, 60.0, 100.0)
 
 
 def main() -> None:
-    """A line for each length: mean front error in the paper's period, and what it took away."""
+    """Print the mean front error in the paper's period and its reduction, for each length."""
     burns = [random_burn(seed) for seed in SEEDS]
     cases = [(case_of(burn), observations_of_participant(burn, 0)) for burn in burns]
 

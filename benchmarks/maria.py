@@ -1,13 +1,13 @@
-"""From each mapped perimeter of the Maria fire to the next: ``python -m benchmarks.maria``.
+"""Prediction of each mapped perimeter of the Maria fire from the last: ``-m benchmarks.maria``.
 
-2019, California: airborne-infrared perimeters with the weather noted on each (moistures, and wind,
-taken as of 20 ft unless ``--wind-10m``) and LANDFIRE layers. For each pair in a row the fire of
-this package is started all along the first perimeter and burns under the weather noted there until
-the time of the second. Beside it stands persistence: that nothing changes.
+The data are airborne infrared perimeters (California, 2019) with the weather recorded for each
+(moistures, and wind at 20 ft, or at 10 m with ``--wind-10m``), and LANDFIRE layers. For each two
+consecutive perimeters the fire of this package starts along the first perimeter and burns under its
+weather until the time of the second. Persistence, an unchanged perimeter, is the reference.
 
-Printed are intersection over union with the second perimeter, of the whole and of what newly
-burned, and the areas predicted over observed, for the whole and the new. The wind is turned from
-true north to the grid's north, which is 14 degrees away there.
+The benchmark prints the intersection over union with the second perimeter, and the ratio of the
+predicted to the observed area, both for the whole area and for the newly burned area. The wind is
+converted from true north to grid north; the two differ by 14 degrees in this grid.
 """
 
 import argparse
@@ -48,11 +48,11 @@ UNITS = {
 }
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
 LIVE = ("herb", "woody")
-GROWN = 1.1  # from one perimeter to the next
+GROWN = 1.1  # minimum ratio of the areas of two perimeters of a growing fire
 
 
 class Mapped(NamedTuple):
-    """A perimeter and the weather noted on it."""
+    """A perimeter and the weather recorded for it."""
 
     at: datetime
     area: BaseGeometry  # in the landscape's CRS
@@ -60,7 +60,7 @@ class Mapped(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Of one interval, as printed."""
+    """Scores of one interval."""
 
     whole: float
     persistence: float
@@ -70,14 +70,14 @@ class Scores(NamedTuple):
 
 
 def read_maria(folder: Path) -> tuple[Landscape, list[Mapped]]:
-    """The landscape and its perimeters in order of time, of doubles one."""
+    """Read the landscape and its perimeters in order of time, without duplicates."""
     files = {layer: folder / f"Maria2019-{name}.tif" for layer, name in LAYERS.items()}
     landscape = read_landscape(files, units=UNITS)
     return landscape, read_perimeters(folder / "firis_perimeters.shp", landscape)
 
 
 def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
-    """Those that were flown; the one that a newspaper's map gave is left out."""
+    """Read the perimeters from flights, without the one from a newspaper's map."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -96,17 +96,17 @@ def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
 
 
 def predict(landscape: Landscape, now: Mapped, weather: Weather, for_s: float) -> BaseGeometry:
-    """The burned area some time after a perimeter."""
+    """Return the predicted burned area ``for_s`` after a perimeter."""
     burning = burning_from_perimeter([now.area], landscape, 0.0)
     fire = AnyAngleFire(landscape, WeatherStream([weather]), [], burning)
     fire.advance(for_s)
-    # The perimeter's own edge counts where it did not move.
+    # The union keeps the edge of the perimeter where the front did not move.
     area: BaseGeometry = fire.front(for_s).buffer(0.0).union(now.area)
     return area
 
 
 def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores:
-    """Of a prediction of ``then`` from ``now``."""
+    """Return the scores of ``found``, a prediction of ``then`` from ``now``."""
     new, found_new = then.difference(now), found.difference(now)
     return Scores(
         overlap(found, then),
@@ -118,11 +118,11 @@ def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores
 
 
 def main() -> None:
-    """Print a line for each interval, then the means."""
+    """Print one line for each interval, and the means."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
-    parser.add_argument("--wind-10m", action="store_true", help="the wind noted is that at 10 m")
-    parser.add_argument("--wind-factor", type=float, default=1.0, help="what to multiply it by")
+    parser.add_argument("--wind-10m", action="store_true", help="the recorded wind is at 10 m")
+    parser.add_argument("--wind-factor", type=float, default=1.0, help="factor of the wind speed")
     given = parser.parse_args()
     landscape, mapped = read_maria(check_folder(given.data / "maria_2019"))
     click.echo("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias")

@@ -1,6 +1,6 @@
-"""Predictive against circling on 50 fires drawn by chance: mean largest distance error, ratio.
+"""Compare ``predictive`` with circling on random fires, by the mean of the largest distance error.
 
-python -m benchmarks.random_fires [first] [count]
+python -m benchmarks.random_fires [FIRST] [COUNT]
 """
 
 import multiprocessing
@@ -13,6 +13,7 @@ from tests.service.random_fires import mean_max_errors
 
 
 def main() -> None:
+    """Print the errors and their ratio for each fire."""
     first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
     ratios = []

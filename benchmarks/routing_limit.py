@@ -1,12 +1,12 @@
-"""What routing alone can gain: ``python -m benchmarks.routing_limit [SCENARIO ...]``.
+"""Gain of routing alone: ``python -m benchmarks.routing_limit [SCENARIO ...]``.
 
-The fire is believed as in Islam & Hu, section VI.E: each part of the front stays where it was last
-seen, in a convex hull. A vehicle that is told where the head is sweeps across it ``sweeps`` times,
-going past it by a share ``reach`` of the perimeter, then circles once, and so on. The best of these
-routes shows about how much there is to be had by choosing directions. It is no bound: a route may
-be less regular than these, and one setting of the damped rule (reversal_margin 0.7) was 9 % below
-circling on the fast fire, where the best of these is 7 %.
-Printed: mean maximum error of circling and of the best routes, in cells.
+The fire is estimated as in Islam & Hu, section VI.E: each part of the front stays at its last
+observed position, in a convex hull. The vehicle has the true bearing of the head. It sweeps across
+the head ``sweeps`` times, passes it each time by a fraction ``reach`` of the perimeter, then flies
+one lap, and repeats. The best of these routes shows the approximate gain of choosing directions. It
+is not a bound, because other routes may be less regular: one setting of the damped rule
+(reversal_margin 0.7) was 9 % below circling on the fast fire, the best of these routes 7 %.
+The benchmark prints the mean maximum error of circling and of the best routes, in cells.
 """
 
 import sys
@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 
 class SweepAndCircle(PerimeterPlanner):
-    """Turns past the head, a number of times a lap."""
+    """Planner that sweeps across the head a number of times in each lap."""
 
     head_deg: int
     sweeps: int
@@ -52,13 +52,13 @@ class SweepAndCircle(PerimeterPlanner):
         if turn:
             self.clockwise = not self.clockwise
             self.turns += 1
-        elif 0.5 <= behind < 0.6:  # it has passed the tail
+        elif 0.5 <= behind < 0.6:  # the vehicle has passed the tail
             self.turns = 0
         return Decision(self.clockwise, bool(turn), 0.0, 0.0, int(bearing.size))
 
 
 def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
-    """Fly one route."""
+    """Fly one route and return its mean maximum error in cells."""
     name, scheme, sweeps, reach = case
     burn = islam_hu_burn(name, scheme)
     usual = perimeter_planner(burn, "circling")
@@ -70,7 +70,7 @@ def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
 
 
 def main() -> None:
-    """Try them all."""
+    """Fly all routes and print the best ones."""
     names = sys.argv[1:] or ["slow-then-fast", "fast"]
     with ProcessPoolExecutor(2) as pool:
         for name, scheme in product([name for name in ISLAM_HU if name in names], COMPARED):

@@ -1,11 +1,12 @@
-"""No-wind spread of every cell of a real landscape: ``python -m benchmarks.worcester``.
+"""Spread without wind in each cell of a real landscape: ``python -m benchmarks.worcester``.
 
-LANDFIRE's layers around Worcester, Vermont (613 x 549 cells of 30 m, Scott & Burgan's fuels),
-moistures 6/8/10/75/60 %. Timed are the first call in this process, for which compiled code is
-loaded, and the best of five; reading is timed by itself.
+The landscape has LANDFIRE's layers around Worcester, Vermont (613 x 549 cells of 30 m, Scott &
+Burgan's fuels); the moistures are 6/8/10/75/60 %. The benchmark measures the time to read the
+files, the time of the first call in this process, which loads the compiled code, and the best of
+five more calls.
 
-With ``--venv``, the environment that ``pyretechnics_compare`` makes, each cell is set beside
-pyretechnics, without wind limit.
+With ``--venv``, the environment that ``pyretechnics_compare`` creates, it compares each cell with
+pyretechnics, without a wind limit.
 """
 
 import argparse
@@ -44,23 +45,23 @@ Floats = NDArray[np.float64]
 
 
 def read_worcester(folder: Path) -> Landscape:
-    """Cells without data are bare ground."""
+    """Read the landscape; cells without data become bare ground."""
     files = {layer: folder / f"{name}.tif" for layer, name in LAYERS.items()}
     return read_landscape(files, units=UNITS, missing="unburnable")
 
 
 def timed(landscape: Landscape) -> tuple[float, Floats]:
-    """(wall s, rates in m/s (y, x))."""
+    """Return the wall time in s, and the rates (y, x) in m/s."""
     began = time.perf_counter()
     rate_m_s, _, _ = spread_fields(landscape, CALM)
     return time.perf_counter() - began, rate_m_s
 
 
 def main() -> None:
-    """Print times, then how the rates differ."""
+    """Print the times, and the ratios of the rates to pyretechnics'."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
-    parser.add_argument("--venv", type=Path, help="of pyretechnics, to compare with it")
+    parser.add_argument("--venv", type=Path, help="environment of pyretechnics, for the comparison")
     given = parser.parse_args()
     folder = check_folder(given.data / "worcester_vt" / "landfire")
     began = time.perf_counter()
