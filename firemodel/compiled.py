@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parent
 
 @cache
 def cache_folder(home: Path) -> Path:
-    """Cache folder for the functions in ``home``.
+    """Return the cache folder for the functions in ``home``.
 
     It is in this package or, if the package is read-only, in the user's cache.
     """
@@ -38,7 +38,7 @@ def cache_folder(home: Path) -> Path:
 
 
 def _top(home: Path) -> Path:
-    """The top-level package that holds a folder."""
+    """Return the top-level package that holds a folder."""
     while (home.parent / "__init__.py").exists():
         home = home.parent
     return home
@@ -46,7 +46,10 @@ def _top(home: Path) -> Path:
 
 @cache
 def _with_kernels(package: Path) -> tuple[Path, ...]:
-    """The modules of a package that compile functions; kernels call those of other folders."""
+    """Return the modules of a package that compile functions.
+
+    A kernel may call kernels of other folders.
+    """
     found = (path for path in package.rglob("*.py") if b"firemodel.compiled" in path.read_bytes())
     return tuple(found)
 

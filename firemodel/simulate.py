@@ -100,7 +100,7 @@ def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream
 def _cells(
     given: Sequence[tuple[float, float]] | Path | str | None, land: Landscape
 ) -> list[tuple[int, int]]:
-    """Row and column of each cell that is lit."""
+    """Return the row and column of each cell that is lit."""
     rows, cols = land.shape
     if given is None:
         return [(rows // 2, cols // 2)]
@@ -110,7 +110,7 @@ def _cells(
 
 
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
-    """Row and column of the burnable cells that the shapes of a file touch.
+    """Return the row and column of the burnable cells that the shapes of a file touch.
 
     Raises FireModelError if the file cannot be used or all its cells are non-burnable.
     """

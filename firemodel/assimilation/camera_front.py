@@ -52,7 +52,7 @@ class CameraFront:
         self._keep(places[unburned[known] & simulated], at_s, UNBURNED)
 
     def observations(self) -> Floats:
-        """The kept observations, (n, 4) x, y, at_s, state, in order of time."""
+        """Return the kept observations, (n, 4) x, y, at_s, state, in order of time."""
         newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
             -self.most :
         ]

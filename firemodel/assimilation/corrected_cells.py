@@ -35,20 +35,20 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """A copy of this fire with ``rates`` (3,) added to its own rates."""
+        """Return a copy of this fire with ``rates`` (3,) added to its own rates."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
         return other
 
     def places(self) -> Floats:
-        """Centres of the cells where the fire was lit, (n, 2) x, y in metres."""
+        """Return the centres of the cells where the fire was lit, (n, 2) x, y in metres."""
         cells = np.arange(self._origin.size)
         lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
         return self._centres(cells[lit])
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
+        """Return paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
         rows, cols = self.landscape.shape
@@ -65,7 +65,7 @@ class ArrivalRaster:
         return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
         paths = self.paths(points_m)
         return paths.lit_s + paths.takes_s
 
@@ -74,7 +74,7 @@ class ArrivalRaster:
         return np.column_stack(self.landscape.xy_of(row, col)).astype(np.float64)
 
     def _between(self, row: Floats, col: Floats) -> Floats:
-        """Arrival times interpolated bilinearly at fractional rows and columns.
+        """Interpolate arrival times bilinearly at fractional rows and columns.
 
         Where fire does not reach all four cells around, the time of the nearest cell.
         """
@@ -96,7 +96,7 @@ class ArrivalRaster:
 
 
 def _origins(arrival_s: Floats) -> Ints:
-    """For each cell (n,) the number of the cell where its fire was lit.
+    """Return, for each cell, the index (n,) of the cell from which its fire started.
 
     An ignition cell and a cell without fire have their own number.
     """
@@ -127,7 +127,7 @@ def corrected_arrival(
     observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Arrival times (y, x) of a cellular fire, corrected by observations (n, 4) x, y, at_s, state.
+    """Correct arrival times (y, x) of a cellular fire by observations (n, 4) x, y, at_s, state.
 
     ``method`` may also be the paper's, with its length: ``lambda fire, observations:
     PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond the observed

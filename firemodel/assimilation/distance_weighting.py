@@ -60,12 +60,12 @@ class PaperCorrected:
         self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 
     def corrected_s(self, points_m: Floats, simulated_s: Floats) -> Floats:
-        """As ``ignition_time_s``, given the simulated arrival times (n,) of the points."""
+        """Return ``ignition_time_s`` of points, given their simulated arrival times (n,)."""
         found = simulated_s + self.shift_s(points_m)
         never = np.flatnonzero(np.isinf(simulated_s))
         for x, y, at_s in self._anyway:
@@ -74,7 +74,7 @@ class PaperCorrected:
         return found
 
     def shift_s(self, points_m: Floats) -> Floats:
-        """Expected delay behind the simulated fire in seconds (n,) at each point (n, 2)."""
+        """Return the expected delay to the simulated fire in seconds (n,) at each point (n, 2)."""
         tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
         total, weight = np.zeros((2, len(tiles.x)))
         room = np.empty((5, NODES * NODES))
@@ -86,7 +86,7 @@ class PaperCorrected:
 
 @kernel
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
-    """exp(-y) with a relative error of 1e-10, and 0 where it is less than ``NEGLIGIBLE``.
+    """Compute exp(-y) with a relative error of 1e-10, and 0 where it is below ``NEGLIGIBLE``.
 
     It has no branch and no call, so that the compiler can vectorise loops over it (exp it cannot).
     """
@@ -143,7 +143,7 @@ def _powers(values, between):  # type: ignore[no-untyped-def]
 
 @kernel
 def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
-    """Σ c[i, j] y^i x^j at each place, into ``found``; x and y are scaled to -1 to 1 in the box."""
+    """Evaluate Σ c[i, j] y^i x^j at each place into ``found``; x and y are scaled to -1 to 1."""
     for i in range(NODES - 1, -1, -1):
         row = c[i * NODES : (i + 1) * NODES]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]

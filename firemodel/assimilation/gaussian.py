@@ -63,12 +63,12 @@ class _Prior(NamedTuple):
     of_cols: Floats
 
     def white(self, of_rates: Floats, of_place: Floats) -> Floats:
-        """The product A L (n, parameters) for A = [of_rates (n, k), of_place (n, rows, cols)]."""
+        """Compute A L (n, parameters) for A = [of_rates (n, k), of_place (n, rows, cols)]."""
         place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
         return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
 
     def colour(self, z: Floats) -> tuple[Floats, Floats]:
-        """Rates (k,) and field w (rows, cols) of the unit-variance parameters z."""
+        """Return the rates (k,) and the field w (rows, cols) of the unit-variance parameters z."""
         k = len(self.rates_sd)
         place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
         return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
@@ -127,7 +127,7 @@ class GaussianCorrected:
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
         if not len(self._held):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -137,7 +137,7 @@ class GaussianCorrected:
         return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
-        """Standard deviation of ``ignition_time_s`` (n,) at each point; infinity for never.
+        """Return the standard deviation of ``ignition_time_s`` (n,); infinity for never.
 
         Errors of the observations themselves are not included.
         """
@@ -211,7 +211,7 @@ class GaussianCorrected:
     def _start(
         self, fire: AdjustableFire, field: Field, prior: _Prior
     ) -> tuple[_Look, Floats, float]:
-        """The first rates (``AdjustableFire.first_rates``) with the highest posterior density."""
+        """Return the rates of ``AdjustableFire.first_rates`` with the highest posterior density."""
         found = []
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
@@ -253,7 +253,7 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """The prior (sd and length of the field) under which burning observations are likeliest."""
+        """Choose the field's sd and length under which the burning observations are most likely."""
         burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
@@ -274,12 +274,12 @@ class GaussianCorrected:
 
 
 def _same_place(one: Field, other: Field) -> bool:
-    """True if two fields have the same nodes."""
+    """Return True if two fields have the same nodes."""
     return one.slower.shape == other.slower.shape and one[:3] == other[:3]
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Derivatives (n, k) of ln of the time along each path by each rate, numerically."""
+    """Compute derivatives (n, k) of ln of the time along each path by each rate, numerically."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -291,7 +291,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """A field with w = 0 around places (k, 2), and the diagonal of the places' box in metres."""
+    """Return a field with w = 0 around places (k, 2), and the diagonal of their box in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
@@ -307,7 +307,10 @@ def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior
 
 
 def _factor(count: int, apart: float) -> Floats:
-    """Cholesky factor of the squared exponential of ``count`` places ``apart`` lengths apart."""
+    """Return the Cholesky factor of the squared exponential on ``count`` nodes.
+
+    ``apart`` is the distance between two nodes in length scales.
+    """
     at = np.arange(count) * apart
     squares = np.square(at[:, None] - at)
     return np.asarray(np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count)), np.float64)
@@ -321,7 +324,7 @@ def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
 
 
 def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
+    """Return curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
 
     For Student's t, w is the curvature of the Gaussian that touches it at f.
     """
@@ -338,7 +341,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """The mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
+    """Return the mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

@@ -17,7 +17,7 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a shape with the corners (k, 2) x, y in metres.
+    """Return observations (n, 4) x, y, at_s, state of a shape with corners (k, 2) in metres.
 
     A line and the outline of a polygon give their corners and points between them, at most
     ``spacing_m`` apart. A burning polygon has the front on its outline and gives no points inside.
@@ -57,7 +57,7 @@ def _along(line: shapely.LineString, spacing_m: float) -> Floats:
 
 
 def _inside(polygon: shapely.Polygon, spacing_m: float) -> Floats:
-    """Grid points (n, 2) in a polygon, at least half the spacing from its outline."""
+    """Return grid points (n, 2) in a polygon, at least half the spacing from its outline."""
     west, south, east, north = polygon.bounds
     x_m, y_m = np.meshgrid(
         np.arange(west + 0.5 * spacing_m, east, spacing_m),

@@ -51,7 +51,7 @@ class Spread(NamedTuple):
 def spreads_of(
     fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
 ) -> tuple[Spread, ...]:
-    """Rothermel's rates of one fuel model on level ground, for each change of the weather.
+    """Return Rothermel's rates of one fuel model on level ground for each change of the weather.
 
     As in section IV, back and flank have the no-wind rate of the head. The wind at 20 ft is
     reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
@@ -77,7 +77,7 @@ def spreads_of(
 
 
 def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
-    """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
+    """Convert a line (n, 2) x, y to sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
 
     Corners are sources. ``at_s`` is one time for the whole line, or one for each corner (n,) of a
     line lit on foot. With a spacing s and ellipses of half-width r (``flank_m_s`` times the time),
@@ -113,22 +113,22 @@ class EllipseFire:
         self._table = _table(self.spreads)
 
     def lit(self, sources: Floats) -> "EllipseFire":
-        """The same fire with more sources (k, 3)."""
+        """Return the same fire with more sources (k, 3)."""
         more = EllipseFire.__new__(EllipseFire)
         more.spreads, more._table = self.spreads, self._table
         more.sources = np.concatenate([self.sources, _checked(sources)])
         return more
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
-        """Index (n,) of the source whose fire first reaches each point (n, 2); -1 for never."""
+        """Return the index (n,) of the source whose fire reaches each point (n, 2) first, or -1."""
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """``ignition_time_s`` and ``sources_of`` in one pass.
+        """Return ``ignition_time_s`` and ``sources_of``, computed in one pass.
 
         Without ``with_sources`` the second array is empty.
         """
@@ -180,7 +180,7 @@ def _checked(sources: Floats) -> Floats:
 
 
 def _table(spreads: Sequence[Spread]) -> Floats:
-    """The spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
+    """Return the spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
 
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
@@ -210,7 +210,7 @@ def _table(spreads: Sequence[Spread]) -> Floats:
 
 
 def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
-    """Bounds for sources lit at the times ``lit_s`` (n,), in the periods ``lit_in`` (n,)."""
+    """Return bounds for sources lit at the times ``lit_s`` (n,), in the periods ``lit_in`` (n,)."""
     angles = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
     nx, ny = np.cos(angles), np.sin(angles)
     from_s, cx, cy, xx, xy, yy = table.T[:, :, None]
@@ -223,14 +223,14 @@ def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:
-    """Values in the order of the tiles, put back into the order of the points."""
+    """Return values in the order of the points, given in the order of the tiles."""
     given = np.empty_like(found)
     given[tiles.order] = found
     return given
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """A matrix M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
+    """Return M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
 
     This solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
     """

@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
 
 @kernel
 def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
-    """Middle x, y and half sizes in x and y of a square's box of points."""
+    """Return the centre x, y and the half sizes in x and y of the points' box in a square."""
     box = tiles.boxes[first_of(level) + square]
     return (
         0.5 * (box[0] + box[1]),
@@ -131,7 +131,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
 
 @kernel
 def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The u at which h(n) of one period is least."""
+    """Return the u at which h(n) of one period has its minimum."""
     cx, cy = table[period, 1], table[period, 2]
     xx, xy, yy = table[period, 3], table[period, 4], table[period, 5]
     c = cy * dx - cx * dy
@@ -144,7 +144,7 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The least and the greatest u at which h(n) of a period is least; Σ τ h is least between."""
+    """Return the minimum and maximum u of the minima of h(n); Σ τ h has its minimum between."""
     low, high = math.inf, -math.inf
     for number in range(period, table.shape[0]):
         if table[number, 3] + table[number, 5] > 0.0:
@@ -155,7 +155,7 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """The time at which Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
+    """Compute when Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
 
     If that time is after ``limit_s``, the time returned is any time after the limit.
     """
@@ -186,7 +186,7 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """Arrival time at d from a source lit at ``at_s``, and the decisive direction: (time, nx, ny).
+    """Compute (time, nx, ny): the arrival time at d from a source and the decisive direction.
 
     Each u gives a lower bound of the time. The search stops when a bound is at or after
     ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or (0, 0) for none.
@@ -224,7 +224,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """``reach`` from a source; its direction in ``normals`` is the first guess and is updated."""
+    """Compute ``reach`` from a source, with its direction in ``normals`` as the first guess."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],
@@ -253,7 +253,7 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
-    """True if the fire of a source certainly reaches the box only after the limit set.
+    """Return True if the fire of a source reaches a box only after the time limit.
 
     That is so if in any one direction the fire does not cover the distance to the box in time.
     """
@@ -276,7 +276,7 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
 def _keep_changing(  # type: ignore[no-untyped-def]
     level, square, sources, periods, table, bounds, tiles, kept, counts, normals
 ):
-    """As ``_keep_steady``, for changing wind; the source that is first in the middle is put first.
+    """Keep sources as ``_keep_steady``, for changing wind.
 
     The area burned from one source is convex: it covers a square as soon as it covers its corners.
     """
@@ -321,7 +321,7 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 def changing(  # type: ignore[no-untyped-def]
     sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
 ):
-    """As ``steady``, for changing wind.
+    """Compute arrival times as ``steady``, for changing wind.
 
     ``periods`` (sources) are the periods in which the sources are lit; ``normals`` is 0 on entry.
     """

@@ -15,7 +15,7 @@ class Simulation(Protocol):
     """A fire with an arrival time at every place, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
 
 
 class PointObservation(NamedTuple):
@@ -28,7 +28,7 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """Delay in seconds (n,) of the observed fire behind the simulated one at observations (n, 4).
+    """Return the delay (n,) in s of the observed to the simulated fire at observations (n, 4).
 
     It is negative where the fire came earlier than simulated and infinite where the simulated fire
     never comes. A burned or unburned observation that agrees with the simulation has an error of 0.

@@ -38,16 +38,16 @@ class AdjustableFire(Protocol):
         """Rates (m, k) from which the search begins."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
-        """The fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
+        """Return the fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) x, y in metres."""
+        """Return the paths to points (n, 2) x, y in metres."""
 
     def places(self) -> Floats:
-        """Places (k, 2) x, y in metres that enclose the ignitions."""
+        """Return the places (k, 2) x, y in metres that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity for never."""
 
 
 class AdjustableEllipses:
@@ -73,7 +73,7 @@ class AdjustableEllipses:
         self.fire = fire
 
     def rated(self, rates: Floats) -> "AdjustableEllipses":
-        """The fire with the same adjustment of rates and wind in all periods of weather."""
+        """Return the fire with the same adjustment of rates and wind in all periods of weather."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
             spread._replace(
@@ -87,15 +87,15 @@ class AdjustableEllipses:
         return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) from the source whose fire reaches each of them first."""
+        """Return the paths to points (n, 2) x, y in metres."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
-        """The sources (k, 2) x, y in metres."""
+        """Return the sources (k, 2) x, y in metres."""
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity for never."""
         return self.fire.ignition_time_s(points_m)

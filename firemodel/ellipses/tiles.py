@@ -81,7 +81,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """A number of up to 16 bits with a 0 inserted between each two bits."""
+    """Insert a 0 between each two bits of a number of up to 16 bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333
@@ -109,7 +109,7 @@ def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untype
 
 @kernel
 def first_of(level):  # type: ignore[no-untyped-def]
-    """Index of the first square of a level among all squares."""
+    """Return the index of the first square of a level among all squares."""
     return ((1 << (2 * level)) - 1) // 3
 
 

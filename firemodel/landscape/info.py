@@ -41,7 +41,7 @@ USUAL_NODATA = (-9999, -32768)
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
-    """``describe_rasters`` or ``describe_shapes``, depending on what the file can be read as."""
+    """Describe a file by ``describe_rasters`` or ``describe_shapes``, depending on its content."""
     try:
         bands_of(path)
     except FireModelError as not_raster:
@@ -122,7 +122,7 @@ def _type(shape: BaseGeometry) -> str:
 
 
 def in_text(found: Description) -> str:
-    """A description as lines to print, the problems last."""
+    """Return a description as text, with the problems at the end."""
     lines = [f"{found['file']}: {found['kind']}"]
     if found.get("crs"):
         lines.append(f"  CRS {found['crs']}")
@@ -160,7 +160,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of a function, or None if it raises; the error is then added to the problems."""
+    """Return the result of a function, or None if it raises, with the error added to problems."""
     try:
         return function(*arguments)
     except FireModelError as error:
@@ -176,7 +176,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Each band with its layer, which is empty where the file does not name one."""
+    """Return each band with its layer, which is empty if the file does not name one."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:
@@ -189,7 +189,7 @@ def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Ba
 
 
 def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
-    """The problems of each band's grid; for a valid grid its differences from the first one."""
+    """Yield the problems of each band's grid, and its differences from the first valid one."""
     first: Band | None = None
     for band in bands:
         wrong = list(grid_problems(band, crs))
@@ -216,7 +216,7 @@ def _place_of(band: Band, crs: str | None) -> Description:
 
 
 def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, float, float] | None:
-    """Bounds (west, south, east, north) in a CRS as (south, west, north, east) in degrees."""
+    """Convert bounds (west, south, east, north) to (south, west, north, east) in degrees."""
     if crs is None or not np.isfinite(bounds).all():
         return None
     transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
@@ -262,7 +262,7 @@ def _band_in_words(
 
 
 def _fuels(present: NDArray[Any], layer: str) -> Description:
-    """Share of each fuel code in the fuel layer, or in an unnamed band that has only fuel codes."""
+    """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
         return {}

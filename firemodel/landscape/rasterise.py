@@ -19,7 +19,7 @@ SHORTEST = 1e-12  # part of a segment
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
-    """Cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
+    """Return cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
 
     A point gives its cell. A line gives all cells it crosses, each joined to the next by a side. A
     polygon gives the cells whose centre is inside, or one cell if it contains no centre. Parts off
@@ -39,7 +39,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 def burnable_cells(
     geometries: Iterable[BaseGeometry], landscape: Landscape
 ) -> list[tuple[int, int]]:
-    """Row and column of the cells that geometries touch (``cells_of``) and that can burn."""
+    """Return the row and column of the burnable cells that geometries touch (``cells_of``)."""
     cells = cells_of(geometries, landscape)
     burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
     return [(int(row), int(col)) for row, col in cells[burns]]
@@ -48,7 +48,7 @@ def burnable_cells(
 def with_barriers(
     landscape: Landscape, geometries: Iterable[BaseGeometry], code: int = BARE_GROUND
 ) -> Landscape:
-    """The landscape with a fuel code that does not burn in all cells that geometries touch.
+    """Return the landscape with a non-burnable fuel code in all cells that geometries touch.
 
     Fire cannot cross a line in any direction, since its cells are joined by sides. The outline of
     a polygon is a barrier too, so that a river narrower than a cell stops fire as a line does.
@@ -75,7 +75,7 @@ def with_barriers(
 
 
 def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
-    """The points, lines and polygons of geometries, including those in collections."""
+    """Yield the points, lines and polygons of geometries, including those in collections."""
     for geometry in geometries:
         if hasattr(geometry, "geoms"):
             yield from _parts(geometry.geoms)
@@ -84,7 +84,7 @@ def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
 
 
 def _col_row(geometry: BaseGeometry, landscape: Landscape) -> Floats:
-    """Vertices (n, 2) as column and row from the grid's corner, so that their floor is the cell."""
+    """Return vertices (n, 2) as column and row from the grid's corner; their floor is the cell."""
     x_m, y_m = shapely.get_coordinates(geometry).T
     row, col = landscape.row_col_of(x_m, y_m)
     return np.stack([col + 0.5, row + 0.5], axis=1)
@@ -132,7 +132,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
 
 
 def _steps(vertices: Floats) -> Floats:
-    """Points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
+    """Return points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
 
     The lines between columns and rows cut each segment into pieces; each lies in one cell. The
     vertices are included so that lines with a common vertex mark a common cell, even if the vertex

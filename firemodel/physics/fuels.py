@@ -72,7 +72,7 @@ _ANDERSON = {
 
 
 def _scott_burgan(row: str) -> tuple[int, FuelModel]:
-    """Code and model of one row; the models with herbaceous fuel are the dynamic ones."""
+    """Return the code and model of one row; models with herbaceous fuel are dynamic."""
     *numbers, name = row.split(maxsplit=11)
     code, *values = (float(number) for number in numbers)
     one, ten, hundred, herb, woody = (load * LB_FT2_PER_TON_ACRE for load in values[:5])

@@ -186,7 +186,7 @@ class AnyAngleFire(Fire):
         self._heap = Heap(heap.times, heap.cells, size)
 
     def arrival_vectors(self) -> Floats:
-        """Vectors (2, y, x) in metres north and east from each cell's source; 0 where lit."""
+        """Return vectors (2, y, x) in m north and east from each cell's source; 0 where lit."""
         labels, (rows, cols) = self._labels, self.landscape.shape
         n, burned = rows * cols, np.isfinite(labels.arrival_s)
         centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)

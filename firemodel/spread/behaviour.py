@@ -31,7 +31,7 @@ class Behaviour(NamedTuple):
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
-    """Fire behaviour at the arrival of the front in each cell.
+    """Return the fire behaviour at the arrival of the front in each cell.
 
     Rates are normal to the front, from the cell's ellipse (Rothermel 1972; Anderson 1983, INT-305)
     and the direction from which fire came; in ignition cells they are those of the head. Intensity

@@ -22,7 +22,9 @@ Floats = NDArray[np.float64]
 def burning_from_perimeter(
     polygons: Iterable[BaseGeometry], landscape: Landscape, at_s: float
 ) -> Burning:
-    """The fire whose burned area at ``at_s`` is given by polygons in the landscape's CRS.
+    """Return the fire whose burned area at ``at_s`` is given by polygons.
+
+    The polygons are in the landscape's CRS.
 
     Cells (y, x) whose centre is inside burn at that time; a polygon that contains no centre burns
     one cell. The front is on all outlines on the grid, including those of unburned islands, but not
@@ -41,7 +43,7 @@ def burning_from_perimeter(
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
-    """The state of a fire at ``at_s`` from its arrival times (y, x), infinity where unburned.
+    """Return the state of a fire at ``at_s`` from arrival times (y, x), infinity where unburned.
 
     Later arrivals are used only to locate the front between two cells (``front.front_polygons``).
     Raises FireModelError if no cell had burned by then, or all cells.
@@ -64,7 +66,7 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
-    """Points (k, 2) on the outlines of an area that lie on the grid, as float (row, column)."""
+    """Return points (k, 2) on the outlines of an area on the grid, as float (row, column)."""
     rings = shapely.get_parts(area.boundary)
     drawn = shapely.length(rings) > 0.0  # the others are points: cells that have just ignited
     rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)

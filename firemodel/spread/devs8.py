@@ -59,7 +59,7 @@ class Devs8Fire(Fire):
         wind_limit: bool = False,
         ignition_intensity_kw_m: float = IGNITION_INTENSITY_KW_M,
     ) -> None:
-        """A cell ignites if its own fireline intensity exceeds a threshold when fire reaches it.
+        """Create the fire; a cell ignites if its fireline intensity exceeds a threshold.
 
         The intensity is Byram's, at the head. A cell below the threshold ignites when weather
         raises its intensity above it (in des-fire, when fire comes from another neighbour). A
@@ -181,7 +181,7 @@ class Devs8Fire(Fire):
 
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
-    """Rate (entries, fuels) in m/s at which each fuel has this intensity under each entry."""
+    """Return the rate (entries, fuels) in m/s at which each fuel has a given intensity."""
     fuels = [FUEL_MODELS[code] for code in burnable_codes(landscape)]
     beds = [fuel_bed(fuel, entry.moisture) for entry in entries for fuel in fuels]
     per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])

@@ -92,7 +92,7 @@ def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, gr
 
 @kernel
 def set_out(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """``_spread`` from several cells; returns as ``_go``."""
+    """Start paths from several cells; returns as ``_go``."""
     heap_size, halted_size = heap.size, halted.size
     for cell in cells:
         head = head_of(cell, entry, ground.terrain, ground.tables)

@@ -94,13 +94,13 @@ class Fire(ABC):
 
     @abstractmethod
     def copy(self) -> Self:
-        """An independent copy of this fire; data that never changes is shared.
+        """Return an independent copy of this fire; data that never changes is shared.
 
         Takes a few ms with 500 x 500 cells.
         """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """As ``copy``: a plain ``deepcopy`` would separate arrays that share memory."""
+        """Return ``copy()``; a plain ``deepcopy`` would separate arrays that share memory."""
         return self.copy()
 
     @abstractmethod
@@ -115,14 +115,14 @@ class Fire(ABC):
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """Arrival times (y, x) of burned cells, and expected times of cells next to the fire.
+        """Return arrival times (y, x) of burned cells, and expected times next to the fire.
 
         Infinity elsewhere. ``front`` is drawn from these times.
         """
         return self._expected_s().copy()
 
     def burned(self) -> NDArray[np.bool_]:
-        """Mask (y, x) of the cells that have ignited by now."""
+        """Return the mask (y, x) of the cells that have ignited by now."""
         return self.arrival_time_s <= self.time_s
 
     @property
@@ -132,7 +132,7 @@ class Fire(ABC):
         return cells * self.landscape.cell_size_m**2 / 1e4
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """State of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
+        """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
         A cell is BURNING as long as one of its eight neighbours can still burn. Raises
         FireModelError for a time after the fire's.
@@ -145,7 +145,7 @@ class Fire(ABC):
         return np.where(cannot & ~burned, CANNOT_BURN, state).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """Burned area at a time as a shapely MultiPolygon in the landscape's CRS.
+        """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
         Its edge is interpolated between the cells' centres. Raises FireModelError for a time after
         the fire's.
@@ -155,7 +155,7 @@ class Fire(ABC):
         return with_start(found, self.start_area, time_s)
 
     def arrival_vectors(self) -> Floats:
-        """Vectors (2, y, x) in metres north and east of the last straight path to each cell.
+        """Return vectors (2, y, x) in m north and east of the last straight path to each cell.
 
         By default from the neighbour that burned first; 0 where the fire was lit.
         """
@@ -163,7 +163,7 @@ class Fire(ABC):
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
-        """Arrival times (y, x), with expected times of unburned cells where they are known."""
+        """Return arrival times (y, x), with the expected times of unburned cells if computed."""
         return self.arrival_time_s
 
     def _check_past(self, time_s: float) -> None:
@@ -172,7 +172,7 @@ class Fire(ABC):
 
 
 def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
-    """A burned area at a time, united with the area of an initial fire from its time on."""
+    """Unite a burned area with the area of an initial fire, from the time of that fire on."""
     if start is None or time_s < start.at_s:
         return area
     return multipolygon(area.union(start.area))

@@ -14,7 +14,7 @@ _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
 
 def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The largest burned region (y, x) whose cells are connected by sides or corners."""
+    """Return the largest burned region (y, x) whose cells are connected by sides or corners."""
     from scipy import ndimage
 
     labels, count = ndimage.label(burned, structure=np.ones((3, 3)))
@@ -25,7 +25,7 @@ def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Outer boundary cells of the largest burned region, (n, 2) as (row, col).
+    """Return the outer boundary cells of the largest burned region, (n, 2) as (row, col).
 
     The loop is closed and anticlockwise on a north-up map; consecutive cells are neighbours (8),
     and a branch one cell wide is passed in both directions. Moore tracing, which ends when it would
@@ -61,7 +61,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (y, x) of the cells with at least one of ``cells`` among their eight neighbours."""
+    """Return the mask (y, x) of cells with at least one of ``cells`` as one of eight neighbours."""
     padded = np.pad(cells, 1)
     rows, cols = cells.shape
     found = np.zeros_like(cells)
@@ -71,7 +71,7 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
-    """Steps (rows, columns), each (y, x), to the one of eight neighbours that burned first.
+    """Return steps (rows, columns), each (y, x), to the neighbour that burned first.
 
     (0, 0) where no neighbour burned before the cell itself.
     """
@@ -86,7 +86,7 @@ def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
 
 
 def multipolygon(area: Any) -> Any:
-    """The polygons of a shapely geometry as one MultiPolygon."""
+    """Return the polygons of a shapely geometry as one MultiPolygon."""
     from shapely import get_parts
     from shapely.geometry import MultiPolygon
 
@@ -94,7 +94,7 @@ def multipolygon(area: Any) -> Any:
 
 
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
-    """Burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
+    """Return the burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
 
     The edge is interpolated linearly between the centres of cells. It is at most halfway to a cell
     that fire does not reach, or to the edge of the landscape.
@@ -118,7 +118,7 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
 
 
 def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
-    """Arrival times minus ``time_s`` in a window and the cells around it.
+    """Return arrival times minus ``time_s`` in a window and the cells around it.
 
     A cell that fire never reaches has the largest time since arrival among its neighbours, so that
     the interpolated edge is at most halfway to it.

@@ -26,7 +26,7 @@ class FrontRates:
     def at(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
-        """Horizontal speed in m/s (n,) at which the front in each cell moves along its normal.
+        """Return the speed in m/s (n,) at which the front in each cell moves along its normal.
 
         Args:
             rows, cols: the cells (n).
@@ -49,7 +49,7 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """As ``at``, but under a given wind (speed at 20 ft in m/s, direction from in degrees)."""
+        """Return speeds as ``at``, under a wind (m/s at 20 ft, direction from in degrees)."""
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])

@@ -37,13 +37,13 @@ class ActivePaths(NamedTuple):
 
 
 def empty_paths(room: int) -> ActivePaths:
-    """Uninitialised arrays for ``room`` paths."""
+    """Return uninitialised arrays for ``room`` paths."""
     return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
 
 
 @kernel
 def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
-    """Row, column and time of a source."""
+    """Return Row, column and time of a source."""
     n = labels.source.size
     if source < n:
         return float(source // cols), float(source % cols), labels.arrival_s[source]
@@ -52,7 +52,7 @@ def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def squeezes(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
-    """True if a diagonal step passes between two cells that cannot burn."""
+    """Return True if a diagonal step passes between two cells that cannot burn."""
     return (
         row != to_row
         and col != to_col

@@ -66,7 +66,9 @@ class ProbabilisticFire(Fire):
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
-        """``burning_steps`` is the number of updates a cell burns; None: until neighbours burned.
+        """Create the fire; ``burning_steps`` is the number of updates for which a cell burns.
+
+        None: a cell burns until all its neighbours have burned.
 
         Cells of an initial fire burn for the remaining updates, counted from their arrival times.
         Raises FireModelError for an ignition on a cell that cannot burn, or an invalid number.
@@ -108,7 +110,7 @@ class ProbabilisticFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        """As in ``Fire``, with the state of the generator: both fires then burn identically."""
+        """Copy the fire with the state of its generator, so that both fires burn identically."""
         found = copy.copy(self)
         found.arrival_time_s = self.arrival_time_s.copy()
         found.burned_out_s = self.burned_out_s.copy()
@@ -118,7 +120,7 @@ class ProbabilisticFire(Fire):
         return found
 
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """As in ``Fire``: ``spread_factor`` multiplies p_spread; wind has no effect here."""
+        """Multiply p_spread by ``spread_factor``; the changes of wind have no effect."""
         self._p_spread = min(self._p_spread * spread_factor, 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
@@ -161,14 +163,14 @@ class ProbabilisticFire(Fire):
         self._cells, self._lasted = cells[:size], lasted[:size]
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """As in ``Fire``, but a cell is BURNING until the automaton marks it burned out."""
+        """Return states as in ``Fire``; a cell is BURNING until it is marked burned out."""
         self._check_past(time_s)
         state = np.where(self.burned_out_s <= time_s, BURNED, BURNING)
         unburned = np.where(self._can_burn, UNBURNED, CANNOT_BURN)
         return np.where(self.arrival_time_s <= time_s, state, unburned).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """As in ``Fire``, but the edge is always halfway between cells."""
+        """Return the burned area as in ``Fire``, with its edge always halfway between cells."""
         self._check_past(time_s)
         ago_s = np.where(self.arrival_time_s <= time_s, 1.0, -np.inf)
         return front_polygons(-ago_s, 0.0, self.landscape)

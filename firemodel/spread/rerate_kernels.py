@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
-    """Paths from the points (k, 2) of a front to the unburned cells around each."""
+    """Return paths from the points (k, 2) of a front to the unburned cells around each."""
     rows, cols = shape
     around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
     cell = np.floor(front + 0.5).astype(np.int64)
@@ -104,7 +104,7 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
 
 @kernel
 def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyped-def]
-    """Row and column on the joined front from which fire is estimated to reach a cell first.
+    """Return the place on the joined front from which fire is estimated to reach a cell first.
 
     NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
     """

@@ -38,7 +38,7 @@ class Ground(NamedTuple):
 
 
 def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool) -> Ground:
-    """The ``Ground`` of a landscape; slownesses are computed later, cell by cell as needed."""
+    """Return the ``Ground`` of a landscape; slownesses are computed later, when needed."""
     terrain = terrain_of(landscape)
     n, cols = terrain.fuel.size, landscape.shape[1]
     slowness = np.full((n, 4), np.nan)
@@ -56,7 +56,10 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
-    """Chessboard distance to the next cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
+    """Return chessboard distances to the next cell with an unlike neighbour.
+
+    By the two-pass algorithm of Rosenfeld & Pfaltz 1966.
+    """
     fuel, gradient, midflame = terrain
     n = fuel.size
     rows = n // cols
@@ -106,7 +109,7 @@ def forget(ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
-    """Time in seconds along a horizontal vector in metres, at the slowness of one cell.
+    """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
     ``length2`` is the squared length of the vector. 0 if fire does not spread in the cell.
     """
@@ -123,7 +126,7 @@ def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-un
 
 @kernel
 def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
-    """The cell in which a float position lies."""
+    """Return the cell in which a float position lies."""
     return math.floor(row + 0.5) * cols + math.floor(col + 0.5)
 
 
@@ -174,7 +177,9 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
 
 @kernel
 def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
-    """The point of a piece of front from which fire reaches a cell first: (time, row, col).
+    """Find the point of a part of a front from which fire first reaches a cell.
+
+    Returns (time, row, col).
 
     The slowness of the target cell is used for the whole path. With w the vector from one end of
     the piece to the cell and d the piece, the time A |w - s d| - B (w - s d) is least where its

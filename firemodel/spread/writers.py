@@ -40,7 +40,7 @@ def write_geotiff(
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
-    """Polygons in the landscape's CRS as a MultiPolygon of RFC 7946.
+    """Convert polygons in the landscape's CRS to a MultiPolygon of RFC 7946.
 
     Coordinates are WGS84 [lon, lat], rounded to a centimetre; outer rings are anticlockwise.
     """
@@ -69,7 +69,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 def fronts_geojson(
     fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> dict[str, Any]:
-    """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
+    """Return the burned area at each time as a MultiPolygon feature of RFC 7946 (WGS84).
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
     the status is that of a perimeter that is not approved. ``time_zero`` is the calendar time of

@@ -31,7 +31,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Description of how another grid differs; empty if it does not (to 1/1000 of a cell)."""
+        """Describe how another grid differs; empty if it does not (to 1/1000 of a cell)."""
         if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
             return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -82,7 +82,7 @@ def check_file(path: Path) -> None:
 
 
 def bands_of(path: Path) -> tuple[Band, ...]:
-    """The bands of a raster file. Raises FireModelError if it cannot be read as one."""
+    """Return the bands of a raster file. Raises FireModelError if it is not a raster."""
     import rasterio
     from rasterio.enums import MaskFlags
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
@@ -122,7 +122,7 @@ def _nodata(driver: str, declared: float | None) -> float | None:
 
 
 def _unit(declared: str | None, tags: dict[str, str]) -> str:
-    """The band's unit from GDAL: the declared one, or the one in the header of an .lcp."""
+    """Return the band's unit: the one declared to GDAL, or the one in the header of an .lcp."""
     named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
     return declared or next(named, "")
 
@@ -132,7 +132,7 @@ def _line(error: Exception) -> str:
 
 
 def band_of(source: Path | tuple[Path, int]) -> Band:
-    """The band of a file with one band, or of (file, number from 1).
+    """Return the band of a file with one band, or of (file, number from 1).
 
     Raises FireModelError if there is no such band.
     """
@@ -148,7 +148,7 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Values (y, x) of a band in the file's type. Raises FireModelError if the file is damaged."""
+    """Read the values (y, x) of a band, in its type. Raises FireModelError for a damaged file."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -161,7 +161,7 @@ def values_of(band: Band) -> NDArray[Any]:
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
-    """Cells (y, x) without a value: NaN, the file's nodata value or mask, or ``nodata``."""
+    """Return the mask (y, x) of cells with NaN, the file's nodata value or mask, or ``nodata``."""
     import rasterio
 
     if np.issubdtype(values.dtype, np.floating):
@@ -178,7 +178,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
 
 
 def _fits(value: float, values: NDArray[Any]) -> bool:
-    """True if the array's type can hold a value, with rounding if it is a float type."""
+    """Return True if the array's type can hold a value, with rounding if it is a float type."""
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)
@@ -186,13 +186,13 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Text that names the first of the bad cells (value, row, column) and their number."""
+    """Return text with value, row and column of the first bad cell, and the number of bad cells."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 
 
 def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
-    """The reasons why a band is not a north-up grid of square cells in metres, one line each.
+    """Yield the reasons why a band is not a north-up grid of square cells in metres.
 
     ``crs`` is the CRS of files without one.
     """
@@ -231,14 +231,14 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
 
 
 def grid_of(band: Band, crs: str | None = None) -> Grid:
-    """The grid of a band. Raises FireModelError with the first of ``grid_problems``."""
+    """Return the grid of a band. Raises FireModelError with the first of ``grid_problems``."""
     refuse(grid_problems(band, crs))
     west_m, north_m = band.transform.c, band.transform.f
     return Grid(str(band.crs or crs), band.shape, west_m, north_m, band.transform.a)
 
 
 def grid_of_landscape(land: Landscape) -> Grid:
-    """The grid of a landscape."""
+    """Return the grid of a landscape."""
     return Grid(land.crs, land.shape, land.west_m, land.north_m, land.cell_size_m)
 
 

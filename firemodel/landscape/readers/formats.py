@@ -37,7 +37,7 @@ OFFLINE = {  # GDAL's options against network access, should an accepted file na
 
 
 def raster_driver(path: Path) -> str:
-    """GDAL's name of a raster's format. Raises FireModelError for one that is not accepted."""
+    """Return GDAL's name of a raster's format. Raises FireModelError for other formats."""
     start = _start(path)
     if start.startswith(TIFF):
         return "GTiff"

@@ -66,7 +66,7 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 
 
 def layer_of(description: str) -> tuple[str, str]:
-    """The (layer, unit) in a band's description, each empty if it is not named.
+    """Return the (layer, unit) in a band's description, each empty if it is not named.
 
     Recognised are the names in .lcp files, those of this package, and LANDFIRE's layer names
     (``LC20_SlpD_220``), which imply a unit.
@@ -80,7 +80,7 @@ def layer_of(description: str) -> tuple[str, str]:
 
 
 def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
-    """The (file, band) of each layer in a file, by the bands' descriptions.
+    """Return the (file, band) of each layer in a file, by the bands' descriptions.
 
     Raises FireModelError if no description names a layer, or two name the same layer.
     """
@@ -104,7 +104,7 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
 
 
 def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
-    """Errors for units given for unknown or missing layers, or layers without a unit."""
+    """Yield an error for each unit given for an unknown or missing layer, or one without units."""
     for layer in units:
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
@@ -115,7 +115,7 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """The unit of a layer's values: as given, else as in the file, else one of ``USUAL_UNITS``.
+    """Return the unit of a layer: as given, else as in the file, else one of ``USUAL_UNITS``.
 
     Raises FireModelError if the unit is unknown or not one of ``UNITS``.
     """
@@ -134,7 +134,7 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
 
 
 def limits(layer: str, unit: str) -> tuple[float, float]:
-    """Minimum and maximum of valid values, in the unit of the file."""
+    """Return the minimum and maximum of valid values, in the unit of the file."""
     if unit == "degrees":
         return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
     if unit == "class":
@@ -150,7 +150,7 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
 def value_problems(
     layer: str, unit: str, band: Band, values: NDArray[Any], missing: Mask
 ) -> Iterator[str]:
-    """The problems of a layer's values (y, x) in the unit of the file, one line each."""
+    """Yield the problems of a layer's values (y, x) in the unit of the file, one line each."""
     if layer == "fuel":
         yield from _fuel_problems(band, values, missing)
         return
@@ -211,7 +211,7 @@ def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDAr
 def to_gradient(
     slope_tan: NDArray[np.float32], aspect_deg: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
+    """Compute the rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
 
     Aspect is the direction in which the ground falls, clockwise from north; -1 is level ground (as
     in LANDFIRE).

@@ -116,7 +116,7 @@ def read_landscape(
 
 
 def bands_for(files: Sources) -> dict[str, Band]:
-    """The band of each layer, in the order of ``layers.LAYERS``.
+    """Return the band of each layer, in the order of ``layers.LAYERS``.
 
     Raises FireModelError if a layer is unknown or a required one is missing.
     """
@@ -139,14 +139,14 @@ def bands_for(files: Sources) -> dict[str, Band]:
 
 
 def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
-    """A problem if the grid of a band differs from another file's grid."""
+    """Yield a problem if the grid of a band differs from another file's grid."""
     differs = other.difference(grid)
     if differs:
         yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
 
 
 def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
-    """A problem if a band has cells without a value."""
+    """Yield a problem if a band has cells without a value."""
     if without.any():
         yield (
             f"{band.name}: no data: value {cells_with(without, values)}; fill or crop them, or "
@@ -155,7 +155,7 @@ def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
 
 
 def _filled(band: Band, heights_m: NDArray[Any], without: Mask) -> NDArray[Any]:
-    """Elevation (y, x) with missing cells set to the elevation of the nearest cell with a value."""
+    """Fill missing cells of elevation (y, x) from the nearest cell with a value."""
     from scipy import ndimage
 
     if without.all():

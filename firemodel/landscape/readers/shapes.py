@@ -55,7 +55,7 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
-    """The geometries of all layers of a file, unchanged, and their CRS.
+    """Read the geometries of all layers of a file, unchanged, and their CRS.
 
     A feature without geometry gives an empty one. Raises FireModelError if the file cannot be read
     as shapes.
@@ -95,7 +95,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 
 
 def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Geometries, CRS and attributes of a zipped Shapefile in memory.
+    """Read geometries, CRS and attributes of a zipped Shapefile in memory.
 
     There is a geometry and a record of attributes for each feature; dates are numpy.datetime64.
     Raises FireModelError if the file cannot be read.
@@ -136,7 +136,7 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
 
 
 def _first_line(error: Exception) -> str:
-    """The text of an error without pyogrio's advice on drivers."""
+    """Return the text of an error without pyogrio's advice on drivers."""
     return " ".join(str(error).split(".;")[0].split())
 
 
@@ -163,7 +163,7 @@ def _check_crs_member(path: Path) -> None:
 
 
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
-    """The problems of a file's CRS, or of the CRS given for it, one line each."""
+    """Yield the problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
         lost = "has no .prj file beside it" if path.suffix.lower() == ".shp" else "has no CRS"
         yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
@@ -182,7 +182,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
-    """The problems of one feature's geometry, apart from its place, one line each."""
+    """Yield the problems of one feature's geometry, apart from its place, one line each."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
         yield f"{where} is empty; delete or draw it"
@@ -208,7 +208,7 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
 def place_problems(
     path: Path, number: int, shape: BaseGeometry, landscape: Landscape
 ) -> Iterator[str]:
-    """A problem if a geometry in the landscape's CRS does not touch the landscape."""
+    """Yield a problem if a geometry in the landscape's CRS does not touch the landscape."""
     if not all(map(math.isfinite, shape.bounds)):
         yield f"{path}: feature {number} is too far off to be projected onto the landscape"
     elif not shape.intersects(box_of(landscape)):
@@ -224,7 +224,7 @@ def place_problems(
 
 
 def box_of(landscape: Landscape) -> BaseGeometry:
-    """The landscape's outline in its CRS."""
+    """Return the landscape's outline in its CRS."""
     rows, cols = landscape.shape
     west_m, north_m, cell_m = landscape.west_m, landscape.north_m, landscape.cell_size_m
     return shapely.box(west_m, north_m - rows * cell_m, west_m + cols * cell_m, north_m)

@@ -153,7 +153,10 @@ def _csv_rows(path: Path) -> Rows:
 
 
 def _raws_rows(path: Path) -> Rows:
-    """The records with CSV's column names; the count in the line RAWS: is often wrong, not used."""
+    """Return the records, with the column names of the CSV format.
+
+    The count in the line RAWS: is often wrong and is not used.
+    """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
     units = ""
@@ -216,7 +219,7 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
-    """One value of a column, in the unit of the field that the column gives."""
+    """Return one value of a column, in the unit of the field that the column gives."""
     column = COLUMNS[name]
     value = _float(path, line, name, text)
     if not column.low <= value <= column.high:
@@ -237,7 +240,7 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 
 
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
-    """Time of each record in seconds after the start: finite, increasing, with 0 in the range."""
+    """Return the times of the records in s after the start, which must increase and enclose 0."""
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
         if start is not None:
@@ -286,7 +289,7 @@ def _moistures_pct(
     moisture: Moisture | None,
     conditioned: bool,
 ) -> Floats:
-    """Moistures of the five classes in percent, (n, 5): from the file, conditioned or constant."""
+    """Return moistures of the five classes in percent, (n, 5), as given or conditioned."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
