@@ -1,4 +1,4 @@
-"""Runs a fire from ignition to a given time in one call."""
+"""Simulate a fire from ignition to a given time in one call."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import SchemeName, new_fire
 
 HOUR_S = 3600.0
-# Dry, with a moderate wind: the first hours of the default scenario.
+# Dry weather with a moderate wind, as in the first hours of the default scenario.
 DRY = Weather(
     at_s=0.0,
     wind_speed_m_s=4.0,
@@ -47,7 +47,7 @@ def burn(
             ``read_weather``). Default: dry, wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
-        duration_s: How long the fire burns, in seconds.
+        duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
 
@@ -118,5 +118,5 @@ def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
 
     cells = burnable_cells(read_shapes(path, land), land)
     if not cells:
-        raise FireModelError(f"{path}: lies wholly on fuel that does not burn")
+        raise FireModelError(f"{path}: all its cells are non-burnable; give another place")
     return cells

@@ -76,7 +76,7 @@ class ArrivalRaster:
     def _between(self, row: Floats, col: Floats) -> Floats:
         """Interpolate arrival times bilinearly at fractional rows and columns.
 
-        Where fire does not reach all four cells around, the time of the nearest cell.
+        Where fire does not reach all four cells around, the time is that of the nearest cell.
         """
         rows, cols = self.landscape.shape
         top, left = (
@@ -102,16 +102,16 @@ def _origins(arrival_s: Floats) -> Ints:
     """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
-    come = np.isfinite(arrival_s)
-    if not come.any():
+    reached = np.isfinite(arrival_s)
+    if not reached.any():
         return origin.ravel()
-    in_rows, in_cols = np.flatnonzero(come.any(axis=1)), np.flatnonzero(come.any(axis=0))
+    in_rows, in_cols = np.flatnonzero(reached.any(axis=1)), np.flatnonzero(reached.any(axis=0))
     window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
     step_row, step_col = earliest_neighbour(arrival_s[window])
     before = origin[window] + (step_row * cols + step_col).astype(np.int64)
-    origin[window] = np.where(come[window], before, origin[window])
+    origin[window] = np.where(reached[window], before, origin[window])
     flat = origin.ravel()
-    cells = np.flatnonzero(come)
+    cells = np.flatnonzero(reached)
     earlier = flat[cells]
     while True:
         earliest = flat[earlier]
@@ -129,17 +129,17 @@ def corrected_arrival(
 ) -> Floats:
     """Correct arrival times (y, x) of a cellular fire by observations (n, 4) x, y, at_s, state.
 
-    ``method`` may also be the paper's, with its length: ``lambda fire, observations:
+    Another ``method`` is that of the paper, with its length: ``lambda fire, observations:
     PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond the observed
-    places: a cell that is infinite there stays infinite, unless an observation marks it burned or
-    burning; it then burns from the time of that observation.
+    places. An infinite cell stays infinite unless an observation marks it burned or burning; it
+    then burns from the time of that observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
-    come = np.isfinite(arrival_s)  # cells without fire are not corrected
-    centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
+    reached = np.isfinite(arrival_s)  # cells without fire are not corrected
+    centres = np.column_stack(landscape.xy_of(*np.nonzero(reached)))
     found = np.full(arrival_s.shape, np.inf)
-    found[come] = method(fire, observations).ignition_time_s(centres)
+    found[reached] = method(fire, observations).ignition_time_s(centres)
     for x_m, y_m, at_s, state in observations:
         cell = tuple(int(np.round(at)) for at in landscape.row_col_of(x_m, y_m))
         if state != UNBURNED and landscape.contains(x_m, y_m) and np.isinf(arrival_s[cell]):

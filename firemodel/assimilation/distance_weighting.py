@@ -1,4 +1,4 @@
-"""A fire simulation corrected by observations, as Beachly et al. do it (section IV).
+"""A fire simulation corrected by observations, after Beachly et al. (section IV).
 
 The error e of an observation is the delay of the observed fire behind the simulated one
 (``observations.errors_s``). A squared exponential k of the distance weights the errors at other
@@ -34,7 +34,9 @@ Floats = NDArray[np.float64]
 
 
 class PaperCorrected:
-    """A fire corrected by observations (n, 4) x, y, at_s, state, each within about ``length_m``.
+    """A fire corrected by observations (n, 4) x, y, at_s, state, by weights over distance.
+
+    An observation has an effect within about ``length_m``.
 
     A burned or unburned observation that agrees with the simulation has no weight. A place that
     the simulated fire never reaches cannot be corrected by a shift of time: it burns from the
@@ -57,7 +59,7 @@ class PaperCorrected:
         never = ~np.isfinite(error_s)
         counts = ~never & ((error_s != 0.0) | (self.observations[:, 3] == BURNING))
         self._places, self._error_s = self.observations[counts, :2], error_s[counts]
-        self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
+        self._ignitions = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
@@ -68,7 +70,7 @@ class PaperCorrected:
         """Return ``ignition_time_s`` of points, given their simulated arrival times (n,)."""
         found = simulated_s + self.shift_s(points_m)
         never = np.flatnonzero(np.isinf(simulated_s))
-        for x, y, at_s in self._anyway:
+        for x, y, at_s in self._ignitions:
             near = np.hypot(*(points_m[never] - (x, y)).T) <= self.length_m
             found[never[near]] = np.minimum(found[never[near]], at_s)
         return found
@@ -88,7 +90,7 @@ class PaperCorrected:
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
     """Compute exp(-y) with a relative error of 1e-10, and 0 where it is below ``NEGLIGIBLE``.
 
-    It has no branch and no call, so that the compiler can vectorise loops over it (exp it cannot).
+    It has no branch and no call, so that the compiler can vectorise loops over it, unlike exp.
     """
     z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]

@@ -19,9 +19,10 @@ def observations_of(
 ) -> Floats:
     """Return observations (n, 4) x, y, at_s, state of a shape with corners (k, 2) in metres.
 
-    A line and the outline of a polygon give their corners and points between them, at most
-    ``spacing_m`` apart. A burning polygon has the front on its outline and gives no points inside.
-    A burned or unburned polygon gives also a grid of points inside, ``spacing_m`` apart.
+    The observations of a line and of the outline of a polygon are its corners and points between
+    them, at most ``spacing_m`` apart. The outline of a burning polygon is the front; it has no
+    points inside. A burned or unburned polygon also has a grid of points inside, ``spacing_m``
+    apart.
 
     Raises FireModelError for too few points, values that are not finite, an unknown state, a
     spacing that is not positive, or a polygon whose outline crosses itself.

@@ -7,8 +7,8 @@ everywhere and the ground is level. Lines are series of points (``line_sources``
 
 If the wind changes, each point of the front starts its own ellipse (Huygens), so that the burned
 area is the Minkowski sum of the periods' ellipses. A place at d from the source is inside as soon
-as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time spent in period i and h_i the
-support function of its ellipse. The arrival time is therefore the maximum over n of the time at
+as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time in period i and h_i the support
+function of its ellipse. The arrival time is therefore the maximum over n of the time at
 which both sides are equal. That time has a closed form, and only one maximum over n
 (``ellipse_kernels.reach``).
 """
@@ -28,8 +28,8 @@ from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
-TILE = 64  # points
-DIRECTIONS = 12  # in which a source's reach is bounded
+TILE = 64  # points in a tile
+DIRECTIONS = 12  # number of directions in which a source's reach is bounded
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.int32]

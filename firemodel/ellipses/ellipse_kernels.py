@@ -1,8 +1,8 @@
-"""The inner loops of ``ellipse``: the arrival time from one source, and the least over all sources.
+"""The inner loops of ``ellipse``: arrival time from one source, and its minimum over all sources.
 
-A point is tried only with the sources that may be first somewhere in its tile. Down the quadtree
-of ``tiles``, each square keeps the sources of its parent whose earliest time in the square is not
-after the latest time of another source there.
+A point is compared only with the sources that may be first somewhere in its tile. In each level of
+the quadtree of ``tiles``, a square keeps those sources of its parent whose earliest time in the
+square is not after the latest time of another source in the square.
 """
 
 import math
@@ -109,7 +109,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
         # Slices, so that indices begin at 0 and the loop can be vectorised.
-        xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
+        xs, ys, times = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
             x, y, at_s = sources[number, 0], sources[number, 1], sources[number, 2]
@@ -117,13 +117,13 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
                 for place in range(xs.size):
                     dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    if time < here[place]:
-                        here[place], first[begin + place] = time, number
+                    if time < times[place]:
+                        times[place], first[begin + place] = time, number
             else:
                 for place in range(xs.size):
                     dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    here[place] = time if time < here[place] else here[place]
+                    times[place] = time if time < times[place] else times[place]
 
 
 # Changing wind. A direction n is d + u m, where m is d turned left by 90 degrees, so d·n = d·d.
@@ -160,7 +160,7 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
     If that time is after ``limit_s``, the time returned is any time after the limit.
     """
     nx, ny = dx - u * dy, dy + u * dx
-    way = dx * dx + dy * dy
+    distance = dx * dx + dy * dy
     total, slope, curve, now = 0.0, 0.0, 0.0, at_s
     for number in range(period, table.shape[0]):
         if now >= limit_s:
@@ -172,14 +172,14 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
             qx, qy = xx * nx + xy * ny, xy * nx + yy * ny
             root = math.sqrt(qx * nx + qy * ny)
             h = cx * nx + cy * ny + root
-            here = total + h * (until - now) >= way
-            tau = (way - total) / h if here else until - now
+            reached = total + h * (until - now) >= distance
+            tau = (distance - total) / h if reached else until - now
             total += tau * h
             per = 1.0 / root
             slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) * per)
             curve += tau * (xx * yy - xy * xy) * (per * per * per)
-            if here:
-                return now + tau, h, slope, curve * way * way
+            if reached:
+                return now + tau, h, slope, curve * distance * distance
         now = until
     return now, 1.0, 0.0, 1.0
 
@@ -188,8 +188,9 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
     """Compute (time, nx, ny): the arrival time at d from a source and the decisive direction.
 
-    Each u gives a lower bound of the time. The search stops when a bound is at or after
-    ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or (0, 0) for none.
+    The source is lit at ``at_s``. Each u gives a lower bound of the time. The search stops when a
+    bound is at or after ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or
+    (0, 0) for none.
     """
     if dx == 0.0 and dy == 0.0:
         return at_s, nx, ny
@@ -255,7 +256,7 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
     """Return True if the fire of a source reaches a box only after the time limit.
 
-    That is so if in any one direction the fire does not cover the distance to the box in time.
+    This is so if in at least one direction the fire does not cover the distance to the box in time.
     """
     if sources[number, 2] > limit_s:
         return True
@@ -265,8 +266,8 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
         k = bounds.last[number] + turn
         k = k - count if k >= count else k
         nx, ny = bounds.normals[k, 0], bounds.normals[k, 1]
-        way = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
-        if way > bounds.limit_m[k] - bounds.lit_m[number, k]:
+        distance = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
+        if distance > bounds.limit_m[k] - bounds.lit_m[number, k]:
             bounds.last[number] = k
             return True
     return False
@@ -278,7 +279,8 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 ):
     """Keep sources as ``_keep_steady``, for changing wind.
 
-    The area burned from one source is convex: it covers a square as soon as it covers its corners.
+    The source that is first in the middle of the square is put first. The area burned from one
+    source is convex: it covers a square as soon as it covers its corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import kernel
 
-PARTS = 8  # of a path, for the mean along it
+PARTS = 8  # number of parts of a path, for the mean along it
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Compute the derivatives of ln of that mean by w of each node.
+    """Compute the derivatives of ln of the mean in ``stretch`` by w of each node.
 
     ``found`` (n, rows, cols) is 0 on entry.
     """

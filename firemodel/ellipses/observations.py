@@ -19,7 +19,7 @@ class Simulation(Protocol):
 
 
 class PointObservation(NamedTuple):
-    """State of a place at ``at_s``: BURNED (fire came before), BURNING (comes then), UNBURNED."""
+    """State of a place at ``at_s``: BURNED before, BURNING (fire arrives then) or UNBURNED."""
 
     x_m: float
     y_m: float
@@ -30,8 +30,9 @@ class PointObservation(NamedTuple):
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
     """Return the delay (n,) in s of the observed to the simulated fire at observations (n, 4).
 
-    It is negative where the fire came earlier than simulated and infinite where the simulated fire
-    never comes. A burned or unburned observation that agrees with the simulation has an error of 0.
+    It is negative where the fire arrived earlier than simulated, and infinite where the simulated
+    fire never arrives. A burned or unburned observation that agrees with the simulation has an
+    error of 0.
     """
     late_s: Floats = observations[:, 2] - fire.ignition_time_s(observations[:, :2])
     state = observations[:, 3]

@@ -1,4 +1,4 @@
-"""Paths of fire to places in simulations with adjustable rates; the corrections are built on them.
+"""Paths of fire to places in simulations with adjustable rates, used by the corrections.
 
 A path is a straight line from the ignition to the place.
 """
@@ -17,8 +17,8 @@ Floats = NDArray[np.float64]
 class StraightPaths(NamedTuple):
     """Paths to n places: ignition ``origin`` (n, 2) x, y, its time ``lit_s`` (n,), and duration.
 
-    The travel time ``takes_s`` (n,) is infinite where fire never comes; ``origin`` and ``lit_s``
-    have no meaning there.
+    Where fire never arrives, the travel time ``takes_s`` (n,) is infinite, and ``origin`` and
+    ``lit_s`` are undefined.
     """
 
     origin: Floats
@@ -31,7 +31,7 @@ class AdjustableFire(Protocol):
 
     @property
     def rates_sd(self) -> Floats:
-        """Prior standard deviations (k,) of the rates that ``rated`` takes."""
+        """Prior standard deviations (k,) of the rates that ``rated`` accepts."""
 
     @property
     def first_rates(self) -> Floats:

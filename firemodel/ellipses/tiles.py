@@ -1,4 +1,4 @@
-"""Points sorted into the squares of a quadtree, for computations that are done once a square."""
+"""Points sorted into the squares of a quadtree, for computations once in each square."""
 
 import math
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ class Tiles(NamedTuple):
 def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
     """Sort points (n, 2) into tiles of about ``points_a_tile`` points.
 
-    With ``side_m``, tiles are not divided further once their sides are at most that. Raises
+    With ``side_m``, tiles with sides of at most this length are not divided further. Raises
     FireModelError for a point that is not finite.
     """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)

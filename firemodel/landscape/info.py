@@ -1,4 +1,4 @@
-"""Describes the content of a file of rasters or shapes, and lists everything wrong with it."""
+"""Describe the content of a file of rasters or shapes, and list its problems."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -66,8 +66,8 @@ def describe_rasters(
     The keys are: ``file`` and ``kind``; ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's
     unit) and ``extent`` (south, west, north, east in degrees) of the first band; ``bands``, each
     with file, number, layer, dtype, unit, nodata, least, most, no_data_cells and, for fuel codes,
-    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``, a
-    line for each thing that ``read_landscape`` would refuse.
+    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``,
+    one line for each reason for which ``read_landscape`` would reject the files.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -88,8 +88,8 @@ def describe_shapes(
     """Describe a file of shapes and check it, on a landscape if one is given.
 
     The keys are: ``file``, ``kind``, ``crs``, ``features`` (number), ``types`` (number of each),
-    ``extent`` (south, west, north, east in degrees) and ``problems``, a line for each thing that
-    ``read_shapes`` would refuse.
+    ``extent`` (south, west, north, east in degrees) and ``problems``, one line for each reason for
+    which ``read_shapes`` would reject the file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -255,8 +255,8 @@ def _band_in_words(
         problems += gaps(band, values, missing)
     elif found["least"] in USUAL_NODATA:
         problems.append(
-            f"{band.name}: {cells_with(values == found['least'], values)} looks like no data, and "
-            "the file does not say so; declare it there, or give it as nodata"
+            f"{band.name}: {cells_with(values == found['least'], values)} is probably no data, but "
+            "the file does not declare it; declare it in the file, or give it as nodata"
         )
     return found
 

@@ -44,7 +44,7 @@ def check_crs(crs: str, where: str) -> None:
     try:
         found = CRS.from_user_input(crs)
     except CRSError as error:
-        raise FireModelError(f"{where}: CRS {crs!r} is not known: {error}") from None
+        raise FireModelError(f"{where}: CRS {crs!r} is invalid: {error}") from None
     if not found.is_projected or found.axis_info[0].unit_name != "metre":
         raise FireModelError(
             f"{where}: CRS {crs_label(crs)} is not a projection in metres; "
@@ -79,7 +79,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Interpolate values (y, x) at float rows and columns; outside, the values of the edge."""
+    """Interpolate values (y, x) at float rows and columns; outside, return those of the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
     if isinstance(row, float):  # one place: much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
@@ -105,10 +105,10 @@ class Landscape:
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
     with row 0 in the north: fuel codes (see ``fuels``), elevation in metres above sea level and,
     optionally, canopy cover (0 to 1), canopy height and canopy base height in metres. ``gradient``
-    is (2, y, x): rise per metre towards north and towards east. If it is not given it is computed
-    from the elevation (see ``horn``); if it is given the elevation may be missing. Positions in the
-    grid are float (row, col) with whole numbers at the centres of cells, so ``round`` gives the
-    cell. Positions and coordinates may be scalars or arrays.
+    (2, y, x) is the rise per metre towards north and towards east. If it is not given, it is
+    computed from the elevation (see ``horn``); if it is given, the elevation may be missing.
+    Positions in the grid are float (row, col) with integers at the centres of cells, so that
+    ``round`` returns the cell. Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -177,7 +177,7 @@ class Landscape:
 
     @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run (y, x); computed again each time, as ``aspect_deg`` is."""
+        """Slope as rise over run (y, x); computed at each access, like ``aspect_deg``."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope
@@ -303,7 +303,7 @@ class Landscape:
             del layers["gradient"]
         for name, layer in layers.items():
             if layer is not None:
-                # Elevation has no name here, so that landscapes recorded earlier keep their digest.
+                # Elevation has no name, so that the digests of earlier records remain valid.
                 sha.update(b"" if name == "elevation" else name.encode())
                 sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()

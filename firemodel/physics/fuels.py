@@ -145,6 +145,6 @@ def check_codes(fuel_model: NDArray[np.integer], where: str) -> None:
         row, col = np.argwhere(unknown)[0]
         raise FireModelError(
             f"{where}: unknown fuel code {fuel_model[row, col]} at row {row}, column {col} "
-            f"({np.count_nonzero(unknown)} such cells); known are 1-13, 101-109, 121-124, 141-149, "
-            "161-165, 181-189, 201-204 and 91-99 (non-burnable)"
+            f"({np.count_nonzero(unknown)} such cells); valid codes are 1-13, 101-109, 121-124, "
+            "141-149, 161-165, 181-189, 201-204 and 91-99 (non-burnable)"
         )

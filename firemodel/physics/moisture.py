@@ -1,7 +1,7 @@
 """Moisture of dead fuel that follows the weather: equilibrium, time lag and rain.
 
-The fuel is in the shade: drying by the sun is left out, and so is elevation. Moistures are percent
-of the oven-dry weight.
+The fuel is in the shade; the model ignores drying by the sun and effects of elevation. Moistures
+are percent of the oven-dry weight.
 """
 
 import numpy as np
@@ -16,8 +16,8 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float | Floats) -> Floats:
     """Return the equilibrium moisture of wood by air temperature and relative humidity.
 
-    Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1.
-    Between its three pieces are jumps of up to one percent of moisture.
+    Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1. The
+    function has three parts, with jumps of up to one percent of moisture between them.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)

@@ -1,9 +1,9 @@
 """Rothermel's surface fire spread model, one function per equation.
 
-Rothermel 1972 (INT-115), with Albini's 1976 revisions, as set out by Andrews 2018
-(RMRS-GTR-371). Where these leave a choice, it is that of the Forest Service's `behave`. The
-equations are in their published units (feet, minutes, pounds, Btu); the functions at the end return
-metres and seconds.
+Rothermel 1972 (INT-115), with Albini's 1976 revisions, as described by Andrews 2018
+(RMRS-GTR-371). Where these allow alternatives, the implementation is that of the Forest Service's
+`behave`. The equations are in their published units (feet, minutes, pounds, Btu); the functions at
+the end return metres and seconds.
 """
 
 import math

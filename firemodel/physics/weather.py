@@ -19,8 +19,8 @@ Numbers = float | NDArray[np.floating]
 class Weather:
     """Conditions from ``at_s`` on.
 
-    Wind is 6.1 m (20 ft) above the vegetation; its direction is the one it comes from, in degrees
-    clockwise from north. Moistures are percent of the oven-dry weight.
+    The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
+    blows, in degrees clockwise from north. Moistures are percent of the oven-dry weight.
     """
 
     at_s: float
@@ -55,12 +55,12 @@ class WeatherStream:
             _check(number, entry)
             if number and not entry.at_s > entries[number - 1].at_s:
                 raise FireModelError(
-                    f"weather entry {number}: at_s = {entry.at_s} is not later than the one "
-                    f"before ({entries[number - 1].at_s}); sort the entries by time"
+                    f"weather entry {number}: at_s = {entry.at_s} is not later than the previous "
+                    f"entry ({entries[number - 1].at_s}); sort the entries by time"
                 )
         if entries[0].at_s > 0.0:
             raise FireModelError(
-                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is unknown; "
+                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is missing; "
                 "the first entry must be at 0 s or earlier"
             )
         self.entries = tuple(entries)
@@ -132,8 +132,8 @@ def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> F
 def unsheltered_factor(depth_ft: Floats) -> Floats:
     """Return the wind adjustment factor of fuel that is not under trees; 0 without fuel.
 
-    It is that of the mean wind between the top of the fuel and twice its depth (Andrews 2012, after
-    Albini & Baughman 1979, INT-221).
+    The factor is that of the mean wind between the top of the fuel and twice its depth (Andrews
+    2012, after Albini & Baughman 1979, INT-221).
     """
     some = np.where(depth_ft > 0.0, depth_ft, 1.0)
     return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)

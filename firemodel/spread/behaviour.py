@@ -53,8 +53,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
             heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
-    way = fire.arrival_vectors().reshape(2, -1)
-    rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
+    paths = fire.arrival_vectors().reshape(2, -1)
+    rate, toward_deg, intensity = _behaviour(arrival_s, paths, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)
     flame_m = rothermel.flame_length_m(intensity)
     found = (rate, toward_deg, intensity, flame_m)
@@ -62,7 +62,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
 
 @compiled
-def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
+def _behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:
@@ -75,7 +75,7 @@ def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[
             continue
         rise_north = np.float64(terrain.gradient[0, cell])
         rise_east = np.float64(terrain.gradient[1, cell])
-        north, east = way[0, cell], way[1, cell]
+        north, east = paths[0, cell], paths[1, cell]
         if north == 0.0 and east == 0.0:
             rate, north, east, _ = head_of(cell, entry, terrain, tables)
         else:

@@ -14,7 +14,7 @@ from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
 APART_CELLS = 0.5  # maximum distance of points on a front
-EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is no front
+EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is not a front
 
 Floats = NDArray[np.float64]
 

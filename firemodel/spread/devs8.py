@@ -6,8 +6,9 @@ The remaining distance is kept for each direction, so that a change of weather c
 keeps the progress. The next event is always the earliest arrival on the landscape.
 
 Spread in only eight directions burns less than the ellipse. On uniform ground it burns the octagon
-with its corners on the ellipse: 78 % of its area at a length-to-width ratio of 1.43 and 60 % at
-2.21 if the wind blows along one of the directions, and up to 5 percentage points less between two.
+with its corners on the ellipse. If the wind blows along one of the directions, the octagon has 78 %
+of the ellipse's area at a length-to-width ratio of 1.43 and 60 % at 2.21. If the wind blows between
+two directions, the area is up to 5 percentage points smaller.
 """
 
 import copy
@@ -33,7 +34,7 @@ from firemodel.spread.devs8_kernels import (
     Halted,
     burn_until,
     change_rates,
-    set_out,
+    start_paths,
 )
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
@@ -89,7 +90,7 @@ class Devs8Fire(Fire):
         for ignition in ignitions:
             self._light(ignition)
         self._make_room(8 * edge.size)
-        sizes = set_out(edge, self.time_s, self._arrival_s, *self._state())
+        sizes = start_paths(edge, self.time_s, self._arrival_s, *self._state())
         self._keep(*sizes)
         self.advance(self.time_s)
 

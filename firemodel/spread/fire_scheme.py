@@ -24,8 +24,8 @@ class Burning(NamedTuple):
 
     at_s: float
     arrival_s: Floats  # (y, x) infinity where it has not burned
-    front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
-    area: Any = None  # burned area if known better than by cells; shapely, landscape's CRS
+    front: Floats  # (k, 2) points on the front as float (row, column), at most a cell apart
+    area: Any = None  # mapped burned area, if there is one; shapely, landscape's CRS
 
 
 class StartArea(NamedTuple):
@@ -36,10 +36,10 @@ class StartArea(NamedTuple):
 
 
 class Fire(ABC):
-    """One burning fire. Time is in seconds and only goes forward.
+    """One burning fire. Time is in seconds and only increases.
 
     ``arrival_time_s`` is float64 (y, x): the ignition time of each cell, infinity where unburned.
-    It is the fire's own array, not a copy: do not write to it.
+    It is the internal array of the fire, not a copy. Callers must not write to it.
     """
 
     landscape: Landscape
@@ -74,8 +74,8 @@ class Fire(ABC):
         """Burn until ``to_time_s``; the cost is proportional to the newly burned area."""
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
-                f"the fire is at {self.time_s} s and cannot go to {to_time_s} s; "
-                "it only goes forward"
+                f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
+                "give a later time"
             )
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)
@@ -111,13 +111,13 @@ class Fire(ABC):
         ``turn_deg``, and the spread rate multiplied by ``spread_factor``.
         """
 
-    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most leave nothing
+    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
         """Return arrival times (y, x) of burned cells, and expected times next to the fire.
 
-        Infinity elsewhere. ``front`` is drawn from these times.
+        Other cells have infinity. ``front`` is computed from these times.
         """
         return self._expected_s().copy()
 
@@ -168,7 +168,9 @@ class Fire(ABC):
 
     def _check_past(self, time_s: float) -> None:
         if time_s > self.time_s:
-            raise FireModelError(f"the fire is at {self.time_s} s; it is not known at {time_s} s")
+            raise FireModelError(
+                f"the fire is at {self.time_s} s; its state at {time_s} s is not computed yet"
+            )
 
 
 def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:

@@ -27,9 +27,9 @@ def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return the outer boundary cells of the largest burned region, (n, 2) as (row, col).
 
-    The loop is closed and anticlockwise on a north-up map; consecutive cells are neighbours (8),
-    and a branch one cell wide is passed in both directions. Moore tracing, which ends when it would
-    repeat the first step (Jacob's criterion).
+    The loop is closed and anticlockwise on a north-up map. Consecutive cells are neighbours (8). A
+    branch one cell wide is passed in both directions. The method is Moore tracing, which ends
+    before it repeats the first step (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
     if not region.any():
@@ -56,7 +56,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
         back = (before[0] - step[0], before[1] - step[1])
         came_from = _AROUND.index(back)
     if len(loop) > 1:
-        loop.pop()  # the start again
+        loop.pop()  # the start, which is repeated at the end
     return np.array(loop[::-1], dtype=np.int32) - 1
 
 
@@ -73,15 +73,15 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
     """Return steps (rows, columns), each (y, x), to the neighbour that burned first.
 
-    (0, 0) where no neighbour burned before the cell itself.
+    The step is (0, 0) where no neighbour burned before the cell itself.
     """
     padded = np.pad(arrival_s, 1, constant_values=np.inf)
     rows, cols = arrival_s.shape
     first, step_row, step_col = arrival_s.copy(), np.zeros((rows, cols)), np.zeros((rows, cols))
     for row, col in _AROUND:
-        beside = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
-        earlier = beside < first
-        first[earlier], step_row[earlier], step_col[earlier] = beside[earlier], row, col
+        neighbour_s = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+        earlier = neighbour_s < first
+        first[earlier], step_row[earlier], step_col[earlier] = neighbour_s[earlier], row, col
     return step_row, step_col
 
 
@@ -130,6 +130,6 @@ def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floa
     rows, cols = ahead_s.shape
     longest_s = np.full((rows, cols), MIN_S)
     for row, col in _AROUND:
-        beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
-        np.maximum(longest_s, ago_s[beside], out=longest_s)
+        shifted = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
+        np.maximum(longest_s, ago_s[shifted], out=longest_s)
     return np.where(np.isfinite(ahead_s), ahead_s, longest_s)

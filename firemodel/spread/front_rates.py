@@ -1,4 +1,4 @@
-"""Outward speed of a fire front: the spread of its straight pieces along their normals."""
+"""Outward speed of a fire front: the spread of its straight segments along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +29,13 @@ class FrontRates:
         """Return the speed in m/s (n,) at which the front in each cell moves along its normal.
 
         Args:
-            rows, cols: the cells (n).
-            north, east: outward normals of the front there (n), unit vectors on the grid.
-            at_s: the time of the weather.
+            rows, cols: The cells (n).
+            north, east: Outward normals of the front in these cells (n), unit vectors on the grid.
+            at_s: The time of the weather.
 
-        0 where nothing burns. The speed is the support of the ellipse A |v| - B v = 1 in the
-        direction (north, east), with |v| measured on the slope (Huygens; A and B are those of
-        ``local_spread``).
+        The speed is 0 where fire does not spread. It is the support function of the ellipse A |v| -
+        B v = 1 in the direction (north, east), with |v| measured on the slope (Huygens; A and B are
+        those of ``local_spread``).
         """
         entry = self._weather.index_at(at_s)
         return self._of(self._tables, entry, rows, cols, north, east)

@@ -33,6 +33,7 @@ class ActivePaths(NamedTuple):
     at: Floats  # (k, 2) position of the fire: row, column
 
     def first(self, count: int) -> "ActivePaths":
+        """Return a copy of the first ``count`` paths."""
         return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
@@ -51,7 +52,7 @@ def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def squeezes(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
+def blocked_diagonal(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
     """Return True if a diagonal step passes between two cells that cannot burn."""
     return (
         row != to_row

@@ -104,8 +104,8 @@ def perturbed(
 ) -> Tables:
     """Return tables with an entry split into two; the second part and later entries change.
 
-    The wind speed is multiplied by ``wind_factor`` and its direction turned clockwise by
-    ``turn_deg``; the spread rate is multiplied by ``spread_factor``.
+    Their wind speed is multiplied by ``wind_factor`` and their wind direction turned clockwise by
+    ``turn_deg``. Their spread rate is multiplied by ``spread_factor``.
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])

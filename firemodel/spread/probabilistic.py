@@ -50,8 +50,8 @@ class ProbabilisticFire(Fire):
 
     ``burned_out_s`` (y, x) is the time at which each cell stopped burning, infinity before. Updates
     are every ``update_s`` after the start; a cell lit between two updates, or at the time of one,
-    spreads from the next one on. Random numbers are drawn only for burning cells, in an order that
-    does not depend on the steps of ``advance``.
+    spreads from the next one on. Random numbers are generated only for burning cells, in an order
+    that does not depend on the steps of ``advance``.
     """
 
     def __init__(
@@ -95,13 +95,13 @@ class ProbabilisticFire(Fire):
         lasted = np.zeros(burned.shape, dtype=np.int64)
         lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._every_s
         fresh = np.pad(self._can_burn & ~burned, 1)
-        goes_on = burned & self._can_burn
+        continues = burned & self._can_burn
         if self._burning_steps:
-            goes_on &= lasted < self._burning_steps
+            continues &= lasted < self._burning_steps
         else:
-            goes_on &= fresh[:-2, 1:-1] | fresh[2:, 1:-1] | fresh[1:-1, :-2] | fresh[1:-1, 2:]
-        self.burned_out_s[burned & ~goes_on] = self.time_s
-        self._cells = np.flatnonzero(goes_on)
+            continues &= fresh[:-2, 1:-1] | fresh[2:, 1:-1] | fresh[1:-1, :-2] | fresh[1:-1, 2:]
+        self.burned_out_s[burned & ~continues] = self.time_s
+        self._cells = np.flatnonzero(continues)
         self._lasted = lasted.ravel()[self._cells]
 
     def _light(self, ignition: Ignition) -> None:

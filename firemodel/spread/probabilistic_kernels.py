@@ -37,11 +37,11 @@ def update(  # type: ignore[no-untyped-def]
         cell = cells[k]
         if k < count:
             lasted[k] += 1
-            goes_on = lasted[k] < burning_steps
+            continues = lasted[k] < burning_steps
             for side in range(4):
                 if burning_steps == 0 and _can_spread(cell, side, arrival_s, can_burn, cols) >= 0:
-                    goes_on = True
-            if not goes_on:
+                    continues = True
+            if not continues:
                 burned_out_s[cell] = at_s
                 continue
         cells[kept], lasted[kept] = cell, lasted[k]

@@ -1,4 +1,4 @@
-"""Writes results as GeoTIFF and GeoJSON files."""
+"""Write results as GeoTIFF and GeoJSON files."""
 
 import json
 from collections.abc import Sequence
@@ -73,7 +73,7 @@ def fronts_geojson(
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
     the status is that of a perimeter that is not approved. ``time_zero`` is the calendar time of
-    0 s, if known. Raises FireModelError for a time after the fire's.
+    0 s, if there is one. Raises FireModelError for a time after the fire's.
     """
     features = []
     for time_s in times_s:
@@ -104,7 +104,7 @@ def write_fronts(
         fire: A fire, advanced at least to the last of the times.
         times_s: Times in seconds, one feature for each.
         name: The incident's name.
-        time_zero: The calendar time of 0 s, if known.
+        time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
         FireModelError: One of the times is after the fire's.

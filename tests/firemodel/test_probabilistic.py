@@ -213,5 +213,5 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
 def test_time_only_goes_forward() -> None:
     fire = fire_of(0.5)
     fire.advance(100.0)
-    with pytest.raises(FireModelError, match=r"is at 100.0 s and cannot go to 99.0 s"):
+    with pytest.raises(FireModelError, match=r"is at 100.0 s and cannot advance to 99.0 s"):
         fire.advance(99.0)

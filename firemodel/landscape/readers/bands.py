@@ -1,4 +1,4 @@
-"""One band of a raster file: its header, its values and the problems of both."""
+"""One band of a raster file: its header, its values, and checks of both."""
 
 import math
 import warnings
@@ -50,7 +50,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The header of one band as it stands in the file, not checked."""
+    """The unchecked header of one band of a file."""
 
     path: Path
     number: int  # from 1
@@ -92,7 +92,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
             with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
-                crs = file.crs.to_string() if file.crs else None  # slow: looks for a code
+                crs = file.crs.to_string() if file.crs else None  # slow: searches for a code
                 return tuple(
                     Band(
                         path,

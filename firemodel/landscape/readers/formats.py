@@ -1,8 +1,8 @@
-"""Recognises a file's format by its content before GDAL opens it.
+"""Detect a file's format by its content before GDAL opens it.
 
-GDAL also goes by content, and some of its formats (VRT, OGR-VRT, GDALG, web services) contain names
-of files and URLs that GDAL then opens, whatever the file's extension. Therefore only the few
-formats checked here are accepted.
+GDAL also detects formats by content. Some of its formats (VRT, OGR-VRT, GDALG, web services)
+contain names of files and URLs, which GDAL opens for any extension of the file. Therefore only the
+few formats that this module checks are accepted.
 """
 
 import json
@@ -28,7 +28,7 @@ IN_ARCHIVES = (
     *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
     *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
 )
-OFFLINE = {  # GDAL's options against network access, should an accepted file name an address
+OFFLINE = {  # GDAL's options against network access, in case an accepted file contains an address
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
     "CPL_CURL_ENABLE_VSIMEM": "NO",
     "GDAL_HTTP_MAX_RETRY": "0",

@@ -68,13 +68,13 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 def layer_of(description: str) -> tuple[str, str]:
     """Return the (layer, unit) in a band's description, each empty if it is not named.
 
-    Recognised are the names in .lcp files, those of this package, and LANDFIRE's layer names
-    (``LC20_SlpD_220``), which imply a unit.
+    The function recognises the names in .lcp files, those of this package, and LANDFIRE's layer
+    names (``LC20_SlpD_220``), which imply a unit.
     """
     words = description.strip().lower()
-    known = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
-    if known in LAYERS:
-        return known, ""
+    layer = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
+    if layer in LAYERS:
+        return layer, ""
     found = _LANDFIRE_NAME.search(words.replace(" ", "_"))
     return _LANDFIRE[found[1]] if found else ("", "")
 
@@ -90,15 +90,15 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
         layer, _ = layer_of(band.description)
         if layer in found:
             raise FireModelError(
-                f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; say which "
-                f"to take by numbers of bands ({layer} = {band.number}, ...)"
+                f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; select one "
+                f"by numbers of bands ({layer} = {band.number}, ...)"
             )
         if layer:
             found[layer] = (path, band.number)
     if not found:
         raise FireModelError(
-            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); say which band "
-            "is which by numbers of bands (fuel = 1, ...)"
+            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); give the layers "
+            "by numbers of bands (fuel = 1, ...)"
         )
     return found
 
@@ -107,7 +107,7 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
     """Yield an error for each unit given for an unknown or missing layer, or one without units."""
     for layer in units:
         if layer not in LAYERS:
-            yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+            yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
         elif layer not in layers:
             yield f"units: {layer} has one, but no band is that layer; leave it out"
         elif not UNITS[layer]:
@@ -127,9 +127,9 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
     unit = _WRITTEN_UNITS.get(words, words) or USUAL_UNITS.get(layer, "")
     if unit in choices:
         return unit
-    what = f"unit {written!r} of {layer} is not known" if written else f"unit of {layer} unknown"
+    problem = f"unit {written!r} of {layer} is unknown" if written else f"unit of {layer} unknown"
     raise FireModelError(
-        f"{band.name}: {what}; give it in units ({layer} = ...), one of {', '.join(choices)}"
+        f"{band.name}: {problem}; give it in units ({layer} = ...), one of {', '.join(choices)}"
     )
 
 
@@ -169,13 +169,13 @@ def value_problems(
 def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[str]:
     if int(band.tags.get("FUEL_MODEL_OPTION", 0)) >= 2:
         yield (
-            f"{band.name}: its header says that a conversion file belongs to its fuel codes; "
-            "write the converted codes"
+            f"{band.name}: its header requires a conversion file for its fuel codes; write the "
+            "converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):
         if band.driver != "AAIGrid":  # an ASCII grid has no types
             yield (
-                f"{band.name}: fuel codes must be integers, the file holds {values.dtype}; "
+                f"{band.name}: fuel codes must be integers, the file has {values.dtype}; "
                 "write it as int16"
             )
             return
@@ -189,7 +189,7 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
     try:
         check_codes(np.where(missing, values.dtype.type(99), values), band.name)
     except FireModelError as error:
-        yield f"{error}; a code that stands for no data can be given as nodata"
+        yield f"{error}; give a code that means no data as nodata"
 
 
 def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:

@@ -57,17 +57,17 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     """Read the geometries of all layers of a file, unchanged, and their CRS.
 
-    A feature without geometry gives an empty one. Raises FireModelError if the file cannot be read
+    A feature without geometry has an empty one. Raises FireModelError if the file cannot be read
     as shapes.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 
     check_file(path)
-    if path.suffix.lower() == ".shp" and not _beside(path, ".shx"):
+    if path.suffix.lower() == ".shp" and not _has_companion(path, ".shx"):
         raise FireModelError(
-            f"{path}: the .shx file that belongs to it is missing; copy all files of the "
-            "Shapefile (.shp, .shx, .dbf, .prj) into one folder"
+            f"{path}: the .shx file of the Shapefile is missing; copy all its files (.shp, .shx, "
+            ".dbf, .prj) into one folder"
         )
     check_shapes(path)
     pyogrio.set_gdal_config_options(OFFLINE)
@@ -75,7 +75,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     names: set[str | None] = set()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries refused below
+            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries rejected below
             for layer, _ in pyogrio.list_layers(path):
                 if pyogrio.read_info(path, layer=layer)["driver"] == "GeoJSON":
                     _check_crs_member(path)
@@ -97,7 +97,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
     """Read geometries, CRS and attributes of a zipped Shapefile in memory.
 
-    There is a geometry and a record of attributes for each feature; dates are numpy.datetime64.
+    Each feature has a geometry and a record of attributes; dates are numpy.datetime64.
     Raises FireModelError if the file cannot be read.
     """
     import pyogrio
@@ -140,12 +140,12 @@ def _first_line(error: Exception) -> str:
     return " ".join(str(error).split(".;")[0].split())
 
 
-def _beside(path: Path, suffix: str) -> bool:
+def _has_companion(path: Path, suffix: str) -> bool:
     return any(path.with_suffix(end).is_file() for end in (suffix, suffix.upper()))
 
 
 def _check_crs_member(path: Path) -> None:
-    """Refuse a GeoJSON with an unknown ``crs``, which GDAL would read as longitude and latitude."""
+    """Reject a GeoJSON with an invalid ``crs``, which GDAL would read as longitude and latitude."""
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except ValueError as error:
@@ -165,14 +165,14 @@ def _check_crs_member(path: Path) -> None:
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
     """Yield the problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
-        lost = "has no .prj file beside it" if path.suffix.lower() == ".shp" else "has no CRS"
+        lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
         yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
         return
     for name in (found, given):
         try:
             CRS.from_user_input(name or "EPSG:4326")
         except CRSError as error:
-            yield f"{path}: CRS {name!r} is not known: {error}"
+            yield f"{path}: CRS {name!r} is invalid: {error}"
             return
     if found and given and CRS.from_user_input(found) != CRS.from_user_input(given):
         yield (
@@ -210,7 +210,7 @@ def place_problems(
 ) -> Iterator[str]:
     """Yield a problem if a geometry in the landscape's CRS does not touch the landscape."""
     if not all(map(math.isfinite, shape.bounds)):
-        yield f"{path}: feature {number} is too far off to be projected onto the landscape"
+        yield f"{path}: feature {number} is too far away to be projected onto the landscape"
     elif not shape.intersects(box_of(landscape)):
         x_m, y_m = shape.representative_point().coords[0]
         lat, lon = landscape.lat_lon_of(x_m, y_m)
@@ -218,7 +218,7 @@ def place_problems(
         mid_lat, mid_lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2, (cols - 1) / 2))
         yield (
             f"{path}: feature {number} (at lat {lat:.4f}, lon {lon:.4f}) lies outside the "
-            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or take a "
+            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or give a "
             "larger landscape"
         )
 

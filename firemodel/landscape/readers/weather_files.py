@@ -20,7 +20,7 @@ Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file: the field it ``gives`` is ``value * scale + offset``.
+    """A column of a file; the value of the field it ``gives`` is ``value * scale + offset``.
 
     Values in the file must be from ``low`` to ``high``.
     """
@@ -86,7 +86,7 @@ def read_weather(
     Args:
         path: The file.
         start: The time of the stream's 0 s, by default that of the first record. It must lie within
-            the file; records that end before it are left out. For .raws and .wxs it has no UTC
+            the file; records that end before it are ignored. For .raws and .wxs it has no UTC
             offset.
         moisture: Fuel moistures (fractions) for classes that have no column in the file.
         conditioned: The dead moistures begin with ``moisture`` at the file's first record and then
@@ -198,24 +198,24 @@ def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) 
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> None:
-    """Refuse unknown columns, two columns of one quantity, and a missing time or wind."""
+    """Reject unknown columns, two columns of one quantity, and a missing time or wind."""
     given: dict[str, str] = {}
     for name in names:
         if name not in COLUMNS and name not in TIMES:
             raise FireModelError(
-                f"{path}: column {name!r} is not known; known are {', '.join([*TIMES, *COLUMNS])}"
+                f"{path}: column {name!r} is unknown; columns are {', '.join([*TIMES, *COLUMNS])}"
             )
         gives = COLUMNS[name].gives if name in COLUMNS else "time"
         if gives in given:
             raise FireModelError(f"{path}: {given[gives]} and {name} both given; remove one")
         given[gives] = name
-    for gives, wanted in (
+    for gives, columns in (
         ("time", "time or at_s"),
         ("wind_speed_m_s", "wind speed, such as wind_speed_m_s"),
         ("wind_from_deg", "wind_from_deg or wind_toward_deg"),
     ):
         if gives not in given:
-            raise FireModelError(f"{path}: no column of {wanted}; add one")
+            raise FireModelError(f"{path}: no column of {columns}; add one")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -261,8 +261,8 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             raise FireModelError(f"{path} line {line}: {name} = {row[name]} is not a time; give s")
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
-                f"{path} line {line}: {name} = {row[name]} is not later than the record before "
-                f"({rows[number - 1][1][name]}); sort the records and remove doubles"
+                f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
+                f"({rows[number - 1][1][name]}); sort the records and remove duplicates"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
@@ -310,7 +310,7 @@ def _moistures_pct(
             )
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
-            raise FireModelError(f"{path}: no column {name}, by which to condition; add it")
+            raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
     rain_mm = values.get("rain_mm", np.zeros(at_s.size))
     found[:, :3] = dead_moistures_pct(
         at_s, values["temperature_c"], values["humidity_pct"], rain_mm, (held[0], held[1], held[2])
