@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
 from mission_service.guidance.burn.ignition_lines import only_areas
 from mission_service.guidance.burn.line_planner import LinePlan, Situation
 
-Floats = NDArray[np.float64]
 Random = np.random.Generator
 
 BASE = BurnSection(

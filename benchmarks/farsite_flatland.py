@@ -33,11 +33,11 @@ from typing import NamedTuple
 import click
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from benchmarks.shared import data_folder, overlap
+from benchmarks.shared import check_folder, data_parser, overlap
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
 from firemodel.landscape.readers.shapes import read_shapes
@@ -63,8 +63,6 @@ NORMALS_RAD = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
 POINT_PER_MIN, LINE_PER_MIN = 0.115, 0.3
 BINS_MIN = (5, 10, 20, 30, *range(60, 421, 60))
 
-Floats = NDArray[np.float64]
-
 
 class Stretch(NamedTuple):
     """A period with a constant ellipse."""
@@ -86,10 +84,8 @@ def ellipse(stretch: Stretch) -> Floats:
     """Return the outermost point in each direction, (n, 2), of an ellipse lit in a focus."""
     half_length = stretch.head_m / (1.0 + stretch.eccentricity)
     half_width = half_length * math.sqrt(1.0 - stretch.eccentricity**2)
-    along, across = (
-        np.cos(NORMALS_RAD - stretch.toward_rad),
-        np.sin(NORMALS_RAD - stretch.toward_rad),
-    )
+    off_rad = NORMALS_RAD - stretch.toward_rad
+    along, across = np.cos(off_rad), np.sin(off_rad)
     reach = np.hypot(half_length * along, half_width * across)
     forward = half_length**2 * along / reach + half_length * stretch.eccentricity
     lateral = half_width**2 * across / reach
@@ -217,7 +213,7 @@ def row(name: str, values: Sequence[float], places: int = 3) -> str:
 
 def main() -> None:
     """Print the table of each case."""
-    folder = data_folder("farsite_flatland", __doc__)
+    folder = check_folder(data_parser(__doc__).parse_args().data / "farsite_flatland")
     landscape = read_landscape(folder / "Inputs" / "a_lcpFiles" / "flatland.lcp")
     ignition = folder / "Inputs" / "b_ignitionFiles" / "flatland_centerIgnit.shp"
     (lit,) = read_shapes(ignition, landscape)

@@ -53,6 +53,7 @@ from mission_service.peer_messages import State
 CLI = [sys.executable, "-m", "mission_service.cli"]
 PRESENT_S = 10.0  # maximum age of the last state of a UAV that is present
 MIN_S, MAX_S = 120.0, 300.0  # time for a formation to settle
+IDEAL_S = 400.0  # duration of the ideal simulation
 SAME_TIME_S = 1.0  # maximum time between two states that are compared
 NOT_ORDERED = "not ordered, selected by its autopilot or pilot"
 
@@ -202,15 +203,15 @@ class Stage:
         agents_m = np.array([(state.agent_x_m, state.agent_y_m) for state in self.present()])
         return self._area.agent_coverage(agents_m.reshape(-1, 2), self._settings.coverage_radius_m)
 
-    def ideal_coverage(self, count: int, over_s: float = 400.0) -> float:
-        """Return the coverage by ``count`` UAVs in the ideal simulation after ``over_s``.
+    def ideal_coverage(self, count: int) -> float:
+        """Return the coverage by ``count`` UAVs in the ideal simulation after ``IDEAL_S``.
 
         The safety radius is the paper's, because with a wider one the UAVs that queue at the start
         of the ideal simulation do not move.
         """
-        arrival_s = self._world.fire.arrival_time_s - max(self.now_us / 1e6 - over_s, 0.0)
+        arrival_s = self._world.fire.arrival_time_s - max(self.now_us / 1e6 - IDEAL_S, 0.0)
         settings = replace(self._settings, safety_radius_m=Settings().safety_radius_m)
-        world = FormationWorld(arrival_s, count, settings, Rules(duration_s=over_s), seed=1)
+        world = FormationWorld(arrival_s, count, settings, Rules(duration_s=IDEAL_S), seed=1)
         return fly(world).at_end("va_coverage", 30.0)
 
     async def until(self, condition: Callable[[], bool], within_s: float, text: str) -> None:
@@ -222,10 +223,10 @@ class Stage:
                 raise RuntimeError(f"not within {within_s:.0f} s: {text}")
             await asyncio.sleep(0.1)
 
-    async def passes(self, mission_s: float, within_s: float = 120.0) -> None:
+    async def passes(self, mission_s: float) -> None:
         """Wait until ``mission_s`` of mission time have passed."""
         end_us = self.now_us + mission_s * 1e6
-        await self.until(lambda: self.now_us >= end_us, within_s, f"{mission_s:.0f} s passed")
+        await self.until(lambda: self.now_us >= end_us, 120.0, f"{mission_s:.0f} s passed")
 
 
 def _distance_m(one: State, other: State, later_s: float) -> float:

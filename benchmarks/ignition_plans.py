@@ -58,10 +58,10 @@ def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
     )
 
 
-def time_of_plan(spreads: tuple[Spread, ...], repeats: int = 20) -> dict[str, Any]:
+def time_of_plan(spreads: tuple[Spread, ...]) -> dict[str, Any]:
     """Return statistics of the planning time, without the first plan."""
     situation, taken_ms, worked_ms = twenty_acres(spreads), [], []
-    for _ in range(repeats + 1):
+    for _ in range(21):
         begun, worked = time.perf_counter(), time.process_time()
         plan = next_line(situation, BASE)
         taken_ms.append(1e3 * (time.perf_counter() - begun))

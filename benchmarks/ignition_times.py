@@ -17,16 +17,14 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses import ellipse
 from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.observations import BURNING
 from firemodel.physics.weather import Weather, WeatherStream
-
-Floats = NDArray[np.float64]
 
 WIDE_M = 1000.0
 IGNITIONS, CORRECTIONS = 500, 200

@@ -64,6 +64,17 @@ SERVICE = """
 listen = "127.0.0.1:{port}"
 """
 
+BROKER = """
+[service.mqtt]
+broker = "{address}"
+commands = true
+
+[service.journal]
+rotate_mb = {rotate_mb}
+keep_mb = {keep_mb}
+state_every_s = {state_every_s}
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Load:

@@ -10,7 +10,6 @@ predicted to the observed area, both for the whole area and for the newly burned
 converted from true north to grid north; the two differ by 14 degrees in this grid.
 """
 
-import argparse
 from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
@@ -22,7 +21,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from benchmarks.shared import DATA, check_folder, overlap
+from benchmarks.shared import check_folder, data_parser, overlap
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.landscape.readers.shapes import into_crs
@@ -119,8 +118,7 @@ def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores
 
 def main() -> None:
     """Print one line for each interval, and the means."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
+    parser = data_parser(__doc__)
     parser.add_argument("--wind-10m", action="store_true", help="the recorded wind is at 10 m")
     parser.add_argument("--wind-factor", type=float, default=1.0, help="factor of the wind speed")
     given = parser.parse_args()

@@ -28,6 +28,7 @@ from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)
+DELAY_US = 10_000  # of the link in each direction
 Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
 ARDUPLANE = stack_named("ardupilot", "plane")
 
@@ -46,9 +47,9 @@ class MockVehicle:
 
     target = (1, 1)
 
-    def __init__(self, loss: float, delay_us: int = 10_000) -> None:
+    def __init__(self, loss: float) -> None:
         self._mock = MockAutopilot(ARDUPLANE, LocalFrame(*HOME))
-        self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
+        self._up, self._down = (MemoryLink(loss, DELAY_US, seed=seed) for seed in (1, 2))
         self._codec = Codec(*STATION)
         self._now_us = 0
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from mission_service.experiments.bent.ring_flight import fly_team
 from mission_service.experiments.bent.ring_history import RingStep, ring_history
 from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
@@ -22,8 +23,6 @@ from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.front_ring import TeamRule
-
-Floats = NDArray[np.float64]
 
 UAVS = 4
 SHOWN_S = 3600.0

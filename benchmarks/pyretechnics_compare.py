@@ -25,6 +25,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WIND_10M_OVER_20FT, Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
@@ -37,8 +38,6 @@ PATCH_CELLS = {"mixed": 20, "speckled": 1}
 WORKER = Path(__file__).with_name("pyretechnics_worker.py")
 # Duration in minutes with 1000 cells a side; other sizes have a proportional duration.
 DURATIONS_MIN = {"uniform": 1180.0, "mixed": 2700.0, "speckled": 2700.0}
-
-Floats = NDArray[np.float64]
 
 
 def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:

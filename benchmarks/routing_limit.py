@@ -15,7 +15,6 @@ from itertools import product
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from firemodel.spread.schemes import SchemeName
 from mission_service.experiments.islam_hu.ideal_flight import fly
@@ -33,7 +32,6 @@ from mission_service.guidance.protocol import Decision
 SWEEPS = (1, 2, 3, 4, 6, 8)
 REACHES = (0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4)
 HEAD_DEG = {"slow-then-fast": 225, "fast": 225, "brush-grass": 180, "brush-litter": 180}
-Floats = NDArray[np.float64]
 
 
 class SweepAndCircle(PerimeterPlanner):

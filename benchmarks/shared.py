@@ -9,11 +9,11 @@ from shapely.geometry.base import BaseGeometry
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
-def data_folder(name: str, doc: str | None) -> Path:
-    """Parse the command line, with ``--data`` as its only option; return a folder of the data."""
+def data_parser(doc: str | None) -> argparse.ArgumentParser:
+    """Return a parser of the command line with the option ``--data``."""
     parser = argparse.ArgumentParser(description=doc)
     parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
-    return check_folder(parser.parse_args().data / name)
+    return parser
 
 
 def check_folder(folder: Path) -> Path:

@@ -33,7 +33,7 @@ import click
 from benchmarks.invalid_input import publish_invalid_mqtt, send_invalid_http, send_invalid_mavlink
 from benchmarks.link_shared import free_ports
 from benchmarks.load import Client, end, memory_mib, process, ready_after_s, tracebacks_in, verified
-from benchmarks.load_scenario import FIRST_PORT, Load, scenario_text
+from benchmarks.load_scenario import BROKER, FIRST_PORT, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 
 FAKETIME = Path("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1")
@@ -43,16 +43,6 @@ WARM_UP = 0.35  # fraction of the time in which caches and tracks grow
 MAX_GROWTH_MIB_H = 15.0  # of simulated time
 LOOK_EVERY_S = 0.5
 SETTLES_S = 40.0
-MQTT = """
-[service.mqtt]
-broker = "{broker}"
-commands = true
-
-[service.journal]
-rotate_mb = 4
-keep_mb = 48
-state_every_s = 5
-"""
 
 
 @dataclass
@@ -173,7 +163,7 @@ def soak(given: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], list[
     seconds = given.hours * 3600.0 / given.speedup
     broker, clock, disk = Mosquitto(folder), Clock(folder), Disk(folder / "out")
     port, path, log = free_ports(1)[0], folder / "load.toml", folder / "daemon.log"
-    extra = MQTT.format(broker=broker.address)
+    extra = BROKER.format(address=broker.address, rotate_mb=4, keep_mb=48, state_every_s=5)
     path.write_text(scenario_text(Load(4, cells=200, http_port=port, extra=extra)), "utf-8")
     observed, done = Observed(), []
     os.environ.update({**clock.environment, "PYTHONFAULTHANDLER": "1"})

@@ -45,7 +45,7 @@ from benchmarks.load import (
     tracebacks_in,
     verified,
 )
-from benchmarks.load_scenario import FIRE, M_PER_DEG, Load, scenario_text
+from benchmarks.load_scenario import BROKER, FIRE, M_PER_DEG, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 
 MAX_SLOPE_MIB_H = 1.0  # of mission time, after WARM_UP_H
@@ -62,16 +62,6 @@ ANSWER_WITHIN_S = 300.0
 READY_WITHIN_S = 1800.0  # the first start may compile kernels
 PAUSE_WITHIN_S = 180.0  # for connections to be closed
 STALLED_S = 300.0  # without progress of mission time
-EXTRA = """
-[service.mqtt]
-broker = "{broker}"
-commands = true
-
-[service.journal]
-rotate_mb = 8
-keep_mb = 64
-state_every_s = 10
-"""
 # Paths that the map and other programs request; slow requests are rare.
 OFTEN = ("state", "announcements", "vehicles", "fire/front", "weather", "fire/corrections")
 RARELY = (
@@ -360,7 +350,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
         wind_speed_m_s=0.0,
         dead_1h_pct=6.0,
         http_port=port,
-        extra=EXTRA.format(broker=broker.address),
+        extra=BROKER.format(address=broker.address, rotate_mb=8, keep_mb=64, state_every_s=10),
     )
     path.write_text(scenario_text(load), "utf-8")
     words = ("mission_service.cli", "run", str(path), "--out", str(out), "--log", "json")

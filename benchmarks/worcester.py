@@ -9,16 +9,15 @@ With ``--venv``, the environment that ``pyretechnics_compare`` creates, it compa
 pyretechnics, without a wind limit.
 """
 
-import argparse
 import time
 from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.pyretechnics_compare import answer_of, environment
-from benchmarks.shared import DATA, check_folder
+from benchmarks.shared import check_folder, data_parser
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.physics.weather import Weather
@@ -41,8 +40,6 @@ UNITS = {
 }
 CALM = Weather(0.0, 0.0, 0.0, 6.0, 8.0, 10.0, 75.0, 60.0)
 
-Floats = NDArray[np.float64]
-
 
 def read_worcester(folder: Path) -> Landscape:
     """Read the landscape; cells without data become bare ground."""
@@ -59,8 +56,7 @@ def timed(landscape: Landscape) -> tuple[float, Floats]:
 
 def main() -> None:
     """Print the times, and the ratios of the rates to pyretechnics'."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
+    parser = data_parser(__doc__)
     parser.add_argument("--venv", type=Path, help="environment of pyretechnics, for the comparison")
     given = parser.parse_args()
     folder = check_folder(given.data / "worcester_vt" / "landfire")

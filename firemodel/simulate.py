@@ -53,7 +53,7 @@ def burn(
 
     Returns:
         The fire. ``arrival_time_s`` is float64 (y, x), row 0 in the north: seconds after ignition,
-        infinity where fire has not come. ``front(time_s)`` is a shapely MultiPolygon in the
+        infinity where unburned. ``front(time_s)`` is a shapely MultiPolygon in the
         landscape's CRS, ``burned_ha`` the burned area; ``advance(time_s)`` continues the fire.
 
     Raises:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, PointObservation, Simulation
 from firemodel.landscape.landscape import Landscape
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
@@ -12,12 +13,11 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import check_shape
 from firemodel.spread.front import earliest_neighbour
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 class ArrivalRaster:
-    """Arrival times (y, x) of a landscape's cells, infinity for never: an ``AdjustableFire``.
+    """Arrival times (y, x) of a landscape's cells, infinity if unburned: an ``AdjustableFire``.
 
     The ignition point of each cell is found by stepping back from the cell to its earliest
     neighbour until no neighbour is earlier. The three rates are logarithms of factors on the
@@ -65,7 +65,7 @@ class ArrivalRaster:
         return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         paths = self.paths(points_m)
         return paths.lit_s + paths.takes_s
 

@@ -10,8 +10,8 @@ observations at one place are averaged.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
 from firemodel.ellipses.tiles import first_of, tiles_of
@@ -29,8 +29,6 @@ NODES, SMOOTH = 10, 1.0
 PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
 SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in range(9))
-
-Floats = NDArray[np.float64]
 
 
 class PaperCorrected:
@@ -62,7 +60,7 @@ class PaperCorrected:
         self._ignitions = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 

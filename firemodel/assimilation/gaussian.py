@@ -17,6 +17,7 @@ Williams 2006, chapters 2, 3 and 5.
 
 import math
 from functools import cache, cached_property
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 from threadpoolctl import ThreadpoolController
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
 from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
@@ -49,8 +51,6 @@ MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-
-Floats = NDArray[np.float64]
 
 
 class _Prior(NamedTuple):
@@ -131,7 +131,7 @@ class GaussianCorrected:
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         if not len(self._reachable):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -141,7 +141,7 @@ class GaussianCorrected:
         return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
-        """Return the standard deviation of ``ignition_time_s`` (n,); infinity for never.
+        """Return the standard deviation of ``ignition_time_s`` (n,); infinity if unburned.
 
         Errors of the observations themselves are not included.
         """
@@ -199,14 +199,14 @@ class GaussianCorrected:
                 w, b = _curvature(self._reachable[:, 3], y, current.sd, f)
                 f, alpha = _mode(k, w, b)
             towards = a.T @ alpha - z
-            tried = [self._try(fire, field, prior, z + part * towards) for part in PARTS[:1]]
-            for part in PARTS[1:]:
+            tried = []
+            for part in PARTS:
+                tried.append(self._try(fire, field, prior, z + part * towards))
                 if tried[-1][2] <= score:
                     break
-                tried.append(self._try(fire, field, prior, z + part * towards))
-            before, (current, z, after) = score, min(tried, key=lambda one: one[2])
-            score = after
-            if abs(before - after) < GOOD_ENOUGH:
+            before = score
+            current, z, score = min(tried, key=itemgetter(2))
+            if abs(before - score) < GOOD_ENOUGH:
                 break
         self._rated, self._field, self._prior, self._z = current.fire, current.field, prior, z
         self.rates = prior.colour(z)[0]
@@ -220,7 +220,7 @@ class GaussianCorrected:
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
             found.append(self._try(fire, field, prior, z))
-        return min(found, key=lambda one: one[2])
+        return min(found, key=itemgetter(2))
 
     def _try(
         self, fire: AdjustableFire, field: Field, prior: _Prior, z: Floats
@@ -276,7 +276,7 @@ class GaussianCorrected:
                 half = solve_triangular(factor, y, lower=True, check_finite=False)
                 score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
                 found.append((score, prior._replace(sd=sd)))
-        return max(found, key=lambda one: one[0])[1]
+        return max(found, key=itemgetter(0))[1]
 
 
 def _same_place(one: Field, other: Field) -> bool:

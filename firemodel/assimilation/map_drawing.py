@@ -4,12 +4,11 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
-Floats = NDArray[np.float64]
 Shape = Literal["point", "line", "polygon"]
 MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 

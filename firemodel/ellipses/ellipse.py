@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
 from firemodel.errors import FireModelError
@@ -31,7 +32,6 @@ from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 TILE = 64  # points in a tile
 DIRECTIONS = 12  # number of directions in which a source's reach is bounded
 
-Floats = NDArray[np.float64]
 Places = NDArray[np.int32]
 
 
@@ -70,8 +70,7 @@ def spreads_of(
         still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
         wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
         head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))
-        toward_deg = 90.0 - grid_deg(entry.wind_from_deg + 180.0)
-        toward_rad = math.radians(toward_deg % 360.0)
+        toward_rad = math.radians((90.0 - grid_deg(entry.wind_from_deg + 180.0)) % 360.0)
         found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
     return tuple(found)
 
@@ -120,7 +119,7 @@ class EllipseFire:
         return more
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
@@ -18,8 +19,6 @@ MAX_STEPS = 100
 WARM_STEPS = 5  # from the solution of the last point, before the search starts with a bracket
 CLOSE = 1e-11  # relative error of the time at which the search ends
 SLACK = 1e-9  # relative delay behind another source up to which a source is kept
-
-Floats = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):

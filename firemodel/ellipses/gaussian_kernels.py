@@ -2,14 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
 PARTS = 8  # number of parts of a path, for the mean along it
-
-Floats = NDArray[np.float64]
 
 
 class Field(NamedTuple):

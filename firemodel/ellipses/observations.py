@@ -3,9 +3,8 @@
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from firemodel.arrays import Floats
 
 # The sign of (time of ignition - time of the observation).
 BURNED, BURNING, UNBURNED = -1, 0, 1
@@ -15,7 +14,7 @@ class Simulation(Protocol):
     """A fire with an arrival time at every place, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
 
 
 class PointObservation(NamedTuple):

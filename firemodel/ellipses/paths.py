@@ -7,11 +7,9 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
-
-Floats = NDArray[np.float64]
 
 
 class StraightPaths(NamedTuple):
@@ -47,7 +45,7 @@ class AdjustableFire(Protocol):
         """Return the places (k, 2) x, y in metres that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
 
 
 class AdjustableEllipses:
@@ -97,5 +95,5 @@ class AdjustableEllipses:
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
         return self.fire.ignition_time_s(points_m)

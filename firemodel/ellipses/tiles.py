@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 
 MAX_LEVELS = 9
-
-Floats = NDArray[np.float64]
 
 
 class Tiles(NamedTuple):

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import check_codes
 
 if TYPE_CHECKING:
     from pyproj import Transformer
 
-Floats = NDArray[np.float64]
 
 MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0

@@ -8,11 +8,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
-
-Floats = NDArray[np.float64]
 
 BARE_GROUND = 99
 SHORTEST = 1e-12  # part of a segment

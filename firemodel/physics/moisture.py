@@ -5,9 +5,8 @@ are percent of the oven-dry weight.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from firemodel.arrays import Floats
 
 TIME_LAGS_H = np.array([1.0, 10.0, 100.0])  # of the 1-h, 10-h and 100-h fuel
 HOUR_S, DAY_S = 3600.0, 86400.0

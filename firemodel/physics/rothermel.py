@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.physics.fuels import FuelModel
 
 MINERAL_CONTENT = 0.0555
@@ -27,8 +27,6 @@ SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
 # Indices of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
 MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,13 +261,6 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
     """Return the eccentricity e of an ellipse with this length-to-width ratio."""
     return np.sqrt(np.square(length_to_breadth) - 1.0) / length_to_breadth
-
-
-def rate_towards(
-    largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float | Floats
-) -> float | Floats:
-    """Return R(γ) = R_max (1 - e)/(1 - e cos γ), with γ from the direction of fastest spread."""
-    return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * np.cos(off_heading_rad))
 
 
 def heat_per_area_btu_ft2(bed: FuelBed) -> float:

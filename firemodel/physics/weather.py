@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.physics.rothermel import M_PER_FT, Floats, Moisture
+from firemodel.physics.rothermel import M_PER_FT, Moisture
 
 WIND_10M_OVER_20FT = 1.15
 Numbers = float | NDArray[np.floating]

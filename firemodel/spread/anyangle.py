@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import burn_until
@@ -30,8 +30,6 @@ from firemodel.spread.labels import ActivePaths, Heap, Labels, empty_paths
 from firemodel.spread.local_spread import perturbed
 from firemodel.spread.rerate_kernels import active_paths, paths_from, start_paths
 from firemodel.spread.travel_time import clear_slowness, ground_of
-
-Floats = NDArray[np.float64]
 
 
 class AnyAngleFire(Fire):

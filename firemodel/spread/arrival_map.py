@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 
-Floats = NDArray[np.float64]
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
 MAX_ISOCHRONES = 12
 MIN_SCALE_H = 1 / 60  # minimum range of the colour scale in hours
@@ -21,7 +20,7 @@ def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None
     Args:
         path: The file to write.
         land: The landscape.
-        arrival_s: Arrival times in seconds (y, x), infinity where fire has not come.
+        arrival_s: Arrival times in seconds (y, x), infinity where unburned.
         title: The map's title.
     """
     figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)

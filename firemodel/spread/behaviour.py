@@ -18,8 +18,6 @@ from firemodel.spread.local_spread import (
     terrain_of,
 )
 
-Floats = NDArray[np.float64]
-
 
 class Behaviour(NamedTuple):
     """Behaviour of the front at its arrival in each cell, float32 (y, x), NaN where unburned."""
@@ -42,7 +40,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
     Returns:
         Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m),
-        each float32 (y, x), NaN where fire has not come.
+        each float32 (y, x), NaN where unburned.
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
@@ -56,8 +54,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
     paths = fire.arrival_vectors().reshape(2, -1)
     rate, toward_deg, intensity = _behaviour(arrival_s, paths, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)
-    flame_m = rothermel.flame_length_m(intensity)
-    found = (rate, toward_deg, intensity, flame_m)
+    found = (rate, toward_deg, intensity, rothermel.flame_length_m(intensity))
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))
 
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
@@ -15,8 +15,6 @@ from firemodel.spread.front import front_polygons
 
 APART_CELLS = 0.5  # maximum distance of points on a front
 EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is not a front
-
-Floats = NDArray[np.float64]
 
 
 def burning_from_perimeter(

@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import FUEL_MODELS
@@ -43,8 +44,6 @@ from firemodel.spread.local_spread import burnable_codes, perturbed, tables_of, 
 
 # The papers give no value; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
-
-Floats = NDArray[np.float64]
 
 
 class Devs8Fire(Fire):
@@ -90,8 +89,7 @@ class Devs8Fire(Fire):
         for ignition in ignitions:
             self._light(ignition)
         self._make_room(8 * edge.size)
-        sizes = start_paths(edge, self.time_s, self._arrival_s, *self._state())
-        self._keep(*sizes)
+        self._keep(*start_paths(edge, self.time_s, self._arrival_s, *self._state()))
         self.advance(self.time_s)
 
     def _take_over(self, burning: Burning) -> NDArray[np.int64]:

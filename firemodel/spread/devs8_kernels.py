@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.local_spread import Tables, Terrain, head_of
@@ -16,8 +17,6 @@ SIDES, LIT = 9, 8
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1, 0])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1, 0])
 STEP_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
-
-Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -15,7 +16,6 @@ from firemodel.spread.front import earliest_neighbour, front_polygons, multipoly
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
 
-Floats = NDArray[np.float64]
 Ignition = tuple[int, int, float]  # row, column, time in s
 
 
@@ -75,7 +75,7 @@ class Fire(ABC):
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
                 f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
-                "give a later time"
+                "give a later, finite time"
             )
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 
 MIN_S = 1e-6  # minimum time assumed beyond a front that has just reached a cell
-Floats = NDArray[np.float64]
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
@@ -53,8 +53,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
         loop.append((row, col))
         # Continue from the empty cell that was examined last, relative to the new cell.
         before = _AROUND[(side - 1) % 8]
-        back = (before[0] - step[0], before[1] - step[1])
-        came_from = _AROUND.index(back)
+        came_from = _AROUND.index((before[0] - step[0], before[1] - step[1]))
     if len(loop) > 1:
         loop.pop()  # the start, which is repeated at the end
     return np.array(loop[::-1], dtype=np.int32) - 1

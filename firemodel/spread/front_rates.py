@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.local_spread import Tables, slowness_of, tables_of, terrain_of
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 

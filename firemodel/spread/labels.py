@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
-
-Floats = NDArray[np.float64]
 
 
 class Labels(NamedTuple):

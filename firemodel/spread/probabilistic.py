@@ -42,8 +42,6 @@ from firemodel.spread.fire_scheme import (
 from firemodel.spread.front import front_polygons
 from firemodel.spread.probabilistic_kernels import update
 
-Floats = NDArray[np.float64]
-
 
 class ProbabilisticFire(Fire):
     """The automaton described in the module's docstring.

@@ -6,8 +6,8 @@ and not only from single points. Otherwise frequent changes of the weather would
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.spread.heap import push
 from firemodel.spread.labels import ActivePaths, blocked_diagonal, place_of
@@ -15,8 +15,6 @@ from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, trave
 
 NEAR_FRONT_CELLS = 2  # distance up to which an initial front has paths to cells
 WINDOW_CELLS = 3  # maximum distance of a cell from the segment of the front that ignites it
-
-Floats = NDArray[np.float64]
 
 
 def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:

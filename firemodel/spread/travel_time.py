@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import compiled, kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
@@ -17,8 +18,6 @@ TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
 # North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
-
-Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):

@@ -123,7 +123,7 @@ def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m. Values are float32, -1 where fire has not come.
+        fireline_intensity_kw_m. Values are float32, -1 where unburned.
 
     Raises:
         OSError: A file cannot be written.

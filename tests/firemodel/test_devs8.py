@@ -260,7 +260,7 @@ def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
     at_s = fire.time_s
     fire.advance(15.0 * CELL_M / still)
     assert fire.front(at_s).equals_exact(now, 1e-6)
-    with pytest.raises(FireModelError, match="not known at"):
+    with pytest.raises(FireModelError, match="is not computed yet"):
         fire.front(fire.time_s + 1.0)
 
 

@@ -104,7 +104,10 @@ def test_a_stack_is_described_by_its_band_names(tmp_path: Path) -> None:
     assert any("band 3: slope is -9999 at" in problem for problem in found["problems"])
     unnamed = describe(stack(tmp_path / "b.tif", ()))
     assert "no band's description names a layer" in unnamed["problems"][0]
-    assert "b.tif band 3: -9999 at row 0, column 0 (8 such cells) looks" in unnamed["problems"][1]
+    assert (
+        "b.tif band 3: -9999 at row 0, column 0 (8 such cells) is probably no data"
+        in unnamed["problems"][1]
+    )
     assert len(describe(tmp_path / "b.tif", nodata=-9999)["problems"]) == 1
 
 

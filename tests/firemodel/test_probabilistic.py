@@ -160,7 +160,7 @@ def test_states_of_the_past_stay_what_they_were() -> None:
     assert cells > 300
     assert seen[-1][2] == pytest.approx(cells * CELL_M**2, rel=0.1)
     for known in (fire.state_at, fire.front):
-        with pytest.raises(FireModelError, match="not known at 295"):
+        with pytest.raises(FireModelError, match="state at 295"):
             known(295.0)
 
 

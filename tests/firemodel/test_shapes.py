@@ -118,7 +118,7 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"a.shp: CRS EPSG:32616 is not the EPSG:32617 given"):
         read_shapes(path, LAND, crs="EPSG:32617")
     (tmp_path / "a.prj").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file .* or give it as crs"):
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or give it as crs"):
         read_shapes(path, LAND)
     assert same(read_shapes(path, LAND, crs=CRS)[0])
     with pytest.raises(FireModelError, match=r"a.shp: CRS 'nowhere' is invalid"):

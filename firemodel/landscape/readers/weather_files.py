@@ -7,14 +7,13 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
 
-Floats = NDArray[np.float64]
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 
