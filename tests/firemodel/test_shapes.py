@@ -79,7 +79,7 @@ def test_geojson_of_older_kind_keeps_its_crs(tmp_path: Path) -> None:
     assert read_shapes(path, LAND)[0].coords[0] == pytest.approx((X_M, Y_M), abs=1e-3)
     for crs in (named("EPSG:999999"), None, {"type": "link", "properties": {"href": "x"}}):
         path = geojson(tmp_path / "c.json", mapping(Point(LON, LAT)), crs=crs)
-        with pytest.raises(FireModelError, match=r"c.json: its crs member is not understood \("):
+        with pytest.raises(FireModelError, match=r"c.json: its crs member is not supported \("):
             read_shapes(path, LAND)
 
 

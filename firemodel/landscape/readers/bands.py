@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,38 +84,48 @@ def check_file(path: Path) -> None:
 
 def bands_of(path: Path) -> tuple[Band, ...]:
     """Return the bands of a raster file. Raises FireModelError if it is not a raster."""
-    import rasterio
     from rasterio.enums import MaskFlags
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    from rasterio.errors import NotGeoreferencedWarning
 
     check_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
-            with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
-                crs = file.crs.to_string() if file.crs else None  # slow: searches for a code
-                return tuple(
-                    Band(
-                        path,
-                        number,
-                        file.count,
-                        file.driver,
-                        file.descriptions[number - 1] or "",
-                        file.dtypes[number - 1],
-                        file.shape,
-                        crs,
-                        file.transform,
-                        _nodata(file.driver, file.nodatavals[number - 1]),
-                        MaskFlags.per_dataset in file.mask_flag_enums[number - 1],
-                        _unit(file.units[number - 1], file.tags(number)),
-                        file.scales[number - 1],
-                        file.offsets[number - 1],
-                        {**file.tags(), **file.tags(number)},
-                    )
-                    for number in file.indexes
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
+        with _opened(path, raster_driver(path)) as file:
+            crs = file.crs.to_string() if file.crs else None  # slow: searches for a code
+            return tuple(
+                Band(
+                    path,
+                    number,
+                    file.count,
+                    file.driver,
+                    file.descriptions[number - 1] or "",
+                    file.dtypes[number - 1],
+                    file.shape,
+                    crs,
+                    file.transform,
+                    _nodata(file.driver, file.nodatavals[number - 1]),
+                    MaskFlags.per_dataset in file.mask_flag_enums[number - 1],
+                    _unit(file.units[number - 1], file.tags(number)),
+                    file.scales[number - 1],
+                    file.offsets[number - 1],
+                    {**file.tags(), **file.tags(number)},
                 )
+                for number in file.indexes
+            )
+
+
+@contextmanager
+def _opened(path: Path, driver: str) -> Iterator[Any]:
+    """Open a raster file without network access. Raises FireModelError if GDAL cannot read it."""
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    try:
+        with rasterio.Env(**OFFLINE), rasterio.open(path, driver=driver) as file:
+            yield file
     except RasterioError as error:
-        raise FireModelError(f"{path}: cannot be read as a raster ({_line(error)})") from None
+        line = " ".join(str(error).split())
+        raise FireModelError(f"{path}: cannot be read as a raster ({line})") from None
 
 
 def _nodata(driver: str, declared: float | None) -> float | None:
@@ -125,10 +136,6 @@ def _unit(declared: str | None, tags: dict[str, str]) -> str:
     """Return the band's unit: the one declared to GDAL, or the one in the header of an .lcp."""
     named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
     return declared or next(named, "")
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def band_of(source: Path | tuple[Path, int]) -> Band:
@@ -149,21 +156,13 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 def values_of(band: Band) -> NDArray[Any]:
     """Read the values (y, x) of a band, in its type. Raises FireModelError for a damaged file."""
-    import rasterio
-    from rasterio.errors import RasterioError
-
-    try:
-        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
-            values: NDArray[Any] = file.read(band.number)
-    except RasterioError as error:
-        raise FireModelError(f"{band.path}: cannot be read as a raster ({_line(error)})") from None
+    with _opened(band.path, band.driver) as file:
+        values: NDArray[Any] = file.read(band.number)
     return values
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
     """Return the mask (y, x) of cells with NaN, the file's nodata value or mask, or ``nodata``."""
-    import rasterio
-
     if np.issubdtype(values.dtype, np.floating):
         missing: Mask = ~np.isfinite(values)
     else:
@@ -172,7 +171,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
         if value is not None and not math.isnan(value):
             missing |= values == values.dtype.type(value) if _fits(value, values) else False
     if band.masked:
-        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
+        with _opened(band.path, band.driver) as file:
             missing |= file.read_masks(band.number) == 0
     return missing
 

@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
 from firemodel.errors import FireModelError
 
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
@@ -89,10 +92,19 @@ def _check_geojson(path: Path) -> None:
     for part in (content, *_objects(content.get("features"))):
         crs = part.get("crs")
         if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
-            raise FireModelError(
-                f"{path}: its crs member is not understood ({json.dumps(crs)[:80]}); write the "
-                "file in longitude and latitude, without that member (RFC 7946)"
-            )
+            raise _crs_error(path, crs)
+    if "crs" in content:  # GDAL would read a file with an invalid one as longitude and latitude
+        try:
+            CRS.from_user_input(content["crs"]["properties"]["name"])
+        except (TypeError, KeyError, CRSError):
+            raise _crs_error(path, content["crs"]) from None
+
+
+def _crs_error(path: Path, crs: Any) -> FireModelError:
+    return FireModelError(
+        f"{path}: its crs member is not supported ({json.dumps(crs)[:80]}); write the file in "
+        "longitude and latitude, without that member (RFC 7946)"
+    )
 
 
 def _objects(features: Any) -> list[dict[str, Any]]:

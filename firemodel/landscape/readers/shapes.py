@@ -1,6 +1,5 @@
 """Points, lines and polygons from GeoJSON, KML and Shapefiles, in a landscape's CRS."""
 
-import json
 import math
 import warnings
 from collections.abc import Iterator
@@ -77,8 +76,6 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # for geometries rejected below
             for layer, _ in pyogrio.list_layers(path):
-                if pyogrio.read_info(path, layer=layer)["driver"] == "GeoJSON":
-                    _check_crs_member(path)
                 meta, _, geometries, _ = pyogrio.raw.read(
                     path, layer=layer, columns=[], force_2d=True
                 )
@@ -142,24 +139,6 @@ def _first_line(error: Exception) -> str:
 
 def _has_companion(path: Path, suffix: str) -> bool:
     return any(path.with_suffix(end).is_file() for end in (suffix, suffix.upper()))
-
-
-def _check_crs_member(path: Path) -> None:
-    """Reject a GeoJSON with an invalid ``crs``, which GDAL would read as longitude and latitude."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
-    if "crs" not in content:
-        return
-    member = content["crs"]
-    try:
-        CRS.from_user_input(member["properties"]["name"])
-    except (TypeError, KeyError, CRSError):
-        raise FireModelError(
-            f"{path}: its crs member is not understood ({json.dumps(member)[:80]}); write the "
-            "file in longitude and latitude, without that member (RFC 7946)"
-        ) from None
 
 
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
