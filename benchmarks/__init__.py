@@ -1,1 +1,1 @@
-"""Measurements that are commands of their own, not part of the tests."""
+"""Measurements that run as separate commands and are not part of the tests."""

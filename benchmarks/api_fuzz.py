@@ -1,11 +1,12 @@
-"""Schemathesis on the whole HTTP API of a run that flies, over a real socket.
+"""Run schemathesis on the whole HTTP API of a flying run, over a real socket.
 
     python -m benchmarks.api_fuzz [EXAMPLES] [SCENARIO] [SEED]
 
-EXAMPLES (default 100) are the most for each route; SCENARIO is ``demo`` (default) or ``burn``. The
-exit code is that of schemathesis: 0 if there was no answer from 500 to 599 but what says why
-(503, 507), none with another status, type or form than the description has, none to a request
-without its token, and none that took a wrong method.
+EXAMPLES (default 100) is the maximum number of examples for each route; SCENARIO is ``demo``
+(default) or ``burn``. The exit code is that of schemathesis. It is 0 if the API sent no 5xx
+response except 503 and 507, which state their reason, if the status, content type and schema of
+each response agree with the OpenAPI description, and if the API rejected each request without a
+token and each request with a wrong method.
 """
 
 import asyncio
@@ -13,6 +14,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+import click
 
 from mission_service.config.service import HttpSection
 from mission_service.interfaces.api.access.limits import RateLimiter
@@ -33,10 +36,10 @@ FLY_EVERY_S, SPEEDUP = 0.1, 10.0
 
 
 async def fuzz(world: World, examples: int, seed: int) -> int:
-    """Run schemathesis against the run while it flies on; returns its exit code."""
+    """Run schemathesis while the simulated flight continues; return its exit code."""
     service = served(world)
     guard = service.app.asgi
-    for name in ("_reading", "_changing", "_failing"):  # else most answers would be 429
+    for name in ("_reading", "_changing", "_failing"):  # or most responses would be 429
         setattr(guard, name, RateLimiter(1e6, 1e6))
     service.app.api.streams.stopping.set()  # a live stream would never end
     with bound(HttpSection(listen="127.0.0.1:0")) as listening:
@@ -50,7 +53,7 @@ async def fuzz(world: World, examples: int, seed: int) -> int:
                 *("--continue-on-failure", "--no-color", "--warnings", "off"),
                 *("--suppress-health-check", "all", "--request-timeout", "30"),
             ]
-            # It leaves a cache where it runs.
+            # Schemathesis writes a cache into its working directory.
             running = await asyncio.create_subprocess_exec(*line, cwd=world.context.out)
             ended = asyncio.create_task(running.wait())
             while not ended.done():
@@ -60,7 +63,7 @@ async def fuzz(world: World, examples: int, seed: int) -> int:
 
 
 def main() -> None:
-    """Make the run, fuzz it, and say how long that took."""
+    """Create the run, fuzz its API and print the time this took."""
     given = [*sys.argv[1:], *("100", "demo", "1")[len(sys.argv) - 1 :]]
     examples, name, seed = int(given[0]), given[1], int(given[2])
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +72,7 @@ def main() -> None:
         began_s = time.monotonic()
         code = asyncio.run(fuzz(world, examples, seed))
         took_s = time.monotonic() - began_s
-        sys.stdout.write(f"{name}: {took_s:.0f} s; {len(world.submitted)} requests became events\n")
+        click.echo(f"{name}: {took_s:.0f} s; {len(world.submitted)} requests became events")
     sys.exit(code)
 
 

@@ -1,15 +1,18 @@
-"""Avoidance in small worlds: none, the paper's and by intentions; what a thought costs.
+"""Compare collision avoidance in small simulations, and measure the time of one decision.
 
     python -m benchmarks.avoidance [VEHICLES] [SEEDS]
 
-Worlds (``tests/service/formation_worlds.py``) have all vehicles at one altitude; "lost" is half a
-second of delay and 30 % of states lost. A conflict is the paper's: a desired velocity inside the
-other's reciprocal velocity obstacle; a collision a distance below 60 m.
+The columns are flights without avoidance, with the paper's avoidance, and with avoidance by planned
+orbits. In each simulation (``tests/service/formation_worlds.py``) all vehicles fly at one altitude.
+In those named "lost" the states arrive half a second late, and 30 % of them are lost. As in the
+paper, a conflict is a desired velocity inside the reciprocal velocity obstacle of another vehicle.
+A collision is a distance below 60 m.
 """
 
 import sys
 import time
 
+import click
 import numpy as np
 
 from mission_service.guidance.formation import intent_avoidance as intent
@@ -29,12 +32,8 @@ WIND = (6.0, 5.0)
 SPACING_M = 280.0
 
 
-def say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-
-
 def worlds(count: int, seed: int) -> dict[str, tuple[World, float]]:
-    """By name, and how many seconds to fly."""
+    """Return each simulation and its duration in seconds, by name."""
     long_s = 300.0 + 8.0 * count
 
     def deployed(gap_m: float, drift_m_s: float = 0.5, **more: object) -> tuple[World, float]:
@@ -63,8 +62,11 @@ def worlds(count: int, seed: int) -> dict[str, tuple[World, float]]:
     }
 
 
-def thought_us(count: int, wanted: intent.IntendedOrbit) -> float:
-    """Least mean time of a thought on an orbit in a square of others in phase, 300 m apart."""
+def decision_us(count: int, desired: intent.IntendedOrbit) -> float:
+    """Return the time of one decision: the smallest mean of six batches of 200 decisions.
+
+    The other ``count`` vehicles fly orbits in phase on a square grid with a spacing of 300 m.
+    """
     grid = [(east, north) for east in range(-5, 6) for north in range(-5, 6)]
     places = 300.0 * np.array(sorted(grid, key=lambda place: np.hypot(*place))[1 : count + 1])
     rows = np.zeros((count, peers.COLUMNS))
@@ -79,37 +81,41 @@ def thought_us(count: int, wanted: intent.IntendedOrbit) -> float:
     for _ in range(6):
         begun_s = time.process_time()
         for turn in range(200):
-            intent.choose_orbit(1.9 + 8.0 * turn, own, wanted, held, rows, rules)
+            intent.choose_orbit(1.9 + 8.0 * turn, own, desired, held, rows, rules)
         best = min(best, (time.process_time() - begun_s) / 200.0)
     return 1e6 * best
 
 
 def main() -> None:
+    """Fly all simulations with each kind of avoidance and print the results."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 16
     seeds = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     sums = {avoidance: [0, 0, np.inf] for avoidance in AVOIDANCES}
     head = f"{'':28}" + "".join(f"{name:>34}" for name in AVOIDANCES)
-    say(head + "\n" + f"{'':28}" + 3 * "  conflicts collisions near settled")
+    click.echo(head + "\n" + f"{'':28}" + 3 * "  conflicts collisions near settled")
     for seed in range(1, seeds + 1):
         for name, (world, until_s) in worlds(count, seed).items():
             line = f"{f'{name} ({seed})':28}"
             for avoidance, total in sums.items():
                 out = fly(world, avoidance, until_s)
-                there = np.isfinite(out.settled_s)
-                mean_s = out.settled_s[there].mean() - world.places[-1][0]
+                settled = np.isfinite(out.settled_s)
+                mean_s = out.settled_s[settled].mean() - world.places[-1][0]
                 line += f"{out.conflicts:11}{out.collisions:11}{out.nearest_m:5.0f}"
-                line += f"{there.sum():3}{mean_s:4.0f}"
+                line += f"{settled.sum():3}{mean_s:4.0f}"
                 total[0] += out.conflicts
                 total[1] += out.collisions
                 total[2] = min(total[2], out.nearest_m)
-            say(line)
+            click.echo(line)
     for avoidance, (conflicts, collisions, nearest_m) in sums.items():
         share = f"({100.0 * collisions / conflicts:.1f} %), nearest {nearest_m:.1f} m"
-        say(f"{avoidance}: {conflicts} conflicts, {collisions} collisions {share}")
-    for known in (8, 64):
-        calm = thought_us(known, intent.IntendedOrbit(0.0, 0.0, -150.0, 17.5))
-        blocked = thought_us(known, intent.IntendedOrbit(250.0, 50.0, -150.0, 17.5))
-        say(f"a thought with {known} known: {calm:.0f} us, with its way blocked {blocked:.0f} us")
+        click.echo(f"{avoidance}: {conflicts} conflicts, {collisions} collisions {share}")
+    for peer_count in (8, 64):
+        free_us = decision_us(peer_count, intent.IntendedOrbit(0.0, 0.0, -150.0, 17.5))
+        blocked_us = decision_us(peer_count, intent.IntendedOrbit(250.0, 50.0, -150.0, 17.5))
+        click.echo(
+            f"a decision with {peer_count} other vehicles: {free_us:.0f} us, with the desired "
+            f"orbit blocked {blocked_us:.0f} us"
+        )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""How the paper's corrections depend on their length: ``python -m benchmarks.beachly_lengths``.
+"""Error of the paper's corrections by kernel length: ``python -m benchmarks.beachly_lengths``.
 
-On fires other than those that are reported, a participant each, beside our own method.
+The random fires are other than those of the reported experiment, with one participant for each. The
+last line is the Gaussian process of this project.
 """
 
-import sys
-
+import click
 import numpy as np
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
@@ -25,7 +25,7 @@ LENGTHS_M = (10.0, 15.0, 20.0, 25.0, 40.0, 60.0, 100.0)
 
 
 def main() -> None:
-    """A line for each length: mean front error in the paper's period, and what it took away."""
+    """Print the mean front error in the paper's period and its reduction, for each length."""
     burns = [random_burn(seed) for seed in SEEDS]
     cases = [(case_of(burn), observations_of_participant(burn, 0)) for burn in burns]
 
@@ -37,7 +37,7 @@ def main() -> None:
         return float(np.nanmean(found))
 
     uncorrected_m = mean_m(None)
-    sys.stdout.write(f"no corrections      {uncorrected_m:6.1f} m\n")
+    click.echo(f"no corrections      {uncorrected_m:6.1f} m")
     for length_m in LENGTHS_M:
 
         def method(
@@ -47,9 +47,9 @@ def main() -> None:
 
         left_m = mean_m(method)
         share = 1.0 - left_m / uncorrected_m
-        sys.stdout.write(f"paper, {length_m:5.0f} m      {left_m:6.1f} m  {share:5.0%}\n")
+        click.echo(f"paper, {length_m:5.0f} m      {left_m:6.1f} m  {share:5.0%}")
     left_m = mean_m(GaussianCorrected)
-    sys.stdout.write(f"Gaussian process    {left_m:6.1f} m  {1 - left_m / uncorrected_m:5.0%}\n")
+    click.echo(f"Gaussian process    {left_m:6.1f} m  {1 - left_m / uncorrected_m:5.0%}")
 
 
 if __name__ == "__main__":

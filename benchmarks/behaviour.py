@@ -1,15 +1,15 @@
-"""What the project does, recorded before a change of its structure and compared after it.
+"""Record the outputs of a source tree, and compare two records, to check a refactoring.
 
     python -m benchmarks.behaviour record FOLDER [PART ...]
     python -m benchmarks.behaviour compare BEFORE AFTER [--names FILE] [--without KEY ...]
 
-``record`` runs this tree: ``sim`` and ``plan`` of every shipped scenario, every experiment, the
-OpenAPI description and the schemas of MQTT, or only the parts given (``sim/demo``, ``plan``). Some
-twenty minutes on two cores for all. ``compare`` prints the first differences of each file and exits
-with 1 if there is one. Journals are compared line by line without their checksums, descriptions
-without their prose. ``--names`` is a JSON file of old and new names (``names_of_0_1.json``), which
-are replaced in BEFORE;
-``--without`` leaves out fields whose wording was changed on purpose, such as ``text``.
+``record`` runs the current tree: ``sim`` and ``plan`` of each shipped scenario, each experiment,
+the OpenAPI description and the MQTT schemas, or only the given parts (``sim/demo``, ``plan``). All
+parts take about twenty minutes on two cores. ``compare`` prints the first differences of each file
+and exits with 1 if it finds any. It compares journals line by line without their checksums, and
+schemas without their descriptions. ``--names`` is a JSON file of old and new names
+(``names_of_0_1.json``), which replaces the old names in BEFORE. ``--without`` excludes fields whose
+wording was changed on purpose, such as ``text``.
 """
 
 import argparse
@@ -25,30 +25,31 @@ from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
+import click
+
 from mission_service.config.scenario import SHIPPED, load_scenario
 
 SCENARIOS = sorted(file.stem for file in SHIPPED.glob("*.toml"))
 EXPERIMENTS = ("beachly", "bent", "islam-hu", "virtual-agents")
 SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
 PROSE = ("description", "title", "summary")
-UNSTABLE = ("crc", "created", "packages", "mission_service")  # of a journal's lines and header
+UNSTABLE = ("crc", "created", "packages", "mission_service")  # fields of journal lines and header
 SHOWN = 5
 PROCESSES = 2
 TIMEOUT_S = 3600.0
-OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # it has no end of its own
+OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # the scenario has no end
 
 
-def record(folder: Path, wanted: list[str]) -> None:
-    """Write what this tree does into a folder: one file for each output."""
+def record(folder: Path, selected: list[str]) -> None:
+    """Write the outputs of the current tree into a folder, one file for each output."""
     parts = dict(_parts(folder))
-    unknown = [each for each in wanted if not any(_is_in(name, each) for name in parts)]
+    unknown = [each for each in selected if not any(_is_in(name, each) for name in parts)]
     if unknown:
-        sys.exit(f"{', '.join(unknown)}: no such part; there are {', '.join(parts)}")
-    chosen = [name for name in parts if not wanted or any(_is_in(name, each) for each in wanted)]
+        sys.exit(f"{', '.join(unknown)}: no such part; the parts are {', '.join(parts)}")
+    chosen = [name for name in parts if not selected or any(_is_in(name, s) for s in selected)]
     with ThreadPoolExecutor(PROCESSES) as pool:
         for name, _ in zip(chosen, pool.map(lambda each: parts[each](), chosen), strict=True):
-            sys.stdout.write(f"{name}\n")
-            sys.stdout.flush()
+            click.echo(f"{name}")
 
 
 def _is_in(name: str, part: str) -> bool:
@@ -56,7 +57,7 @@ def _is_in(name: str, part: str) -> bool:
 
 
 def _parts(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
-    """What is recorded: a name, and a function that writes it into the folder."""
+    """Yield the name of each output, and a function that writes it into the folder."""
     for name in SCENARIOS:
         yield f"sim/{name}", partial(_sim, name, folder / "sim" / name)
     for name in SCENARIOS:
@@ -68,7 +69,7 @@ def _parts(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
 
 
 def _service(*arguments: str) -> str:
-    """What the command line prints. Ends the program if it fails."""
+    """Run a command of the service and return its standard output; exit if it fails."""
     command = (sys.executable, "-m", "mission_service.cli", *arguments)
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     if done.returncode != 0:
@@ -76,33 +77,30 @@ def _service(*arguments: str) -> str:
     return done.stdout
 
 
-def _sim(name: str, into: Path) -> None:
+def _sim(name: str, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as out:
-        printed = _service("sim", name, "--out", out, "--json", *OVERRIDES.get(name, ()))
+        summary = _service("sim", name, "--out", out, "--json", *OVERRIDES.get(name, ()))
         lines = (Path(out) / "journal.jsonl").read_text(encoding="utf-8").splitlines()
-    into.mkdir(parents=True, exist_ok=True)
-    _write(into / "summary.json", json.loads(printed))
-    with (into / "journal.jsonl").open("w", encoding="utf-8") as file:
+    _write(folder / "summary.json", json.loads(summary))
+    with (folder / "journal.jsonl").open("w", encoding="utf-8") as file:
         for line in lines:
             file.write(json.dumps(_without(json.loads(line), UNSTABLE)) + "\n")
 
 
-def _plans(name: str, into: Path) -> None:
-    into.mkdir(parents=True, exist_ok=True)
+def _plans(name: str, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     for vehicle in load_scenario(name).vehicles:
-        file = into / f"{vehicle.name}.json"
+        file = folder / f"{vehicle.name}.json"
         _service("plan", name, "--vehicle", vehicle.name, "--output", str(file))
 
 
-def _experiment(name: str, into: Path) -> None:
-    into.mkdir(parents=True, exist_ok=True)
-    _write(into / f"{name}.json", json.loads(_service("experiment", name, "--json")))
+def _experiment(name: str, folder: Path) -> None:
+    _write(folder / f"{name}.json", json.loads(_service("experiment", name, "--json")))
 
 
-def _schemas(into: Path) -> None:
-    into.mkdir(parents=True, exist_ok=True)
+def _schemas(folder: Path) -> None:
     for file in sorted(SCHEMAS.glob("*.json")):
-        _write(into / file.name, _without(json.loads(file.read_text(encoding="utf-8")), PROSE))
+        _write(folder / file.name, _without(json.loads(file.read_text(encoding="utf-8")), PROSE))
 
 
 def _openapi(folder: Path) -> None:
@@ -120,7 +118,10 @@ def _write(file: Path, content: Any) -> None:
 
 
 def _without(content: Any, keys: tuple[str, ...]) -> Any:
-    """JSON without these keys, unless what they hold is an object itself (a field so named)."""
+    """Return JSON without these keys.
+
+    A key of ``PROSE`` whose value is an object is the name of a field, and stays.
+    """
     if isinstance(content, dict):
         return {
             key: _without(value, keys)
@@ -133,19 +134,19 @@ def _without(content: Any, keys: tuple[str, ...]) -> Any:
 
 
 def compare(before: Path, after: Path, names: dict[str, str], without: tuple[str, ...]) -> int:
-    """Print where two records differ; the number of files that do."""
+    """Print the differences of two records; return the number of files that differ."""
     old = {_renamed(file.relative_to(before), names): file for file in _files(before)}
     files = sorted({*old, *(file.relative_to(after) for file in _files(after))})
     if not files:
-        sys.exit(f"{before}, {after}: nothing is recorded there")
+        sys.exit(f"{before}, {after}: contain no record")
     different = 0
     for file in files:
         pair = (old.get(file, before / file), after / file)
         found = list(islice(_differences(*pair, names, without), SHOWN))
         different += bool(found)
-        for words in found:
-            sys.stdout.write(f"{file}: {words}\n")
-    sys.stdout.write(f"{len(files)} files, {different} differ\n")
+        for line in found:
+            click.echo(f"{file}: {line}")
+    click.echo(f"{len(files)} files, {different} differ")
     return different
 
 
@@ -162,7 +163,7 @@ def _differences(
 ) -> Iterator[str]:
     for file in (before, after):
         if not file.is_file():
-            yield f"not in {file.parent}"
+            yield f"missing in {file.parent}"
             return
     lines = (_lines(before, names, without), _lines(after, {}, without))
     for number, (old, new) in enumerate(zip_longest(*lines, fillvalue=""), 1):
@@ -171,7 +172,7 @@ def _differences(
 
 
 def _lines(file: Path, names: dict[str, str], without: tuple[str, ...]) -> Iterator[str]:
-    """The lines of a journal, or of any other JSON file, with other names."""
+    """Yield the lines of a journal or of another JSON file, with the old names replaced."""
     words = re.compile(r"(?<!\w)(" + "|".join(map(re.escape, names)) + r")(?!\w)")
     with file.open(encoding="utf-8") as content:
         for text in content if file.suffix == ".jsonl" else (content.read(),):
@@ -182,14 +183,14 @@ def _lines(file: Path, names: dict[str, str], without: tuple[str, ...]) -> Itera
 
 
 def _about(line: str, other: str) -> str:
-    """A line from a little before its first difference from another."""
+    """Return an excerpt of a line, from shortly before its first difference to another line."""
     same = next((at for at, (a, b) in enumerate(zip(line, other, strict=False)) if a != b), 0)
     start = max(0, same - 80)
     return f"{'…' if start else ''}{line[start : start + 240]}"
 
 
 def main() -> int:
-    """Record or compare."""
+    """Record or compare outputs, as requested on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True)
     recording = commands.add_parser("record")
@@ -200,12 +201,12 @@ def main() -> int:
     comparing.add_argument("after", type=Path)
     comparing.add_argument("--names", type=Path)
     comparing.add_argument("--without", nargs="*", default=())
-    asked = parser.parse_args()
-    if asked.command == "record":
-        record(asked.folder, asked.part)
+    given = parser.parse_args()
+    if given.command == "record":
+        record(given.folder, given.part)
         return 0
-    names = {} if asked.names is None else json.loads(asked.names.read_text(encoding="utf-8"))
-    return 1 if compare(asked.before, asked.after, names, tuple(asked.without)) else 0
+    names = {} if given.names is None else json.loads(given.names.read_text(encoding="utf-8"))
+    return 1 if compare(given.before, given.after, names, tuple(given.without)) else 0
 
 
 if __name__ == "__main__":

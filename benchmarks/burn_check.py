@@ -1,7 +1,7 @@
-"""What is wrong with a plan, by brute force: fine samples of path and surroundings.
+"""Check ignition plans by brute force, with fine samples of the path and its surroundings.
 
-Shares no code with the planner, no raster, no geometry: the fire is asked itself, and whether
-a point is inside a polygon, and how far from it, is worked out side by side.
+The check shares no code, raster or geometry with the planner. It takes arrival times directly from
+the fire model. For each side of a polygon it computes whether a point is inside, and its distance.
 """
 
 import math
@@ -14,19 +14,22 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.line_planner import LinePlan, Situation
 
-Floats = NDArray[np.float64]
-
-GRID_M, STEP_M, STEP_S = 0.7, 0.8, 0.5  # of surroundings; of the path, level and up or down
+# Spacing of samples: of the surroundings; of level legs; of climbs and descents.
+GRID_M, STEP_M, STEP_S = 0.7, 0.8, 0.5
 NEAR_M = 1e-3
 
 
 def faults(
     plan: LinePlan, situation: Situation, settings: BurnSection, sources: Floats
 ) -> list[str]:
-    """One line for each thing wrong; ``sources`` (n, 3) of the fire are asked for besides."""
+    """Return one line for each fault of a plan.
+
+    The places of ``sources`` (n, 3) x, y, at_s of the fire are checked in addition to the grid.
+    """
     return [
         *_of_flight(plan, situation, settings),
         *_of_drops(plan, situation, settings),
@@ -82,7 +85,7 @@ def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> It
         yield "drop outside of the fence"
     for person in unit.people:
         if (np.hypot(*(drops[:, :2] - person[1:3]).T) < person.radius_m).any():
-            yield f"drop at {person.name}"
+            yield f"drop in the exclusion circle {person.name}"
     burns = drops[:, 2] + plan.begin_s + settings.ignition_delay_s
     if (situation.fire.ignition_time_s(drops[:, :2]) <= burns).any():
         yield "drop on burned ground"
@@ -92,7 +95,7 @@ def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> It
             situation.lights(before).ignition_time_s(drops[number : number + 1, :2])
             <= burns[number]
         ):
-            yield "drop on ground burned by an earlier one"
+            yield "drop on ground burned by an earlier drop"
 
 
 def _of_places(plan: LinePlan, situation: Situation, settings: BurnSection) -> Iterator[str]:
@@ -104,18 +107,18 @@ def _of_places(plan: LinePlan, situation: Situation, settings: BurnSection) -> I
         within, away = _inside(points, unit.fence)
         for leg in np.unique(number[~within & (away > NEAR_M)]):
             yield f"leg {leg} leaves the fence"
-    # Straight up, or down to the drop height, where it starts, is anywhere.
+    # The first climb or descent at the start position may be outside the unit.
     low = np.array([min(a, b) < settings.safe_height_m - 1e-6 for a, b in pairwise(path[:, 2])])
     at_start = [np.hypot(*(leg[:, :2] - path[0, :2]).T).max() < 1e-6 for leg in legs]
     low &= ~np.array(at_start)
     points, number = points[low[number]], number[low[number]]
     within, away = _inside(points, unit.area)
     for leg in np.unique(number[~within & (away > NEAR_M)]):
-        yield f"leg {leg} leaves the unit low"
+        yield f"leg {leg} leaves the unit below the safe height"
     for person in unit.people:
         near = np.hypot(*(points - person[1:3]).T) < person.radius_m - NEAR_M
         for leg in np.unique(number[near]):
-            yield f"leg {leg} is low at {person.name}"
+            yield f"leg {leg} is below the safe height in the exclusion circle {person.name}"
 
 
 def _of_fire(
@@ -140,8 +143,8 @@ def _of_fire(
         margin_s = _least(samples, places, fire_s, situation, settings)
         min_s = min(min_s, margin_s)
         if margin_s < settings.time_margin_s:
-            yield f"leg {number} is in danger: fire {margin_s:.1f} s away"
-        # Of its own drops those before: later ones burn later.
+            yield f"leg {number} is in danger: time margin to the fire {margin_s:.1f} s"
+        # Only earlier drops matter: later ones ignite after the leg.
         before = drops[drops[:, 2] - settings.ignition_delay_s <= one[3] + 1e-6]
         if not len(before):
             continue
@@ -158,13 +161,13 @@ def _of_fire(
                 f"leg {number} {first} to {last} is in danger of its own drops: {margin_s:.1f} s"
             )
     if min_s < plan.min_time_margin_s - 1e-3 and not plan.climbs_first:
-        yield f"least margin {min_s:.2f} s is told as {plan.min_time_margin_s:.2f} s"
+        yield f"smallest margin {min_s:.2f} s, but the plan has {plan.min_time_margin_s:.2f} s"
 
 
 def _least(
     samples: Floats, places: Floats, times: Floats, situation: Situation, settings: BurnSection
 ) -> float:
-    """How far ahead of fire within reach: the definition, sample by sample."""
+    """Return the smallest time margin in s to fire within reach, by its definition."""
     matters = np.isfinite(times)
     low, high = samples[:, :2].min(axis=0), samples[:, :2].max(axis=0)
     reach_m = settings.distance_margin_m + settings.wind_margin_s * situation.wind_m_s
@@ -176,7 +179,7 @@ def _least(
     )
     min_s = math.inf
     for x, y, _, at_s in samples:
-        # Only fire that would be worse than what is known.
+        # Only fire with a smaller margin than the smallest found so far.
         could = (times - at_s < min_s) & (times > at_s - settings.residence_s)
         away = np.array([x, y]) - places[could]
         distance = np.hypot(*away.T)
@@ -194,7 +197,7 @@ def _samples(one: Floats, other: Floats) -> Floats:
 
 
 def _around(legs: list[Floats], reach_m: float) -> Floats:
-    """A fine grid of all within reach of some samples."""
+    """Return the points (n, 2) of a fine grid within reach of some samples."""
     if not legs:
         return np.empty((0, 2))
     middles = np.round(np.concatenate(legs)[:, :2] / GRID_M).astype(np.int64)
@@ -208,7 +211,7 @@ def _around(legs: list[Floats], reach_m: float) -> Floats:
 
 
 def _inside(points: Floats, area: BaseGeometry) -> tuple[NDArray[np.bool_], Floats]:
-    """Whether points (n, 2) are inside, by counting crossings, and how far from its sides."""
+    """Return whether points (n, 2) are inside (by counting crossings), and distances from sides."""
     within, away = np.zeros(len(points), np.bool_), np.full(len(points), np.inf)
     for ring in shapely.get_rings(shapely.get_parts(area)):
         for (ax, ay), (bx, by) in pairwise(shapely.get_coordinates(ring).tolist()):

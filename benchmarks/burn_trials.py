@@ -1,4 +1,4 @@
-"""Burns drawn by chance: units, fires, winds, settings, and what changes in mid-flight."""
+"""Random burns (units, fires, winds and settings) and random changes during a flight."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
 from mission_service.guidance.burn.ignition_lines import only_areas
 from mission_service.guidance.burn.line_planner import LinePlan, Situation
 
-Floats = NDArray[np.float64]
 Random = np.random.Generator
 
 BASE = BurnSection(
@@ -26,7 +25,7 @@ BASE = BurnSection(
 
 @dataclass(frozen=True)
 class Trial:
-    """A situation with what its fire is made of."""
+    """A planning situation, its settings, and the rates and sources of its fire."""
 
     situation: Situation
     settings: BurnSection
@@ -35,7 +34,7 @@ class Trial:
 
 
 def drawn(random: Random) -> Trial:
-    """A burn under way or to be begun."""
+    """Return a random burn, before its first line or between two lines."""
     settings = _settings(random)
     unit = _unit(random, settings.edge_m)
     toward = float(random.uniform(-math.pi, math.pi))
@@ -75,7 +74,7 @@ def drawn(random: Random) -> Trial:
 
 
 def changed(random: Random, trial: Trial, plan: LinePlan) -> Trial:
-    """In mid-flight of a plan: fire added, the wind shifted, or somebody comes."""
+    """Return the situation during a plan after new fire, a wind shift or an exclusion circle."""
     old, settings = trial.situation, trial.settings
     after = float(random.uniform(0, plan.duration_s))
     x, y, height = (float(np.interp(after, plan.path[:, 3], plan.path[:, n])) for n in range(3))
@@ -84,12 +83,12 @@ def changed(random: Random, trial: Trial, plan: LinePlan) -> Trial:
     sources, spreads = np.concatenate([trial.sources, lit]), list(trial.spreads)
     now = plan.begin_s + after
     unit, toward, wind = old.unit, old.toward_rad, old.wind_m_s
-    what = random.integers(3)
-    if what == 0:
+    change = random.integers(3)
+    if change == 0:
         more = _fire(random, unit)
         more[:, 2] = np.minimum(more[:, 2], now)
         sources = np.concatenate([sources, more])
-    elif what == 1:
+    elif change == 1:
         toward += float(random.normal())
         wind = float(random.uniform(0, 8))
         spreads = [spread for spread in spreads if spread.from_s < now]
@@ -152,7 +151,7 @@ def _about(random: Random, far: float) -> tuple[float, float]:
 
 
 def _star(random: Random, middle: tuple[float, float], low: float, high: float) -> BaseGeometry:
-    """A polygon around a point, mostly concave."""
+    """Return a random polygon around a point, in most cases concave."""
     count = int(random.integers(3, 11))
     angles = np.sort(random.uniform(0, 2 * math.pi, count))
     far = random.uniform(low, high, count)
@@ -197,7 +196,7 @@ def _spread(random: Random, from_s: float, toward: float) -> Spread:
 
 
 def _fire(random: Random, unit: BurnUnit) -> Floats:
-    """A point, a line along the unit's edge, or one across it."""
+    """Return the sources of a point ignition, or of a line along or across the unit's edge."""
     west, south, east, north = unit.area.bounds
     at = float(random.uniform(-600, 300))
     kind = random.integers(3)
@@ -213,7 +212,7 @@ def _fire(random: Random, unit: BurnUnit) -> Floats:
 
 
 def _cut(random: Random, area: BaseGeometry) -> BaseGeometry:
-    """What may be left of it after earlier lines."""
+    """Return the whole area, or a random part of it as left after earlier lines."""
     if random.random() < 0.7:
         return area
     half = shapely.affinity.rotate(

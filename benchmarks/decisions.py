@@ -1,8 +1,9 @@
-"""Time of one decision, map update included: ``python -m benchmarks.decisions [--json]``.
+"""Time of one decision with its map update: ``python -m benchmarks.decisions [--json]``.
 
-Each planner follows the front of a large, slow fire (an ellipse, its ignition in the rear focus)
-once round and then decides cell after cell. Timed are ``observe`` and ``at`` together. Rules of
-teams decide on a ring of that many cells, for four vehicles; their map is a ring of 360 bearings.
+Each planner follows the front of a large, slow fire (an ellipse with its ignition in the rear
+focus) for one lap and then decides cell by cell. The times contain ``observe`` and ``at``. Team
+rules decide for four vehicles on a ring with the same number of cells; their own map is a ring of
+360 bearings.
 """
 
 import json
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import click
 import numpy as np
 
 from firemodel.physics.weather import WeatherStream
@@ -31,32 +33,32 @@ SIZES = (500, 1000, 2000, 4000)  # cells of the front
 DECISIONS = 400
 ECCENTRICITY = 0.8
 LENGTH_CELLS = 0.425  # of the ellipse, for each cell of the front
-OLD_S = 100.0 * HOUR_S  # so slow that it hardly grows in a lap
+OLD_S = 100.0 * HOUR_S  # a fire of this age grows little during a lap
 SPEED_M_S = 20.0
 LIMIT_MS = 1.0  # of the median at 2,000 cells
 
-# What is timed: a name, and the planner made for a fire. Add yours.
+# Factory of each measured planner, by name. Add new planners here.
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
     "perimeter.damped": lambda burn: perimeter_planner(burn, "islam_hu_damped"),
     "perimeter.literal": lambda burn: perimeter_planner(burn, "islam_hu"),
-    "perimeter.predictive": lambda burn: _told_the_wind(predictive_planner(burn), burn),
+    "perimeter.predictive": lambda burn: _with_wind(predictive_planner(burn), burn),
 }
 UAVS = 4
-# Rules of teams. Add yours.
+# Factory of each measured team rule, by name. Add new rules here.
 TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
     f"team.{name}": partial(bent_rule, name, "centre", "exponential")
     for name in (*BENT_PLANNERS, *LATER_PLANNERS)
 } | {"team.balanced": partial(Balanced, "exponential")}
 
 
-def _told_the_wind(planner: Planner, burn: Burn) -> Planner:
+def _with_wind(planner: Planner, burn: Burn) -> Planner:
     now = burn.weather.at(burn.deploy_s)
     planner.wind(now.wind_speed_m_s, now.wind_from_deg, burn.deploy_s)
     return planner
 
 
 def ellipse(front_cells: int) -> Burn:
-    """A fire whose front has about so many cells when the vehicle comes."""
+    """Return a fire whose front has about ``front_cells`` cells at the arrival of the vehicle."""
     length = LENGTH_CELLS * front_cells
     size = int(1.2 * length)
     ignition = (int(0.2 * length), size // 2)
@@ -72,7 +74,7 @@ def ellipse(front_cells: int) -> Burn:
 
 
 def measure(burn: Burn, planner: Planner) -> tuple[list[float], float]:
-    """Time of each decision in ms, and how many cells of the front it looked at, on average."""
+    """Return the time of each decision in ms, and the mean number of front cells it used."""
     walk, at_s = BoundaryFollower(burn.arrival_s, burn.deploy_s), burn.deploy_s
     taken_ms: list[float] = []
     cells: list[int] = []
@@ -91,7 +93,7 @@ def measure(burn: Burn, planner: Planner) -> tuple[list[float], float]:
 
 
 def measure_rule(rule: TeamRule, cells: int) -> list[float]:
-    """Time of each decision on an uneven ring in ms."""
+    """Return the time of each decision in ms, on a ring with random spread rates."""
     random = np.random.default_rng(1)
     rate, age_s = random.uniform(0.01, 0.5, cells), random.uniform(0.0, 900.0, cells)
     ring = FrontRing(np.full(cells, CELL_M), rate, -age_s)
@@ -111,8 +113,8 @@ def measure_rule(rule: TeamRule, cells: int) -> list[float]:
     return taken_ms
 
 
-def told(name: str, cells: float, taken_ms: list[float]) -> dict[str, Any]:
-    """A row of the result."""
+def result_row(name: str, cells: float, taken_ms: list[float]) -> dict[str, Any]:
+    """Return one row of the result."""
     return {
         "planner": name,
         "front_cells": round(cells),
@@ -122,26 +124,26 @@ def told(name: str, cells: float, taken_ms: list[float]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all planners and rules and print their times."""
     rows = []
     for size in SIZES:
         burn = ellipse(size)
         for name, make in PLANNERS.items():
             taken_ms, cells = measure(burn, make(burn))
-            rows.append(told(name, cells, taken_ms))
+            rows.append(result_row(name, cells, taken_ms))
         rows += [
-            told(name, size, measure_rule(make_rule(), size))
+            result_row(name, size, measure_rule(make_rule(), size))
             for name, make_rule in TEAM_RULES.items()
         ]
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps({"limit_ms": LIMIT_MS, "decisions": rows}) + "\n")
+        click.echo(json.dumps({"limit_ms": LIMIT_MS, "decisions": rows}))
         return
-    sys.stdout.write("planner                 cells   median ms     p99 ms\n")
+    click.echo("planner                 cells   median ms     p99 ms")
     for row in rows:
-        sys.stdout.write(
-            f"{row['planner']:22}{row['front_cells']:7}{row['median_ms']:12}{row['p99_ms']:11}\n"
+        click.echo(
+            f"{row['planner']:22}{row['front_cells']:7}{row['median_ms']:12}{row['p99_ms']:11}"
         )
-    sys.stdout.write(f"limit of the median at 2,000 cells: {LIMIT_MS} ms\n")
+    click.echo(f"limit of the median at 2,000 cells: {LIMIT_MS} ms")
 
 
 if __name__ == "__main__":

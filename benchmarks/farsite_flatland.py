@@ -1,28 +1,28 @@
 """Overlap with FARSITE's own perimeters: ``python -m benchmarks.farsite_flatland [--data ...]``.
 
-FARSITE's flatland case (level, fuel model 1, 30 m): lit as a polygon, wind 3 mph from one direction
-or turning, seven hours. Conditions as in its .input files: moistures 3/4/6/70/100 % at first, dead
-fuel conditioned from the first record of the weather on, acceleration on; spots need torching
-trees, of which there are none.
+FARSITE's flatland case: level ground, fuel model 1, 30 m cells, ignition as a polygon, seven hours
+of wind of 3 mph from a constant or a turning direction. Conditions are those of its .input files:
+initial moistures 3/4/6/70/100 %, dead fuel conditioned from the first weather record on, and
+acceleration. The landscape has no trees and therefore no spotting.
 
 Burned areas are compared after each hour (intersection over union), for the fire of this package
-and for the exact answer, which on level ground of one fuel is the Minkowski sum of the polygon and
-the ellipses of each stretch of time. The lines differ in one thing each:
+and for the exact solution. On level ground of one fuel the exact solution is the Minkowski sum of
+the polygon and the ellipses of all periods. The lines of the table are:
 
-- held: moistures stay as they were at first
-- hourly: conditioned as ``read_weather`` does, for each record
-- 5 min: the same, but followed every 5 minutes
-- point, line: hourly or 5 min, with acceleration of 0.115 or 0.3 per minute (McAlpine & Wakimoto
-  1989, as FARSITE has it)
-- implied: moisture of each hour such that FARSITE's head comes as far as it did with a steady wind;
-  and how much further out this exact answer reaches than FARSITE's, every 22.5 degrees from north
-  (the corners of the polygon that is lit point north, east, south and west)
+- held: moistures stay at their initial values
+- hourly: dead moistures are conditioned at each record, as by ``read_weather``
+- 5 min: dead moistures are conditioned every 5 minutes
+- point, line: hourly or 5 min, with an acceleration of 0.115 or 0.3 per minute (McAlpine & Wakimoto
+  1989, as in FARSITE)
+- implied: hourly moistures at which the head covers the same distance as FARSITE's in a constant
+  wind, and the distance by which this exact solution reaches beyond FARSITE's, every 22.5 degrees
+  from north (the corners of the ignition polygon point north, east, south and west)
 
-At the top of each case is FARSITE's fastest spread in cells that caught fire in those minutes.
+The first lines of each case are FARSITE's highest spread rates by the minutes of ignition of the
+cells.
 """
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -30,13 +30,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from benchmarks.shared import data_folder, overlap
+from benchmarks.shared import check_folder, data_parser, overlap
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
 from firemodel.landscape.readers.shapes import read_shapes
@@ -53,7 +54,7 @@ CASES = (
     *("clockwise1hr", "clockwise3hr"),
 )
 STEADY = CASES[0]  # towards the south
-START = datetime(2013, 4, 26, 12)  # noqa: DTZ001  # as in the files, without an offset
+START = datetime(2013, 4, 26, 12)  # noqa: DTZ001  # without a UTC offset, as in the files
 FIRST = Moisture(0.03, 0.04, 0.06, 0.70, 1.00)
 TEMPERATURE_C, HUMIDITY_PCT = 25.0, 25.0  # in every record
 STEP_S = 300.0
@@ -62,42 +63,38 @@ NORMALS_RAD = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
 POINT_PER_MIN, LINE_PER_MIN = 0.115, 0.3
 BINS_MIN = (5, 10, 20, 30, *range(60, 421, 60))
 
-Floats = NDArray[np.float64]
-
 
 class Stretch(NamedTuple):
-    """A time in which the ellipse stays the same."""
+    """A period with a constant ellipse."""
 
     upto_s: float
-    head_m: float  # how far the head comes
+    head_m: float  # distance covered by the head
     toward_rad: float
     eccentricity: float
 
 
 def outline(area: BaseGeometry) -> Floats:
-    """The vertex of a convex polygon that is outermost in each direction (n, 2) as (x, y)."""
+    """Return the outermost vertex of a convex polygon in each direction, (n, 2) as (x, y)."""
     vertices = shapely.get_coordinates(area)
     outward = np.stack([np.sin(NORMALS_RAD), np.cos(NORMALS_RAD)])
     return np.asarray(vertices[np.argmax(vertices @ outward, axis=0)])
 
 
 def ellipse(stretch: Stretch) -> Floats:
-    """The outermost point in each direction (n, 2) of an ellipse lit in a focus."""
+    """Return the outermost point in each direction, (n, 2), of an ellipse lit in a focus."""
     half_length = stretch.head_m / (1.0 + stretch.eccentricity)
     half_width = half_length * math.sqrt(1.0 - stretch.eccentricity**2)
-    along, across = (
-        np.cos(NORMALS_RAD - stretch.toward_rad),
-        np.sin(NORMALS_RAD - stretch.toward_rad),
-    )
+    off_rad = NORMALS_RAD - stretch.toward_rad
+    along, across = np.cos(off_rad), np.sin(off_rad)
     reach = np.hypot(half_length * along, half_width * across)
-    ahead = half_length**2 * along / reach + half_length * stretch.eccentricity
-    aside = half_width**2 * across / reach
+    forward = half_length**2 * along / reach + half_length * stretch.eccentricity
+    lateral = half_width**2 * across / reach
     sin, cos = math.sin(stretch.toward_rad), math.cos(stretch.toward_rad)
-    return np.stack([ahead * sin + aside * cos, ahead * cos - aside * sin], axis=1)
+    return np.stack([forward * sin + lateral * cos, forward * cos - lateral * sin], axis=1)
 
 
 def exact(lit: BaseGeometry, stretches: Sequence[Stretch]) -> list[BaseGeometry]:
-    """The burned area after each hour."""
+    """Return the exact burned area after each hour."""
     points = outline(lit)
     found: list[BaseGeometry] = []
     for stretch in stretches:
@@ -110,7 +107,11 @@ def exact(lit: BaseGeometry, stretches: Sequence[Stretch]) -> list[BaseGeometry]
 def stretches_of(
     landscape: Landscape, stream: WeatherStream, per_min: float | None = None
 ) -> list[Stretch]:
-    """Spread in each entry; the share of it reached by then is 1 - exp(-per_min * minutes)."""
+    """Return the period of each weather entry.
+
+    With ``per_min`` the spread rate accelerates: t minutes after the ignition it is the fraction
+    1 - exp(-per_min t) of the steady rate.
+    """
     found = []
     ends_s = [*stream.change_times(), HOURS * HOUR_S]
     for entry, end_s in zip(stream.entries, ends_s, strict=True):
@@ -124,7 +125,7 @@ def stretches_of(
 
 
 def followed(stream: WeatherStream) -> WeatherStream:
-    """Dead moistures that follow temperature and humidity every few minutes, wind as it is."""
+    """Return the stream with dead moistures conditioned every ``STEP_S``, and its own wind."""
     dry = np.full(3, equilibrium_moisture_pct(TEMPERATURE_C, HUMIDITY_PCT))
     first = 100.0 * np.array(FIRST.classes[:3])
     entries: list[Weather] = []
@@ -138,7 +139,7 @@ def followed(stream: WeatherStream) -> WeatherStream:
 
 
 def with_moisture(stream: WeatherStream, one_hour_pct: Sequence[float]) -> WeatherStream:
-    """One moisture of the 1-h fuel, the only one in fuel model 1, for each hour."""
+    """Return the stream with given hourly moistures of 1-h fuel, the only class of fuel model 1."""
     return WeatherStream(
         [
             replace(stream.at(hour * HOUR_S), at_s=hour * HOUR_S, dead_1h_pct=pct)
@@ -148,7 +149,7 @@ def with_moisture(stream: WeatherStream, one_hour_pct: Sequence[float]) -> Weath
 
 
 def implied_pct(landscape: Landscape, lit: BaseGeometry, areas: list[BaseGeometry]) -> list[float]:
-    """Moisture of each hour by which our head comes as far as FARSITE's did, towards the south."""
+    """Return the hourly moistures at which the head moves as far south as FARSITE's."""
     south_m = [lit.bounds[1], *(area.bounds[1] for area in areas)]
     tried = np.arange(2.0, 12.0, 0.05)
     calm = Weather(0.0, 0.0, 0.0, 0.0, *(100.0 * part for part in FIRST.classes[1:]))
@@ -162,7 +163,7 @@ def implied_pct(landscape: Landscape, lit: BaseGeometry, areas: list[BaseGeometr
 
 
 def gaps_m(area: BaseGeometry, within: BaseGeometry) -> list[float]:
-    """How much further out one convex area reaches than another, in 16 directions from north."""
+    """Return how far one convex area reaches beyond another, in 16 directions from north."""
     bearing = np.deg2rad(np.arange(0.0, 360.0, 22.5))
     outward = np.stack([np.sin(bearing), np.cos(bearing)])
     reach, other = ((shapely.get_coordinates(one) @ outward).max(axis=0) for one in (area, within))
@@ -170,7 +171,7 @@ def gaps_m(area: BaseGeometry, within: BaseGeometry) -> list[float]:
 
 
 def ours(landscape: Landscape, stream: WeatherStream, lit: BaseGeometry) -> list[BaseGeometry]:
-    """The burned area of this package's fire after each hour."""
+    """Return the burned area of this package's fire after each hour."""
     fire = AnyAngleFire(landscape, stream, [], burning_from_perimeter([lit], landscape, 0.0))
     found = []
     for hour in range(1, HOURS + 1):
@@ -180,39 +181,39 @@ def ours(landscape: Landscape, stream: WeatherStream, lit: BaseGeometry) -> list
 
 
 def farsites(folder: Path, case: str, landscape: Landscape) -> list[BaseGeometry]:
-    """FARSITE's burned area after each hour."""
+    """Return FARSITE's burned area after each hour."""
     path = folder / "Outputs" / f"flatland_centerIgnit_{case}_RAWS_Perimeters.shp"
     return [Polygon(line.coords) for line in read_shapes(path, landscape, crs=landscape.crs)]
 
 
 def fastest_m_min(folder: Path, case: str, landscape: Landscape) -> list[float]:
-    """The largest value of FARSITE's grid of spread between two of the times ``BINS_MIN``."""
+    """Return FARSITE's highest spread rate between each two of the times ``BINS_MIN``."""
     name = f"flatland_centerIgnit_{case}_RAWS"
     arrival, rate = (
         read_arrival(folder / "Outputs" / f"{name}_{grid}.asc", landscape, crs=landscape.crs)
         for grid in ("ArrivalTime", "SpreadRate")
     )
-    rate = np.where(np.isfinite(rate), rate, 0.0)  # none where it was lit
+    rate = np.where(np.isfinite(rate), rate, 0.0)  # no rate in ignition cells
     return [
         float(rate[(arrival > begin) & (arrival <= end)].max()) for begin, end in pairwise(BINS_MIN)
     ]
 
 
 def read_case(folder: Path, case: str, *, conditioned: bool) -> WeatherStream:
-    """A case's weather, which ends an hour after its last record."""
+    """Return the weather of a case; it ends an hour after its last record."""
     path = folder / "Inputs" / "d_weatherFiles" / f"flatland_{case}.raws"
     stream = read_weather(path, start=START, moisture=FIRST, conditioned=conditioned)
     return WeatherStream(stream.entries[:HOURS])
 
 
 def row(name: str, values: Sequence[float], places: int = 3) -> str:
-    """A line of the table."""
+    """Return one line of the table."""
     return f"  {name:22}" + " ".join(f"{value:6.{places}f}" for value in values) + "\n"
 
 
 def main() -> None:
-    """Print a table for each case."""
-    folder = data_folder("farsite_flatland", __doc__)
+    """Print the table of each case."""
+    folder = check_folder(data_parser(__doc__).parse_args().data / "farsite_flatland")
     landscape = read_landscape(folder / "Inputs" / "a_lcpFiles" / "flatland.lcp")
     ignition = folder / "Inputs" / "b_ignitionFiles" / "flatland_centerIgnit.shp"
     (lit,) = read_shapes(ignition, landscape)
@@ -221,19 +222,17 @@ def main() -> None:
         entry.dead_1h_pct for entry in read_case(folder, STEADY, conditioned=True).entries
     ]
     steady, *_ = stretches_of(landscape, read_case(folder, STEADY, conditioned=False))
-    sys.stdout.write(
-        f"head at the first moistures: {steady.head_m / steady.upto_s * 60:.2f} m/min\n"
-    )
-    sys.stdout.write(row("1-h moisture, implied", implied, 2))
-    sys.stdout.write(row("1-h moisture, hourly", followed_pct, 2))
+    click.echo(f"head at the first moistures: {steady.head_m / steady.upto_s * 60:.2f} m/min")
+    click.echo(row("1-h moisture, implied", implied, 2), nl=False)
+    click.echo(row("1-h moisture, hourly", followed_pct, 2), nl=False)
     for case in CASES:
         held = read_case(folder, case, conditioned=False)
         hourly = read_case(folder, case, conditioned=True)
         minutes = followed(held)
         theirs = farsites(folder, case, landscape)
-        sys.stdout.write(f"{case}\n")
-        sys.stdout.write(row("  minutes, up to", BINS_MIN[1:], 0))
-        sys.stdout.write(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2))
+        click.echo(f"{case}")
+        click.echo(row("  minutes, up to", BINS_MIN[1:], 0), nl=False)
+        click.echo(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2), nl=False)
         lines: dict[str, tuple[WeatherStream, float | None]] = {
             "held": (held, None),
             "hourly": (hourly, None),
@@ -247,16 +246,16 @@ def main() -> None:
         for name, (stream, per_min) in lines.items():
             answer = exact(lit, stretches_of(landscape, stream, per_min))
             both = zip(answer, theirs, strict=True)
-            sys.stdout.write(row(f"{name}, exact", [overlap(*pair) for pair in both]))
+            click.echo(row(f"{name}, exact", [overlap(*pair) for pair in both]), nl=False)
             if per_min is None:
                 found = ours(landscape, stream, lit)
                 both = zip(found, theirs, strict=True)
-                sys.stdout.write(row(f"{name}, this fire", [overlap(*pair) for pair in both]))
+                click.echo(row(f"{name}, this fire", [overlap(*pair) for pair in both]), nl=False)
                 both = zip(found, answer, strict=True)
-                sys.stdout.write(row("  these two", [overlap(*pair) for pair in both]))
+                click.echo(row("  these two", [overlap(*pair) for pair in both]), nl=False)
         for hour in (1, HOURS):
             gaps = gaps_m(answer[hour - 1], theirs[hour - 1])
-            sys.stdout.write(row(f"  short of it, m, {hour} h", gaps, 0))
+            click.echo(row(f"  short of it, m, {hour} h", gaps, 0), nl=False)
 
 
 if __name__ == "__main__":

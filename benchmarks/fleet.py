@@ -1,9 +1,9 @@
-"""Missions to a whole fleet at once: ``python -m benchmarks.fleet [--vehicles N] [--items N]``.
+"""Upload missions to a fleet at once: ``python -m benchmarks.fleet [--vehicles N] [--items N]``.
 
-One process uploads, another flies the mocks; each vehicle has a UDP port on loopback. Every second
-one is PX4 (by items), the others ArduPlane (by file, read back, as the bridge does by default: by
-items its mock, like the real one, takes 20 ms for each). The limit is 1 s for 100 vehicles of 50
-items, on two cores.
+One process uploads, another runs the mocks; each vehicle has a UDP port on loopback. Every second
+vehicle is a PX4 plane, which receives the mission item by item. The others are ArduPlanes, which
+receive it as a file that is read back (the default of the bridge, because ArduPlane and its mock
+take 20 ms for each item). The limit is 1 s for 100 vehicles with 50 items each, on two cores.
 """
 
 import argparse
@@ -13,6 +13,8 @@ import subprocess
 import sys
 import time
 from contextlib import AsyncExitStack
+
+import click
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
@@ -27,30 +29,25 @@ MAX_S = 1.0
 
 
 async def fly(ports: list[int]) -> None:
-    """The mocks; for every line that comes in, the CPU seconds used so far go out."""
+    """Run the mocks; reply to each input line with the CPU seconds used so far."""
     loop = asyncio.get_running_loop()
-    loop.add_reader(sys.stdin, _tell_cpu)
+    loop.add_reader(sys.stdin, _report_cpu)
     async with asyncio.TaskGroup() as group:
         for index, port in enumerate(ports):
             stack = stack_named("px4" if index % 2 == 0 else "ardupilot", "plane")
-            mock = MockAutopilot(
-                stack,
-                LocalFrame(36.3, -84.2, 300.0),
-                system_id=index + 1,
-            )
-            if stack.name == "px4":  # these lines have no landing
+            mock = MockAutopilot(stack, LocalFrame(36.3, -84.2, 300.0), system_id=index + 1)
+            if stack.name == "px4":  # the missions have no landing
                 mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
             group.create_task(serve(mock, f"udpout:127.0.0.1:{port}", 1.0, clock_us))
 
 
-def _tell_cpu() -> None:
+def _report_cpu() -> None:
     if sys.stdin.readline():
-        sys.stdout.write(f"{time.process_time()}\n")
-        sys.stdout.flush()
+        click.echo(f"{time.process_time()}")
 
 
 class Vehicle:
-    """One client on one port."""
+    """One vehicle with its client and its connection."""
 
     def __init__(self, system: int, connection: Connection, client: NativeClient) -> None:
         self.stack = "px4" if system % 2 == 1 else "ardupilot"
@@ -58,12 +55,12 @@ class Vehicle:
         self._client = client
 
     async def connected(self) -> None:
-        """Wait until it was heard."""
+        """Wait for the first heartbeat of the vehicle."""
         while self._client.stack is None:
             await self._connection.wait()
 
     async def upload(self, count: int, shift_m: float) -> tuple[str, str, float]:
-        """Stack, outcome and seconds of one upload."""
+        """Upload a mission; return the stack, the outcome and the duration in seconds."""
         began_s = time.perf_counter()
         transfer = self._client.upload(mission_of(count, shift_m), clock_us())
         self._connection.flush()
@@ -76,7 +73,7 @@ class Vehicle:
 
 
 async def run(vehicles: int, items: int, rounds: int) -> bool:
-    """Whether all uploads of all rounds were accepted within the limit."""
+    """Return True if all uploads of all rounds were accepted within the limit."""
     ports = free_ports(vehicles)
     good = True
     async with AsyncExitStack() as stack:
@@ -110,12 +107,11 @@ async def run(vehicles: int, items: int, rounds: int) -> bool:
                     f"{name} {statistics.median(s for n, _, s in ended if n == name):.2f}"
                     for name in sorted({name for name, _, _ in ended})
                 )
-                sys.stdout.write(
+                click.echo(
                     f"{len(accepted)}/{vehicles} with {items} items in {taken_s:.2f} s "
                     f"({taken_s / MAX_S:.2f} of the limit); CPU: ours {own_s:.2f} s, "
-                    f"mocks {mock_s:.2f} s; median of one: {medians} s\n"
+                    f"mocks {mock_s:.2f} s; median of one: {medians} s"
                 )
-                sys.stdout.flush()
         finally:
             mocks.kill()
             await mocks.wait()
@@ -123,7 +119,7 @@ async def run(vehicles: int, items: int, rounds: int) -> bool:
 
 
 def main() -> None:
-    """Print seconds and how far from the limit; ends with 1 beyond it."""
+    """Print the time of each round and its share of the limit; exit with 1 above the limit."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=100)
     parser.add_argument("--items", type=int, default=50)

@@ -1,4 +1,4 @@
-"""What a service knows, compared object by object: where two of them first differ."""
+"""Compare the states of two services object by object and find the first difference."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Set
@@ -21,9 +21,9 @@ SIMPLE = (str, bytes, int, float, complex, type(None), type)
 def difference(
     a: Any, b: Any, path: str = "", seen: dict[tuple[int, int], Any] | None = None
 ) -> str:
-    """Where two objects first differ, and how, in words; empty if they do not.
+    """Return the path and a description of the first difference; empty if the objects are equal.
 
-    Object identity does not count, NaN is like NaN, and the order of a dictionary counts.
+    Object identity is ignored, NaN equals NaN, and the order of a dictionary is compared.
     """
     seen = {} if seen is None else seen
     if a is b or (id(a), id(b)) in seen:
@@ -32,7 +32,7 @@ def difference(
         return f"{path}: {type(a).__name__} {_cut(a)} is not {type(b).__name__} {_cut(b)}"
     if isinstance(a, SIMPLE):
         return "" if a == b or (a != a and b != b) else f"{path}: {_cut(a)} is not {_cut(b)}"
-    seen[id(a), id(b)] = (a, b)  # kept, or another may get its id
+    seen[id(a), id(b)] = (a, b)  # the references prevent reuse of the ids
     if isinstance(a, np.ndarray):
         if a.dtype.hasobject:
             return difference(a.tolist(), b.tolist(), path, seen)
@@ -43,10 +43,10 @@ def difference(
         return "" if same else f"{path}: {_cut(a)} is not {_cut(b)}"
     if isinstance(a, BaseGeometry):
         return "" if a.equals_exact(b, 0.0) else f"{path}: geometries differ"
-    if isinstance(a, HEAPS):  # in arrays with room for more
+    if isinstance(a, HEAPS):  # the rest of the arrays is spare capacity
         a, b = ([part[: each.size] for part in each[:-1]] for each in (a, b))
         return difference(a, b, path, seen)
-    if isinstance(a, Moves):  # the rest is room to reckon in
+    if isinstance(a, Moves):  # the other fields are work arrays
         return difference(list(a[:2]), list(b[:2]), path, seen)
     if isinstance(a, Track):
         return difference(list(a), list(b), path, seen)

@@ -1,12 +1,13 @@
-"""Forged frames beside a true vehicle: ``python -m benchmarks.forged_frames [--frames N]``.
+"""Forged frames on a vehicle's link: ``python -m benchmarks.forged_frames [--frames N]``.
 
-A scenario is flown in virtual time by the mock, once alone and once with forged frames between its
-own: every message that the bridge reads, with NaN, infinities and extremes, times since boot far
-ahead and far back, from other addresses, systems and components; and from the vehicle's own remote
-what cannot be its own: values out of bounds, times that jump, places it cannot have reached, other
-makes of autopilot. Nothing may raise, nothing may be sent to a forger, and the journals of both
-flights must be the same, byte for byte: what the core got, what it decided, what the cameras saw,
-and mission time. Alarms are counted; they stand beside the journal.
+A scenario is flown by the mock in virtual time, once alone and once with forged frames between its
+own. From other addresses, systems and components the forger sends each message that the bridge
+reads, with NaN, infinities, extreme values, and times since boot far ahead or far back. From the
+vehicle's own address it sends implausible content: values out of bounds, jumps of time, positions
+that the vehicle cannot reach, and other autopilots. No frame may raise an exception, the service
+may send no frame to the forger, and the journals of both flights must be equal byte by byte: events
+of the core, decisions, camera observations and mission time. Alarms are not part of the journal;
+the benchmark counts them.
 """
 
 import argparse
@@ -19,8 +20,10 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
@@ -49,12 +52,12 @@ READ = (
 FLOATS = (math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 0.0, 1.0, -1.0, 1e-40)
 DAY_MS = 24 * 3600 * 1000
 AHEAD_MS = (5_000, 60_000, 3_600_000, DAY_MS, 30 * DAY_MS, 40 * DAY_MS)
-SURE_AFTER_US = 20_000_000  # of the link: by then the rate of the autopilot's clock is known
+SURE_AFTER_US = 20_000_000  # of link time: the rate of the autopilot's clock is then estimated
 
 
 @dataclass
 class Forged:
-    """What was sent, and what came of it."""
+    """Counts of forged frames and of their effects."""
 
     frames: int = 0
     alarms: Counter[str] = field(default_factory=Counter)
@@ -63,7 +66,7 @@ class Forged:
 
 
 class Forger:
-    """Frames for one vehicle's link, by chance."""
+    """Generator of random forged frames for one vehicle's link."""
 
     def __init__(self, seed: int, mock: MockAutopilot) -> None:
         self._chance = random.Random(seed)
@@ -71,7 +74,7 @@ class Forger:
         self._next_remote = 0
 
     def frames(self, count: int, link_us: int, boot_ms: int) -> Iterator[tuple[str, bytes]]:
-        """Remotes and frames; ``boot_ms`` is the vehicle's time since boot."""
+        """Yield remotes and frames; ``boot_ms`` is the vehicle's time since boot."""
         for _ in range(count):
             if self._chance.random() < 0.3 and link_us > SURE_AFTER_US:
                 yield OWN, self._impossible(boot_ms)
@@ -79,7 +82,10 @@ class Forger:
                 yield self._of_others(boot_ms)
 
     def _of_others(self, boot_ms: int) -> tuple[str, bytes]:
-        """Any message from another remote, or on the vehicle's from another system or component."""
+        """Return the remote and the frame of a random message from another source.
+
+        The source differs from the vehicle in its remote, its system or its component.
+        """
         chance = self._chance
         system, component = self._mock.system_id, 1
         if chance.random() < 0.25:
@@ -95,7 +101,7 @@ class Forger:
         return remote, self._frame(kind, self._values(kind, boot_ms), (system, component))
 
     def _impossible(self, boot_ms: int) -> bytes:
-        """What the vehicle cannot have sent itself, from its own remote."""
+        """Return a frame with the vehicle's own ids and content that it cannot have sent."""
         chance, own = self._chance, (self._mock.system_id, 1)
         match chance.randrange(4):
             case 0:
@@ -124,14 +130,14 @@ class Forger:
         return self._frame(kind, values, own)
 
     def _far(self, boot_ms: int) -> int:
-        """A time since boot that is a jump: too far ahead, or back and not from zero."""
+        """Return an implausible time since boot: too far ahead, or back but not near zero."""
         chance = self._chance
         ahead_ms = chance.choice(AHEAD_MS)
         back_ms = chance.randrange(6_000, 20_000)
         return boot_ms + ahead_ms if chance.random() < 0.7 else max(boot_ms - back_ms, 0)
 
     def _true_values(self, kind: str) -> dict[str, float]:
-        """Of a message of the mock as it would be now."""
+        """Return the field values of a message that the mock would send now."""
         values: dict[str, float] = dict.fromkeys(_fields(kind), 0)
         if kind == "GLOBAL_POSITION_INT":
             flight = self._mock.flight
@@ -146,7 +152,7 @@ class Forger:
         return values
 
     def _values(self, kind: str, boot_ms: int) -> dict[str, float]:
-        """Of the fields that are one number: extremes, noise, and now and then what is usual."""
+        """Return random values of the scalar fields: extremes, noise and some usual values."""
         chance = self._chance
         if chance.random() < 0.3:
             values = self._true_values(kind)
@@ -173,36 +179,32 @@ class Forger:
         return chance.choice((0, 1, least, most, most - 1, chance.randint(least, most)))
 
     def _frame(self, kind: str, values: dict[str, float], source: tuple[int, int]) -> bytes:
-        known = mavlink.mavlink_map[IDS[kind]]
-        payload = bytearray(self._chance.randbytes(known.unpacker.size))
+        message = mavlink.mavlink_map[IDS[kind]]
+        payload = bytearray(self._chance.randbytes(message.unpacker.size))
         for name, code in _fields(kind).items():
             value = values[name]
             if code not in "fd":
                 value = int(value) & ((1 << 8 * struct.calcsize(code)) - 1)
                 code = code.upper()
             struct.pack_into(f"<{code}", payload, _offset(kind, name), value)
-        return frame_of(known.id, bytes(payload), source, self._chance.randrange(256))
+        return frame_of(message.id, bytes(payload), source, self._chance.randrange(256))
 
 
-_LAYOUT: dict[str, dict[str, tuple[str, int]]] = {}
-
-
+@cache
 def _layout(kind: str) -> dict[str, tuple[str, int]]:
-    """Format and place of each field of a message that is one number."""
-    if kind not in _LAYOUT:
-        known, at, found = mavlink.mavlink_map[IDS[kind]], 0, {}
-        sizes = zip(known.ordered_fieldnames, known.lengths, strict=True)
-        codes = _codes(known.unpacker.format)
-        for (name, length), (code, size) in zip(sizes, codes, strict=True):
-            if length == 1 and code != "s":
-                found[name] = (code, at)
-            at += size
-        _LAYOUT[kind] = found
-    return _LAYOUT[kind]
+    """Return the format code and the offset of each scalar field of a message."""
+    message, at, found = mavlink.mavlink_map[IDS[kind]], 0, {}
+    sizes = zip(message.ordered_fieldnames, message.lengths, strict=True)
+    codes = _codes(message.unpacker.format)
+    for (name, length), (code, size) in zip(sizes, codes, strict=True):
+        if length == 1 and code != "s":
+            found[name] = (code, at)
+        at += size
+    return found
 
 
 def _codes(form: str | bytes) -> Iterator[tuple[str, int]]:
-    """Of a struct format: each part's letter and its size in bytes."""
+    """Yield the letter and the size in bytes of each part of a struct format."""
     number = ""
     for letter in form.decode() if isinstance(form, bytes) else form:
         if letter.isdigit():
@@ -221,12 +223,12 @@ def _offset(kind: str, name: str) -> int:
 
 
 class ForgedRig(SimulatedVehicle):
-    """A vehicle of the simulation whose client is on a link of its own, as in the daemon."""
+    """A simulated vehicle whose client has a separate link, as in the daemon."""
 
     def __init__(
         self, simulation: Simulation, place: int, scenario: Scenario, each: int, seed: int
     ) -> None:
-        """``each``: forged frames after every wake; ``forged`` counts."""
+        """Replace a vehicle of a simulation; ``each`` is the number of forged frames per step."""
         self.__dict__.update(simulation.rigs[place].__dict__)
         section = scenario.flown[place]
         self.link = SharedLink("link", rates_hz=rates_hz(scenario), expects=True)
@@ -237,12 +239,12 @@ class ForgedRig(SimulatedVehicle):
         self._forger = Forger(seed, self.mock)
 
     def next_timer(self) -> int:
-        """As of any rig, by the link's own timer."""
+        """Return the time of the next timer of link, mock and network."""
         timers = (self.link.next_timer(), self._up.next_timer(), self._down.next_timer())
         return min(self.mock.next_timer(), *(timer for timer in timers if timer is not None))
 
     def advance(self, now_us: int, service: Engine) -> None:
-        """Let everything happen that is due, with forged frames before and after the true ones."""
+        """Process all due work, with forged frames before and after the vehicle's frames."""
         if self._weather is not None:
             self._blow(self._weather.at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
@@ -251,9 +253,9 @@ class ForgedRig(SimulatedVehicle):
         for datagram in self.mock.data_to_send():
             self._down.send(datagram, now_us)
         boot_ms = self.mock._now_us() // 1000
-        heard = self._down.receive(now_us)
+        received = self._down.receive(now_us)
         self._forge(self._each // 2, now_us, boot_ms)
-        for datagram in heard:
+        for datagram in received:
             self.link.receive_frames(OWN, frames_of(datagram), now_us)
         self._forge(self._each - self._each // 2, now_us, boot_ms)
         self.link.handle_timer(now_us)
@@ -262,11 +264,11 @@ class ForgedRig(SimulatedVehicle):
             self.forged.to_others += remote not in ("", OWN)
             self._up.send(datagram, now_us)
         while self.gateway.link_alarms:
-            kind, words = self.gateway.link_alarms.popleft()
-            self.forged.alarms[kind] += bool(words)
+            kind, text = self.gateway.link_alarms.popleft()
+            self.forged.alarms[kind] += bool(text)
 
     def _forge(self, count: int, now_us: int, boot_ms: int) -> None:
-        if self.client.stack is None:  # bound to what comes first: vehicle/sources.py
+        if self.client.stack is None:  # the client binds to the first source: vehicle/sources.py
             return
         for remote, frame in self._forger.frames(count, now_us, boot_ms):
             self.link.receive_frames(remote, [frame], now_us)
@@ -276,7 +278,7 @@ class ForgedRig(SimulatedVehicle):
 def flown(
     scenario: Scenario, journal_path: Path, each: int, most: int, until_s: float, seed: int
 ) -> Forged:
-    """Fly a scenario's first vehicle until a mission time, or until enough frames were forged."""
+    """Fly a scenario until a mission time, or until at least ``most`` frames were forged."""
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), ""), durable=False)
     try:
@@ -302,7 +304,7 @@ def flown(
 
 
 def difference(alone: Path, disturbed: Path) -> str:
-    """The first line in which the journal of the disturbed flight is another; "" if none is."""
+    """Return the first line in which the journals differ; empty if they do not."""
     with alone.open("rb") as one, disturbed.open("rb") as other:
         for number, line in enumerate(other, start=1):
             if line != (due := one.readline()):
@@ -313,14 +315,14 @@ def difference(alone: Path, disturbed: Path) -> str:
 def compared(
     scenario: Scenario, folder: Path, frames: int, each: int, until_s: float, seed: int
 ) -> tuple[Forged, str]:
-    """What became of the forged frames, and the first difference to the flight without them."""
+    """Return counts of the forged frames, and the first difference between the journals."""
     forged = flown(scenario, folder / "disturbed.jsonl", each, frames, until_s, seed)
     flown(scenario, folder / "alone.jsonl", 0, 0, forged.ended_s + 1.0, seed)
     return forged, difference(folder / "alone.jsonl", folder / "disturbed.jsonl")
 
 
 def main() -> None:
-    """Print counts and seconds; ends with 1 if anything is not as it must be."""
+    """Print counts and seconds; exit with 1 if the journals differ or a check fails."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
@@ -338,10 +340,10 @@ def main() -> None:
             scenario.duration_s,
             arguments.seed,
         )
-    sys.stdout.write(
+    click.echo(
         f"{forged.frames} forged frames, seed {arguments.seed}: "
         f"{time.perf_counter() - began_s:.0f} s; alarms {dict(sorted(forged.alarms.items()))}; "
-        f"frames sent to others: {forged.to_others}; journals differ: {different or 'nowhere'}\n"
+        f"frames sent to others: {forged.to_others}; journals differ: {different or 'nowhere'}"
     )
     enough = forged.frames >= arguments.frames
     sys.exit(bool(different) or bool(forged.to_others) or not enough)

@@ -1,9 +1,9 @@
-"""How well a formation is flown: ``python -m benchmarks.formation_flight [journal]``.
+"""Accuracy of a formation flight: ``python -m benchmarks.formation_flight [journal]``.
 
-Without a journal ``virtual-agents`` is flown in virtual time: eight mock PX4 planes over MAVLink
-frames. Looked at is what the vehicles tell of their places, against the circles ordered. Samples
-count from ``FROM_S`` on, of circles that were ordered ``AGE_S`` ago: on its way to a new circle no
-vehicle is on it.
+Without a journal the benchmark flies ``virtual-agents`` in virtual time, with eight mock PX4 planes
+and MAVLink frames. It compares the reported positions with the commanded orbits. It uses samples
+from ``FROM_S`` on, of orbits that were commanded at least ``AGE_S`` earlier, because vehicles take
+time to reach a new orbit.
 """
 
 import json
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from mission_service.commands import ChangeSpeed, Orbit, UploadMission
@@ -32,7 +33,7 @@ SAMPLE_US = 1_000_000
 
 @dataclass(frozen=True)
 class Sample:
-    """Where a vehicle was on its circle: distance as a share of the radius, and its phase."""
+    """Position of a vehicle on its orbit: distance as a fraction of the radius, and phase."""
 
     at_us: int
     vehicle: str
@@ -41,7 +42,7 @@ class Sample:
 
 
 def samples_of(path: Path, from_s: float = FROM_S) -> tuple[list[Sample], Counter[str]]:
-    """Samples once a second and vehicle, and counts of orders, refusals and uploads."""
+    """Return one sample a second of each vehicle, and counts of commands and uploads."""
     reader = SegmentReader(path)
     landscape = landscape_of(parse_scenario(reader.header["scenario"], path))
     circles: dict[str, tuple[int, float, float, float]] = {}
@@ -73,15 +74,15 @@ def samples_of(path: Path, from_s: float = FROM_S) -> tuple[list[Sample], Counte
                 ordered_us, x_m, y_m, radius_m = circles[name]
                 counts["samples"] += 1
                 if at_us - ordered_us >= AGE_S * 1e6:
-                    here_x, here_y = landscape.xy_of_lat_lon(content.lat_deg, content.lon_deg)
-                    share = math.dist((here_x, here_y), (x_m, y_m)) / abs(radius_m)
-                    phase_rad = math.atan2(here_y - y_m, here_x - x_m)
+                    at_x_m, at_y_m = landscape.xy_of_lat_lon(content.lat_deg, content.lon_deg)
+                    share = math.dist((at_x_m, at_y_m), (x_m, y_m)) / abs(radius_m)
+                    phase_rad = math.atan2(at_y_m - y_m, at_x_m - x_m)
                     found.append(Sample(at_us, name, share, phase_rad))
     return found, counts
 
 
 def figures_of(path: Path, from_s: float = FROM_S) -> dict[str, Any]:
-    """The flight of a journal in figures."""
+    """Return the statistics of the flight in a journal."""
     found, counts = samples_of(path, from_s)
     off_radius = np.array([abs(sample.share - 1.0) for sample in found])
     together: dict[int, list[float]] = {}
@@ -113,9 +114,9 @@ def figures_of(path: Path, from_s: float = FROM_S) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Fly, unless a journal is given, and print the figures."""
+    """Print the statistics of the given journal, or of a new flight."""
     if len(sys.argv) > 1:
-        sys.stdout.write(json.dumps(figures_of(Path(sys.argv[1])), indent=2) + "\n")
+        click.echo(json.dumps(figures_of(Path(sys.argv[1])), indent=2))
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.jsonl"
@@ -126,7 +127,7 @@ def main() -> None:
         figures = figures_of(path)
     figures["times_real_time"] = round(scenario.duration_s / took_s, 1)
     figures["closest_pair_m"] = None if record.closest is None else record.closest.distance_m
-    sys.stdout.write(json.dumps(figures, indent=2) + "\n")
+    click.echo(json.dumps(figures, indent=2))
 
 
 if __name__ == "__main__":

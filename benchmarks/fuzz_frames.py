@@ -1,15 +1,15 @@
-"""Damaged, forged and absurd frames: ``python -m benchmarks.fuzz_frames [--frames N] [--seed N]``.
+"""Damaged and implausible frames: ``python -m benchmarks.fuzz_frames [--frames N] [--seed N]``.
 
-Between good frames of a counted sequence come bad ones: bits flipped, cut, lengthened, wrong
-checksums, lengths, signatures and ids, MAVLink 1, false starts, noise, right frames with absurd
-values. Nothing may raise, memory may not grow, transfers must end, and good traffic must be
-understood:
+Bad frames are inserted between numbered good frames: flipped bits, truncated and extended frames,
+wrong checksums, lengths, signatures and ids, MAVLink 1, false frame starts, noise, and valid frames
+with implausible values. No frame may raise an exception, memory must remain constant, transfers
+must end, and the receiver must decode the good frames:
 
-- on datagram links every good datagram, at once;
-- on streams every good frame, unless what comes before it happens to make a right checksum with
-  bytes of it (1 in 65536 for each false start of a known message; 1 in 256 for a frame that lacks
-  its last byte, if that is the next one's first). Such chance frames are counted; each may cost
-  the good frames within its 280 bytes.
+- on datagram links it decodes each good datagram at once;
+- on streams it decodes each good frame, unless the bytes before the frame form a frame with a valid
+  checksum together with bytes of the good frame. The probability is 1 in 65536 for each false start
+  of a known message, and 1 in 256 for a frame without its last byte. The benchmark counts such
+  accidental frames. Each may destroy the good frames within its 280 bytes.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
@@ -49,16 +50,16 @@ STATION, VEHICLE = (255, 190), (1, 1)
 
 @dataclass
 class Report:
-    """What came of it."""
+    """Counts of frames and of transfers by outcome."""
 
     bad: int = 0
     good: int = 0
     lost: int = 0
-    by_chance: int = 0  # right checksums over bytes of a bad frame and the good one behind it
+    by_chance: int = 0  # valid checksums over bytes of a bad frame and the next good frame
     transfers: Counter[str] = field(default_factory=Counter)
 
     def failures(self) -> list[str]:
-        """What must not be."""
+        """Return one line for each failed check."""
         found = []
         if self.lost > self.by_chance * (280 // SMALLEST_GOOD_BYTES):
             found.append(f"{self.lost} good frames were lost")
@@ -71,7 +72,7 @@ class Report:
 
 
 def frame_of(message_id: int, payload: bytes, source: tuple[int, int], seq: int) -> bytes:
-    """A MAVLink 2 frame of any payload, with a right checksum if the message is known."""
+    """Return a MAVLink 2 frame with any payload; its checksum is valid for a known message."""
     known = message_id in mavlink.mavlink_map
     payload = payload.rstrip(b"\0") or payload[:1]
     head = bytes((len(payload), 0, 0, seq % 256, *source)) + message_id.to_bytes(3, "little")
@@ -80,7 +81,7 @@ def frame_of(message_id: int, payload: bytes, source: tuple[int, int], seq: int)
 
 
 def absurd(chance: random.Random, source: tuple[int, int], target: tuple[int, int]) -> bytes:
-    """A right frame with values no sane program sends: NaN, 65535, far beyond the earth."""
+    """Return a valid frame with implausible values, such as NaN, 65535 or invalid coordinates."""
     message_id = chance.choice(MISSION_IDS if chance.random() < 0.8 else (*mavlink.mavlink_map,))
     size = mavlink.mavlink_map[message_id].unpacker.size
     payload = bytearray(chance.choice(EDGES) * size)[:size]
@@ -99,7 +100,7 @@ def old_version(chance: random.Random) -> bytes:
 
 
 def bits(chance: random.Random, frame: bytes) -> bytes:
-    """One to eight bits flipped."""
+    """Flip one to eight bits."""
     changed = bytearray(frame)
     for _ in range(chance.randint(1, 8)):
         changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
@@ -107,14 +108,14 @@ def bits(chance: random.Random, frame: bytes) -> bytes:
 
 
 def head(chance: random.Random, frame: bytes) -> bytes:
-    """A byte of the header changed: length, flags, sequence, source or id."""
+    """Change one byte of the header: length, flags, sequence, source or id."""
     changed = bytearray(frame)
     changed[chance.randrange(1, 10)] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
     return bytes(changed)
 
 
 def noise(chance: random.Random, frame: bytes) -> bytes:
-    """Bytes that often begin like a frame."""
+    """Return random bytes, often with the first bytes of a frame."""
     del frame
     return b"".join(
         chance.choice((b"\xfd\xff\x00", b"\xfd", b"\xfe\xff", chance.randbytes(8)))
@@ -139,7 +140,7 @@ MUTATIONS: tuple[Callable[[random.Random, bytes], bytes], ...] = (
 
 
 def bad_frame(chance: random.Random, frame: bytes) -> bytes:
-    """The frame after one mutation, or two of them joined."""
+    """Return the frame after a random mutation, or two mutations of it in sequence."""
     joined = chance.choices((1, 2), (9, 1))[0]
     return b"".join(chance.choice(MUTATIONS)(chance, frame) for _ in range(joined))
 
@@ -148,12 +149,12 @@ def bad_frame(chance: random.Random, frame: bytes) -> bytes:
 
 
 def counted(codec: Codec, number: int) -> bytes:
-    """A good frame that no other is like."""
+    """Return a good frame that contains a unique number."""
     return codec.encode(mavlink.MAVLink_named_value_int_message(number, b"counted", number))
 
 
 def stream_part(chance: random.Random, count: int, report: Report) -> None:
-    """Through one stream, cut anywhere."""
+    """Send bad and good frames through one stream in parts of random length."""
     framer, sender, receiver = Framer(), Codec(*VEHICLE), Codec(*STATION)
     for begin in range(0, count, BATCH):
         good: list[bytes] = []
@@ -174,43 +175,44 @@ def stream_part(chance: random.Random, count: int, report: Report) -> None:
 
 
 def datagram_part(chance: random.Random, count: int, report: Report) -> None:
-    """Through one UDP socket, a datagram each; then the codec, then signatures."""
+    """Send bad and good frames as datagrams; decode them and check their signatures."""
     framer, sender, receiver = Framer(), Codec(*VEHICLE), Codec(*STATION)
     signing = Signing(Key(b"k" * 32), Timestamps(lambda: NOW_US))
     for number in range(count):
         found = framer.feed_datagram(bad_frame(chance, counted(sender, 0)))
         good = counted(sender, number + 1)
-        heard = framer.feed_datagram(good)
-        if heard[-1:] != [good]:
-            raise AssertionError("a good datagram was lost or held back")
-        receiver.decode(b"".join(found + heard))
-        if any(signing.accepts(frame) for frame in found + heard if message_id_of(frame) != RADIO):
-            raise AssertionError("a frame without a right signature was believed")
+        received = framer.feed_datagram(good)
+        if received[-1:] != [good]:
+            raise AssertionError("a good datagram was lost or delayed")
+        found += received
+        receiver.decode(b"".join(found))
+        if any(signing.accepts(frame) for frame in found if message_id_of(frame) != RADIO):
+            raise AssertionError("a frame without a valid signature was accepted")
     report.good += count
     report.bad += count
 
 
 def _compare(good: list[bytes], parts: list[bytes], found: list[bytes], report: Report) -> None:
-    heard = {*found}
+    received = {*found}
     report.good += len(good)
     report.bad += len(parts) - len(good)
-    report.lost += sum(1 for frame in good if frame not in heard)
-    sent = b"(what no frame spans)".join(parts)
-    known = (frame for frame in heard if message_id_of(frame) in mavlink.mavlink_map)
-    report.by_chance += sum(1 for frame in known if frame not in sent)
+    report.lost += sum(frame not in received for frame in good)
+    sent = b"(separator of frames)".join(parts)
+    defined = (frame for frame in received if message_id_of(frame) in mavlink.mavlink_map)
+    report.by_chance += sum(frame not in sent for frame in defined)
 
 
 # Transfers ------------------------------------------------------------------------------------
 
 
 def items_of(count: int) -> tuple[MissionItem, ...]:
-    """A mission."""
+    """Return a mission of ``count`` items."""
     points = [waypoint(36.302 + 1e-3 * n, -84.2, 400.0) for n in range(count - 1)]
     return (*points, loiter_unlimited(36.31, -84.19, 420.0, -90.0))
 
 
 def transfer_part(chance: random.Random, count: int, report: Report) -> None:
-    """Bad and absurd frames to client and autopilot while a mission goes up or down."""
+    """Send bad frames to client and autopilot during mission transfers."""
     stacks = [stack_named(name, "plane") for name in ("px4", "ardupilot")]
     while count > 0:
         bad = min(count, BAD_IN_TRANSFER)
@@ -221,18 +223,18 @@ def transfer_part(chance: random.Random, count: int, report: Report) -> None:
 
 
 def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> str:
-    """How one upload ended; raises AssertionError when it does not end."""
-    mock = MockAutopilot(
-        stack,
-        LocalFrame(36.3, -84.2, 300.0),
-    )
+    """Upload a mission amid bad frames; return its outcome.
+
+    Raises AssertionError if the transfer does not end.
+    """
+    mock = MockAutopilot(stack, LocalFrame(36.3, -84.2, 300.0))
     client, now_us, transfer_id = NativeClient(), 0, None
     last = {"up": counted(Codec(*STATION), 1), "down": counted(Codec(*VEHICLE), 1)}
     while now_us < MAX_VIRTUAL_S * 1e6:
         now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
         mock.handle_timer(now_us)
         client.handle_timer(now_us)
-        for _ in range(20):  # bounded: two who answer each other may do so for ever
+        for _ in range(20):  # bounded, because two sides may reply to each other endlessly
             up, down = client.data_to_send(), mock.data_to_send()
             if not up and not down:
                 break
@@ -273,7 +275,7 @@ def _disturb(
 
 
 def fuzz(bad_frames: int, seed: int) -> Report:
-    """Half of the frames through a stream, the rest through datagrams and into transfers."""
+    """Send half of the bad frames through streams, the others as datagrams and in transfers."""
     chance, report = random.Random(seed), Report()
     stream_part(chance, bad_frames // 2, report)
     datagram_part(chance, bad_frames // 4, report)
@@ -282,12 +284,12 @@ def fuzz(bad_frames: int, seed: int) -> Report:
 
 
 def peak_mb() -> float:
-    """The most memory the process has had."""
+    """Return the peak resident memory of this process in MiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def main() -> None:
-    """Print counts, seconds and memory; ends with 1 if anything is not as it must be."""
+    """Print counts, seconds and memory; exit with 1 if a check fails."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
@@ -299,13 +301,13 @@ def main() -> None:
     failures = report.failures()
     if grown_mb > GROWTH_ALLOWED_MB:
         failures.append(f"memory grew by {grown_mb:.1f} MB")
-    sys.stdout.write(
+    click.echo(
         f"{report.bad} bad frames, seed {arguments.seed}: {taken_s:.1f} s, "
         f"{report.bad / taken_s:.0f} a second\n"
         f"good frames between them: {report.good}, lost {report.lost}; "
         f"chance checksums {report.by_chance}\n"
-        f"transfers under fire: {dict(sorted(report.transfers.items()))}\n"
-        f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB\n"
+        f"transfers amid bad frames: {dict(sorted(report.transfers.items()))}\n"
+        f"peak memory: {before_mb:.1f} MB before, {grown_mb:+.1f} MB"
     )
     sys.exit("; ".join(failures) or 0)
 

@@ -1,8 +1,9 @@
-"""Ignition lines: ``python -m benchmarks.ignition_plans [TRIALS] [FIRST] [--json]``.
+"""Planning of ignition lines: ``python -m benchmarks.ignition_plans [TRIALS] [FIRST] [--json]``.
 
-Time of a plan for a unit of 20 acres with 500 ignitions (limit 100 ms); then burns drawn by chance
-(units, fires, winds, settings), each planned, changed in mid-flight and planned again, and every
-plan checked by brute force. 10,000 of them take some 20 minutes on one core.
+The first part measures the time of a plan for a unit of 20 acres with 500 ignitions (limit 100 ms).
+The second part plans random burns (units, fires, winds, settings), changes them during the flight,
+plans them again, and checks each plan by brute force. 10,000 burns take about 20 minutes on one
+core.
 """
 
 import json
@@ -13,6 +14,7 @@ import time
 from collections import Counter
 from typing import Any
 
+import click
 import numpy as np
 import shapely
 
@@ -25,18 +27,15 @@ from mission_service.guidance.burn.line_planner import LinePlan, NoPlan, Situati
 ACRE_M2 = 4046.8564224
 LIMIT_MS = 100.0
 IGNITIONS = 500
-
-
 STEADY = (Spread(0.0, 0.3, 0.015, 0.015, -math.pi / 2),)
-CHANGING = (
-    *STEADY,
-    Spread(100.0, 0.4, 0.015, 0.015, -1.4),
-    Spread(400.0, 0.2, 0.015, 0.015, -1.7),
-)
+CHANGING = (*STEADY, Spread(100.0, 0.4, 0.015, 0.015, -1.4), Spread(400.0, 0.2, 0.015, 0.015, -1.7))
 
 
 def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
-    """A square with a backing fire along its downwind side; the wind is 2 m/s towards the south."""
+    """Return a square unit with a backing fire along its southern, downwind side.
+
+    The wind is 2 m/s towards the south.
+    """
     side_m = math.sqrt(20.0 * ACRE_M2)
     area = shapely.box(0.0, 0.0, side_m, side_m)
     south = np.array([[0.0, 0.0], [side_m, 0.0]])
@@ -59,10 +58,10 @@ def twenty_acres(spreads: tuple[Spread, ...] = STEADY) -> Situation:
     )
 
 
-def time_of_plan(spreads: tuple[Spread, ...], repeats: int = 20) -> dict[str, Any]:
-    """Milliseconds, warm."""
+def time_of_plan(spreads: tuple[Spread, ...]) -> dict[str, Any]:
+    """Return statistics of the planning time, without the first plan."""
     situation, taken_ms, worked_ms = twenty_acres(spreads), [], []
-    for _ in range(repeats + 1):
+    for _ in range(21):
         begun, worked = time.perf_counter(), time.process_time()
         plan = next_line(situation, BASE)
         taken_ms.append(1e3 * (time.perf_counter() - begun))
@@ -79,7 +78,10 @@ def time_of_plan(spreads: tuple[Spread, ...], repeats: int = 20) -> dict[str, An
 
 
 def trial(seed: int) -> tuple[list[str], Counter[str], list[float]]:
-    """Faults of one burn's plans, before and after a change, what came of it, ms of each plan."""
+    """Plan a random burn before and after a change.
+
+    Returns the faults of the plans, counts of their outcomes, and the CPU time of each plan in ms.
+    """
     random = np.random.default_rng(seed)
     taken_ms: list[float] = []
     found: list[str] = []
@@ -108,7 +110,7 @@ def trial(seed: int) -> tuple[list[str], Counter[str], list[float]]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run both parts and print the results."""
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
     trials, first = (*numbers, 0) if len(numbers) == 1 else (*numbers, 1000, 0)[:2]
     trials = max(trials, 1)
@@ -139,12 +141,12 @@ def main() -> None:
         **dict(sorted(counts.items())),
     }
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps(result | {"wrong": wrong[:100]}) + "\n")
+        click.echo(json.dumps(result | {"wrong": wrong[:100]}))
         return
     for name, figures in result.items():
-        sys.stdout.write(f"{name}: " + ", ".join(f"{k} {v}" for k, v in figures.items()) + "\n")
+        click.echo(f"{name}: " + ", ".join(f"{k} {v}" for k, v in figures.items()))
     for fault in wrong[:100]:
-        sys.stdout.write(fault + "\n")
+        click.echo(fault)
 
 
 if __name__ == "__main__":

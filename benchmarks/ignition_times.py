@@ -1,9 +1,10 @@
 """Time of the correctable fire simulation: ``python -m benchmarks.ignition_times [--json]``.
 
-A square kilometre of short grass, 500 ignitions in an hour, 200 corrections; one wind for all time,
-and one that changes every ten minutes. Each figure is the least of some runs, by the clock and of
-one core; ``pairs`` is the time of trying every ignition on every point (reckoned from fewer of
-them) over ours, ``off_s`` by how much both differ.
+The case is a square kilometre of short grass with 500 ignitions in an hour and 200 corrections,
+under a constant wind and under a wind that changes every ten minutes. Each figure is the minimum of
+several runs, in wall time and in CPU time. ``pairs`` is the ratio of the time of a computation of
+all pairs of ignitions and points (extrapolated from fewer points) to the time of this package;
+``off_s`` is the difference of their results.
 """
 
 import json
@@ -14,9 +15,10 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+import click
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses import ellipse
@@ -24,13 +26,11 @@ from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.observations import BURNING
 from firemodel.physics.weather import Weather, WeatherStream
 
-Floats = NDArray[np.float64]
-
 WIDE_M = 1000.0
 IGNITIONS, CORRECTIONS = 500, 200
 LENGTHS_M = (30.0, 100.0)
 MANY, MAP_SIDE, FEW = 1_000_000, 400, 300
-PAIRS = 4000  # points on which all ignitions are tried
+PAIRS = 4000  # number of points in the computation of all pairs
 HOUR_S = 3600.0
 FUEL, WIND_M_S = 1, 4.0
 LIMIT_S, MAP_LIMIT_MS = 1.0, 50.0
@@ -41,7 +41,7 @@ def weather(at_s: float, wind_m_s: float, from_deg: float) -> Weather:
 
 
 def winds() -> dict[str, tuple[Spread, ...]]:
-    """One for all time, and one that turns and freshens."""
+    """Return the rates under a constant wind, and under a wind that turns and increases."""
     turning = [weather(600.0 * k, WIND_M_S + 0.5 * k, 220.0 + 15.0 * k) for k in range(7)]
     return {
         "steady": spreads_of(FUEL, WeatherStream([weather(0.0, WIND_M_S, 220.0)])),
@@ -50,7 +50,7 @@ def winds() -> dict[str, tuple[Spread, ...]]:
 
 
 def least(run: Callable[[], Any], times: int) -> tuple[float, float]:
-    """(ms by the clock, ms of this thread), the least of each."""
+    """Return the minimum wall time and the minimum CPU time of a function in ms."""
     run()
     clock, core = [], []
     for _ in range(times):
@@ -63,7 +63,7 @@ def least(run: Callable[[], Any], times: int) -> tuple[float, float]:
 
 @contextmanager
 def one_tile() -> Iterator[None]:
-    """Nothing is left out."""
+    """Disable the tiles, so that each ignition is tried at each point."""
     kept, ellipse.TILE = ellipse.TILE, MANY
     try:
         yield
@@ -74,7 +74,7 @@ def one_tile() -> Iterator[None]:
 def fitted(
     fire: EllipseFire, observations: Floats, near: GaussianCorrected | None, cells: Floats
 ) -> None:
-    """A fit with all observations, and the map by it."""
+    """Fit the Gaussian process to all observations and compute the times of all cells."""
     GaussianCorrected(fire, observations, near=near).ignition_time_s(cells)
 
 
@@ -85,7 +85,7 @@ def corrected(
     points: Floats,
     simulated_s: Floats | None = None,
 ) -> Floats:
-    """From the observations to the times, the simulation's own being known or not."""
+    """Return corrected times of points; ``simulated_s`` are their simulated times, if computed."""
     found = PaperCorrected(fire, observations, length_m)
     if simulated_s is None:
         return found.ignition_time_s(points)
@@ -93,7 +93,7 @@ def corrected(
 
 
 def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
-    """All figures of one wind."""
+    """Return all figures for one wind."""
     random = np.random.default_rng(1)
     sources = random.uniform(0.0, 1.0, (IGNITIONS, 3)) * (WIDE_M, WIDE_M, HOUR_S)
     fire = EllipseFire(spreads, sources)
@@ -148,19 +148,19 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all cases and print the table."""
     rows = [row for name, spreads in winds().items() for row in measure(name, spreads)]
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps({"ignitions": IGNITIONS, "ignition_times": rows}) + "\n")
+        click.echo(json.dumps({"ignitions": IGNITIONS, "ignition_times": rows}))
         return
-    sys.stdout.write(f"{IGNITIONS} ignitions{'ms':>52}{'of a core':>12}{'limit':>8}{'pairs':>8}\n")
+    click.echo(f"{IGNITIONS} ignitions{'ms':>52}{'of a core':>12}{'limit':>8}{'pairs':>8}")
     for row in rows:
         limit = f"{row['limit_ms']:.0f}" if "limit_ms" in row else ""
         pairs = f"{row['pairs']:.0f} x" if "pairs" in row else ""
         off = f"  off {row['off_s']:.0e} s" if "off_s" in row else ""
-        sys.stdout.write(
+        click.echo(
             f"{row['wind']:10}{row['what']:47}{row['ms']:9.2f}{row['core_ms']:12.2f}{limit:>8}"
-            f"{pairs:>8}{off}\n"
+            f"{pairs:>8}{off}"
         )
 
 

@@ -1,19 +1,19 @@
-"""kill -9 at random moments of live runs, and what the next start makes of it.
+"""Kill live runs with SIGKILL at random moments, and check what is left and each restart.
 
     python -m benchmarks.kills [KILLS] [--seed S] [--rule RULE ...]
 
-Mocks live on in a process of their own; the daemon is ``mission-service run``, as users start it.
-People ask for things over the control socket all the time; of a burn one also says GO and approves.
-After each kill the files are looked at, with as little of the project's code as can be, and after
-each restart what was made of them:
+The mocks run in a separate process and survive the kills; the daemon is ``mission-service run``.
+Simulated operators send requests over the control socket all the time; in a burn they also answer
+the checklist and approve. After each kill the files are checked with little code of the project,
+and after each restart the state of the run:
 
-- it goes on within 5 s of its start;
-- all that was answered with yes is in the journal, and no line that stood there has changed;
-- no vehicle is sent anything before its mission was read back, and what was recognised is what
-  the mock holds;
-- no drop that nobody approved (the oracle of ``burn_frames``), and none that the journal has not.
+- the run resumes within 5 s of its start;
+- all acknowledged requests are in the journal, and no existing line has changed;
+- no vehicle receives a mission or a command before its mission was read back, and a recognised
+  mission equals the mission in the mock;
+- each drop was approved (by the check of ``burn_frames``) and is in the journal.
 
-At the end of each run the whole journal is replayed: its commands come out bit for bit.
+At the end of each run the whole journal is replayed, and must give the same commands bit by bit.
 """
 
 import argparse
@@ -31,9 +31,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 from autopilot_bridge.links.link import other_end
-from benchmarks.burn_frames import check as unapproved
+from benchmarks.burn_frames import check as checked_drops
+from benchmarks.burn_frames import released
 from benchmarks.link_shared import free_ports
+from benchmarks.load import CLI, cpu_s
 from mission_service.config.scenario import Scenario, flying, load_run
 from mission_service.errors import ControlError, RequestError
 from mission_service.interfaces.control.control_client import ControlClient
@@ -46,21 +50,20 @@ RULES = {
     "formation": "virtual-agents",
     "burn": "burn",
 }
-GOES_ON_WITHIN_S = 5.0
+RESUMES_WITHIN_S = 5.0
 KILLS_A_RUN = 25
-TOLD_EVERY = 50
+REPORT_EVERY = 50
 SPEEDUP = 10.0
-MAX_BYTES = 80_000  # a vehicle, between a start and a kill: some seconds
+MAX_BYTES = 80_000  # of the journal for each vehicle, between a start and a kill: some seconds
 CORES = os.cpu_count() or 1
 BOSS = "firing-boss"
 WAITS_S = 180.0
-FIRST_WAITS_S = 900.0  # kernels may have to be compiled
-RELEASES = (1900.0, 0.0)  # servo's PWM; a gripper that opens
+FIRST_WAITS_S = 900.0  # the first start may compile kernels
 
 
 @dataclass
 class Found:
-    """What came of all kills so far."""
+    """Results of all kills so far."""
 
     kills: int = 0
     asked: int = 0
@@ -74,11 +77,11 @@ class Found:
     refused: Counter[str] = field(default_factory=Counter)
 
     def line(self) -> str:
-        """In one line."""
+        """Return the results as one line."""
         ordered = sorted(self.restarts_s) or [0.0]
         max_cpu_s = max(self.cpu_s, default=0.0)
         return (
-            f"{self.kills} kills: goes on after {ordered[len(ordered) // 2]:.2f} s (median), "
+            f"{self.kills} kills: resumes after {ordered[len(ordered) // 2]:.2f} s (median), "
             f"{ordered[-1]:.2f} s at most ({max_cpu_s:.2f} s of CPU); "
             f"{self.asked} requests acknowledged; missions read back: "
             f"{self.recognised} recognised, {self.unknown} others; {self.drops} drops; "
@@ -87,20 +90,20 @@ class Found:
 
 
 def changes_of(rule: str, ports: list[int], keep: dict[str, float]) -> tuple[str, ...]:
-    """What a shipped scenario is changed by."""
+    """Return the changes of a shipped scenario."""
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{port}"' for n, port in enumerate(ports)]
     kept = [f"service.journal.{name}={value}" for name, value in keep.items()]
     late = {"islam_hu_damped": 3600.0, "team.balanced": 3590.0}.get(rule)
     start = [] if late is None else [f"start_s={late}", f"deploy_at_s={late}"]
     if rule == "burn":
         start = ["deploy_at_s=1", "landscape.rows=120", "landscape.cols=120"]
-    if rule == "islam_hu_damped":  # the only one of them with a map
+    if rule == "islam_hu_damped":  # the only one with a map
         start.append('service.http.listen="127.0.0.1:0"')
     return (*links, *kept, *start, "duration_s=1e7")
 
 
 class Mocks:
-    """The vehicles, which live on."""
+    """The mock vehicles, in a separate process."""
 
     def __init__(self, name: str, changes: tuple[str, ...]) -> None:
         command = [sys.executable, "-m", "benchmarks.kills", "--fly", name, *changes]
@@ -108,7 +111,7 @@ class Mocks:
         self.look()
 
     def look(self) -> dict[str, Any]:
-        """What each of them holds and has dropped."""
+        """Return the mission and the dropper's outputs of each vehicle."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(b"\n")
@@ -117,13 +120,13 @@ class Mocks:
         return found
 
     def end(self) -> None:
-        """Fly no more."""
+        """End the process of the mocks."""
         self._process.kill()
         self._process.communicate()
 
 
 async def fly(name: str, changes: tuple[str, ...]) -> None:
-    """The mocks' own process: for every line that comes in, one goes out."""
+    """Run the mocks; reply to each input line with one line on their state."""
     import asyncio
 
     from autopilot_bridge.mock.serving import MockGroup, serve
@@ -135,7 +138,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
     landscape = landscape_of(scenario)
     mocks = {section.name: mock_of(section, landscape) for section in scenario.vehicles}
 
-    def tell() -> None:
+    def report() -> None:
         if not sys.stdin.readline():
             asyncio.get_running_loop().stop()
         found = {
@@ -145,10 +148,9 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
             }
             for each, mock in mocks.items()
         }
-        sys.stdout.write(json.dumps(found) + "\n")
-        sys.stdout.flush()
+        click.echo(json.dumps(found))
 
-    asyncio.get_running_loop().add_reader(sys.stdin, tell)
+    asyncio.get_running_loop().add_reader(sys.stdin, report)
     async with asyncio.TaskGroup() as group:
         for section in scenario.vehicles:
             fleet = MockGroup([mocks[section.name]])
@@ -156,7 +158,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
 
 
 class Watched:
-    """One run that is killed again and again, and what should be in its journal."""
+    """One run that is killed repeatedly, and the expected content of its journal."""
 
     def __init__(
         self, rule: str, out: Path, rng: random.Random, found: Found, keep: dict[str, float]
@@ -168,10 +170,9 @@ class Watched:
         self.scenario: Scenario = flying(load_run(name, changes)[0])
         self.path = out / "journal.jsonl"
         sets = [word for change in changes for word in ("--set", change)]
-        command = [sys.executable, "-m", "mission_service.cli", "run", name, "--out", str(out)]
-        self._command = [*command, *sets]
+        self._command = [*CLI, "run", name, "--out", str(out), *sets]
         self.mocks = Mocks(name, changes)
-        self._stood: dict[int, bytes] = {}  # what stood in each segment at the last kill
+        self._stood: dict[int, bytes] = {}  # content of each segment at the last kill
         self._acknowledged: list[str] = []
         self._number = 0
         self._corrections = 0
@@ -179,49 +180,49 @@ class Watched:
         self.cpu_s = 0.0
         self._process: subprocess.Popen[bytes] | None = None
 
-    # What people do ---------------------------------------------------------------------------
+    # Requests ---------------------------------------------------------------------------------
 
     def start(self) -> float:
-        """Start the daemon; seconds until it answers, which it does once it goes on."""
+        """Start the daemon; return the seconds until it replies, which it does once it resumes."""
         began_s = time.monotonic()
         with (self.out / "run.log").open("ab") as log:
             self._process = subprocess.Popen(self._command, stdout=log, stderr=log)
         while True:
-            with contextlib.suppress(ControlError), ControlClient(self.out) as there:
-                there.ask(do="status")
+            with contextlib.suppress(ControlError), ControlClient(self.out) as client:
+                client.ask(do="status")
                 self.cpu_s = cpu_s(self._process.pid)
                 return time.monotonic() - began_s
             waits_s = WAITS_S if self._stood else FIRST_WAITS_S
             if self._process.poll() is not None or time.monotonic() - began_s > waits_s:
                 tail = (self.out / "run.log").read_text()[-2000:]
-                raise AssertionError(f"it does not start: {tail}")
+                raise AssertionError(f"the daemon does not start: {tail}")
             time.sleep(0.02)
 
     def ask_for(self, more_bytes: int) -> None:
-        """Ask for this and that until the journal has so many bytes more."""
+        """Send random requests until the journal has grown by ``more_bytes``."""
         until_s = time.monotonic() + WAITS_S
         enough = self._bytes() + more_bytes
-        with contextlib.suppress(ControlError), ControlClient(self.out) as there:
+        with contextlib.suppress(ControlError), ControlClient(self.out) as client:
             while self._bytes() < enough and time.monotonic() < until_s:
-                for request in self._wanted(there):
-                    self._ask(there, request)
+                for request in self._requests(client):
+                    self._ask(client, request)
                 time.sleep(self.rng.uniform(0.0, 0.3))
 
-    def _ask(self, there: ControlClient, request: dict[str, Any]) -> None:
+    def _ask(self, client: ControlClient, request: dict[str, Any]) -> None:
         self._number += 1
         by = f"ann-{self._number}"
         try:
-            there.ask(**request, by=by, station=BOSS if self.rule == "burn" else "desk")
+            client.ask(**request, by=by, station=BOSS if self.rule == "burn" else "desk")
         except RequestError as error:
             self.found.refused[f"{request['do']}: {error}"] += 1
             return
         self._acknowledged.append(by)
         self.found.asked += 1
 
-    def _wanted(self, there: ControlClient) -> Iterator[dict[str, Any]]:
+    def _requests(self, client: ControlClient) -> Iterator[dict[str, Any]]:
         rng = self.rng
         if self.rule == "burn":
-            status = there.ask(do="status")["status"]
+            status = client.ask(do="status")["status"]
             yield {"do": "present"}
             for item in status["open_items"]:
                 yield {"do": "go", "item": item}
@@ -250,10 +251,10 @@ class Watched:
         else:
             yield {"do": "present"}
 
-    # What is left behind ----------------------------------------------------------------------
+    # Checks -----------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """Kill it, and look at what it leaves."""
+        """Kill the daemon and check the files and the mocks."""
         assert self._process is not None
         self._process.kill()
         self._process.wait()
@@ -262,14 +263,14 @@ class Watched:
         segments = self._segments()
         for number, before in self._stood.items():
             if number in segments and not segments[number].startswith(before):
-                self._is_wrong(f"segment {number} is not what it was")
+                self._is_wrong(f"segment {number} has changed")
         self._stood = {number: text[: text.rfind(b"\n") + 1] for number, text in segments.items()}
         whole = b"".join(self._stood.values())
         lost = [by for by in self._acknowledged if f'"by":"{by}"'.encode() not in whole]
         if lost:
-            self._is_wrong(f"acknowledged and not in the journal: {lost}")
+            self._is_wrong(f"acknowledged but not in the journal: {lost}")
         if min(segments) > 1:
-            self._acknowledged.clear()  # they may be in what was deleted
+            self._acknowledged.clear()  # they may be in a deleted segment
         self._look_at_missions(whole, held)
         if self.rule == "burn":
             ordered = whole.count(b'"command":{"type":"Drop"')
@@ -288,46 +289,48 @@ class Watched:
         return found
 
     def _look_at_missions(self, whole: bytes, held: dict[str, Any]) -> None:
-        """Line by line: who was sent what, and what was read back of it."""
+        """Compare the missions in the mocks with those sent and read back in the journal."""
         sent: dict[str, dict[int, Any]] = {each.name: {} for each in self.scenario.vehicles}
         on_board: dict[str, set[int]] = {name: set() for name in sent}
         unread: set[str] = set()
         for line in whole.splitlines():
             if not any(word in line[:60] for word in LOOKED_AT):
                 continue
-            told = json.loads(line)
-            thing = told.get("event") or told.get("command") or {}
-            name, kind = str(thing.get("vehicle")), thing.get("type")
+            entry = json.loads(line)
+            content = entry.get("event") or entry.get("command") or {}
+            name, kind = str(content.get("vehicle")), content.get("type")
             match kind:
                 case "Resumed":
                     unread = set(sent)
                 case "UploadMission" | "StartMission" if name in unread and self.rule != "burn":
-                    self._is_wrong(f"{name}: {kind} before it was read back")
+                    self._is_wrong(f"{name}: {kind} before its mission was read back")
                 case "MissionReadBack":
                     unread.discard(name)
-                    if thing["mission_id"]:
-                        on_board[name] = {thing["mission_id"]}
-                case "UploadFinished" if thing["outcome"] == "accepted":
-                    on_board[name] = {thing["mission_id"]}
+                    if content["mission_id"]:
+                        on_board[name] = {content["mission_id"]}
+                case "UploadFinished" if content["outcome"] == "accepted":
+                    on_board[name] = {content["mission_id"]}
                 case "VehicleRebooted":
                     unread.discard(name)
                 case _:
                     pass
             if kind == "UploadMission":
-                sent[name][thing["mission_id"]] = places(thing["items"])
-                on_board[name].add(thing["mission_id"])
-        for name, what in held.items():
-            mine = [[command, x, y] for command, x, y in what["items"]]
-            known = [sent[name][number] for number in on_board[name] if number in sent[name]]
+                items = content["items"]
+                sent[name][content["mission_id"]] = [[i["command"], i["x"], i["y"]] for i in items]
+                on_board[name].add(content["mission_id"])
+        for name, mock in held.items():
+            on_mock = [[command, x, y] for command, x, y in mock["items"]]
+            expected = [sent[name][number] for number in on_board[name] if number in sent[name]]
             under_way = len(on_board[name]) > 1
-            if mine and known and not under_way and not any(same(mine, each) for each in known):
-                self._is_wrong(f"{name} holds {len(mine)} items that the journal does not know")
-        told = whole.count(b'"type":"MissionReadBack"')
+            matches = any(same(on_mock, items) for items in expected)
+            if on_mock and expected and not under_way and not matches:
+                self._is_wrong(f"{name} has {len(on_mock)} items that are not in the journal")
+        read_back = whole.count(b'"type":"MissionReadBack"')
         unknown = whole.count(b'"mission_id":0,"items"')
-        self._read_back = (told - unknown, unknown)
+        self._read_back = (read_back - unknown, unknown)
 
     def end(self) -> None:
-        """Replay all of it, and end the mocks."""
+        """End the mocks, replay the whole journal and check all drops."""
         self.mocks.end()
         result = verify(self.path)
         if result.difference is not None:
@@ -338,7 +341,7 @@ class Watched:
         begun = [
             closed
             for number, closed in closed_segments(self.path).items()
-            if number == 1 or begin_state(self.path, number).exists()  # killed before it was there
+            if number == 1 or begin_state(self.path, number).exists()  # no state if killed before
         ]
         for closed in begun[-2:]:
             alone = verify(closed)
@@ -346,12 +349,12 @@ class Watched:
                 self._is_wrong(f"replay of {closed.name} from its state: {alone.difference}")
         if self.rule == "burn":
             try:
-                self.found.drops += unapproved(self.path, self.scenario, 0, BOSS)
+                self.found.drops += checked_drops(self.path, self.scenario, 0, BOSS)
             except AssertionError as error:
                 self._is_wrong(str(error))
 
-    def _is_wrong(self, what: str) -> None:
-        self.found.wrong.append(f"{self.rule}, kill {self.found.kills} ({self.out}): {what}")
+    def _is_wrong(self, text: str) -> None:
+        self.found.wrong.append(f"{self.rule}, kill {self.found.kills} ({self.out}): {text}")
 
 
 LOOKED_AT = (
@@ -364,39 +367,22 @@ LOOKED_AT = (
 )
 
 
-def cpu_s(process: int) -> float:
-    """What a process has used: on a machine that is busy, less than what has gone by."""
-    words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return float(int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def places(items: list[dict[str, Any]]) -> list[list[int]]:
-    """Of a mission as it stands in the journal."""
-    return [[item["command"], item["x"], item["y"]] for item in items]
-
-
-def same(mine: list[list[int]], sent: list[list[int]]) -> bool:
-    """Whether a mock holds what was sent, perhaps with its home before it."""
+def same(on_mock: list[list[int]], sent: list[list[int]]) -> bool:
+    """Return True if a mock has the items that were sent, with or without a home before them."""
     return any(
         len(held) == len(sent)
         and all(
             a[0] == b[0] and (b[1:] == a[1:] or b[1:] == [0, 0] or a[1:] == [0, 0])
             for a, b in zip(held, sent, strict=True)
         )
-        for held in (mine, mine[1:])
+        for held in (on_mock, on_mock[1:])
     )
-
-
-def released(values: list[float]) -> int:
-    """How often a dropper was opened."""
-    pairs = zip([None, *values], values, strict=False)
-    return sum(value in RELEASES and before not in RELEASES for before, value in pairs)
 
 
 def run(
     rule: str, kills: int, seed: int, folder: Path, found: Found, keep: dict[str, float]
 ) -> None:
-    """So many kills of one run of a rule, at moments by what has been written since the start."""
+    """Kill one run of a rule ``kills`` times, after random amounts of journal since each start."""
     rng = random.Random(seed)
     out = folder / f"{rule}-{seed}"
     out.mkdir()
@@ -407,17 +393,16 @@ def run(
             max_bytes = MAX_BYTES * len(watched.scenario.vehicles)
             watched.ask_for(round(rng.uniform(0.0, max_bytes)) if rng.random() < 0.9 else 0)
             watched.kill()
-            if found.kills % TOLD_EVERY == 0:
-                sys.stdout.write(found.line() + "\n")
-                sys.stdout.flush()
+            if found.kills % REPORT_EVERY == 0:
+                click.echo(found.line())
             if number < kills - 1:
                 taken_s = restarted(watched, rng)
                 found.restarts_s.append(taken_s)
                 found.cpu_s.append(watched.cpu_s)
-                # Where others keep all cores busy, what counts is what it took of them.
+                # The CPU time counts if other processes keep all cores busy.
                 spent_s = found.cpu_s[-1] if os.getloadavg()[0] > CORES else taken_s
-                if spent_s > GOES_ON_WITHIN_S:
-                    found.wrong.append(f"{rule}, kill {found.kills}: goes on after {spent_s:.1f} s")
+                if spent_s > RESUMES_WITHIN_S:
+                    found.wrong.append(f"{rule}, kill {found.kills}: resumes after {spent_s:.1f} s")
     finally:
         if watched._process is not None and watched._process.poll() is None:
             watched._process.kill()
@@ -425,7 +410,7 @@ def run(
 
 
 def restarted(watched: Watched, rng: random.Random) -> float:
-    """Start it again; now and then it is killed while it starts."""
+    """Restart the daemon, with a probability of 15 % after a kill during a first start."""
     if rng.random() < 0.15:
         with (watched.out / "run.log").open("ab") as log:
             early = subprocess.Popen(watched._command, stdout=log, stderr=log)
@@ -437,7 +422,7 @@ def restarted(watched: Watched, rng: random.Random) -> float:
 
 
 def main() -> None:
-    """Print a line per 50 kills; ends with 1 if anything was wrong."""
+    """Print one line for 50 kills; exit with 1 if a check failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kills", type=int, nargs="?", default=50)
     parser.add_argument("--seed", type=int, default=1)
@@ -450,18 +435,18 @@ def main() -> None:
         asyncio.run(fly(given.fly[0], tuple(given.fly[1:])))
         return
     rules, found, seed = given.rule or list(RULES), Found(), given.seed
-    folder = tempfile.mkdtemp(prefix="kills-")  # kept, to be looked at
+    folder = tempfile.mkdtemp(prefix="kills-")  # not removed, for inspection
     while found.kills < given.kills:
         rule = rules[seed % len(rules)]
-        told = len(found.wrong)
+        reported = len(found.wrong)
         keep = {"state_every_s": 2.0, "rotate_mb": 2.0 if seed % 2 else 0.4, "keep_mb": 500.0}
         run(rule, min(KILLS_A_RUN, given.kills - found.kills), seed, Path(folder), found, keep)
-        for line in found.wrong[told:]:
-            sys.stdout.write(f"WRONG {line}\n")
+        for line in found.wrong[reported:]:
+            click.echo(f"WRONG {line}")
         seed += 1
-    sys.stdout.write(f"{found.line()}; files in {folder}\n")
+    click.echo(f"{found.line()}; files in {folder}")
     for why, count in found.refused.most_common(8):
-        sys.stdout.write(f"  {count} refused: {why}\n")
+        click.echo(f"  {count} refused: {why}")
     if found.wrong:
         sys.exit(1)
 

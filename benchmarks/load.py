@@ -1,10 +1,11 @@
-"""What the daemon costs at real-time speed: ``python -m benchmarks.load [--vehicles 8]``.
+"""Load of the daemon at real-time speed: ``python -m benchmarks.load [--vehicles 8]``.
 
-A daemon, mocks in a process of their own, and a reader of the live stream as a browser is one.
-After a warm-up: CPU as a share of one core, memory (PSS), and the time from the mock's sending of a
-position to its arrival at the reader, both on CLOCK_MONOTONIC and matched by the position itself.
-Exit code 1 beyond a limit. Limits: start to ready 3 s; with 8 vehicles 30 % of a core, 300 MiB,
-200 ms at the 99th percentile; with 100 vehicles 100 % of a core.
+The benchmark runs a daemon, mocks in a separate process, and one client of the live stream. After a
+warm-up it measures CPU time as a fraction of one core, memory (PSS), and the delay of telemetry:
+the time from the transmission of a position by the mock to its arrival at the client, both on
+CLOCK_MONOTONIC, matched by the position. The exit code is 1 if a limit is exceeded. The limits are
+3 s from start to ready; with 8 vehicles 30 % of a core, 300 MiB, and 200 ms at the 99th percentile;
+with 100 vehicles 100 % of a core.
 """
 
 import argparse
@@ -23,41 +24,45 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
+
 from benchmarks.link_shared import free_ports
 from benchmarks.load_mocks import STAMP
 from benchmarks.load_scenario import Load, scenario_text
 
 TICKS = os.sysconf("SC_CLK_TCK")
 READY_S, LATENCY_S, MEMORY_MIB = 3.0, 0.2, 300.0
-READY_WITHIN_S = 240.0  # kernels may have to be compiled first
+READY_WITHIN_S = 240.0  # the first start may compile kernels
+ENDS_WITHIN_S = 60.0
+CLI = (sys.executable, "-m", "mission_service.cli")
 
-Seen = tuple[int, int, int, float]  # system id, lat_e7, lon_e7, when
+Seen = tuple[int, int, int, float]  # system id, lat_e7, lon_e7, time of arrival in s
 
 
 def core_share(many: int) -> float:
-    """The limit of CPU, as a share of one core."""
+    """Return the limit of CPU time as a fraction of one core."""
     return 0.3 if many <= 8 else 1.0
 
 
 def cpu_s(pid: int) -> float:
-    """User and system time of a process."""
+    """Return the user and system time of a process in s."""
     fields = Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-def memory_mib(pid: int, what: str = "Pss") -> float:
-    """Its memory, pages shared with others by share."""
+def memory_mib(pid: int, kind: str = "Pss") -> float:
+    """Return the memory of a process by a field of smaps_rollup; PSS divides shared pages."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text("ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(f"{what}:")) / 1024
+    return next(int(line.split()[1]) for line in lines if line.startswith(f"{kind}:")) / 1024
 
 
 @contextmanager
 def process(*words: str, out: Path | None = None) -> Iterator["subprocess.Popen[bytes]"]:
-    """A Python module as a process, ended in order at the end."""
+    """Run a Python module as a process; end it with SIGTERM at the end of the context."""
     with ExitStack() as stack:
-        said = subprocess.DEVNULL if out is None else stack.enter_context(out.open("wb"))
+        output = subprocess.DEVNULL if out is None else stack.enter_context(out.open("wb"))
         command = [sys.executable, "-m", *words]
-        running = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
+        running = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
         try:
             yield running
         finally:
@@ -69,19 +74,41 @@ def process(*words: str, out: Path | None = None) -> Iterator["subprocess.Popen[
                 running.wait(timeout=10)
 
 
+def end(daemon: "subprocess.Popen[bytes]") -> int:
+    """End a daemon with SIGTERM and return its exit code; log its stacks if it does not end."""
+    daemon.send_signal(signal.SIGTERM)
+    try:
+        return daemon.wait(timeout=ENDS_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        daemon.send_signal(signal.SIGABRT)  # faulthandler writes the stacks into the log
+        return daemon.wait(timeout=30)
+
+
+def verified(journal: Path) -> "subprocess.CompletedProcess[str]":
+    """Verify a journal with ``mission-service replay``."""
+    command = [*CLI, "replay", "--verify", str(journal)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def tracebacks_in(log: Path) -> list[str]:
+    """Return the lines of a log that contain tracebacks."""
+    lines = log.read_text("utf-8", "replace").splitlines()
+    return [line for line in lines if "Traceback" in line or '"traceback"' in line]
+
+
 class Client:
-    """Asks the daemon."""
+    """HTTP client of the daemon."""
 
     def __init__(self, port: int, token: str = "") -> None:
         self.port = port
         self.headers = {"Authorization": f"Bearer {token}"} if token else {}
 
     def get(self, path: str, timeout_s: float = 30.0) -> tuple[int, bytes]:
-        """Status and body; (0, b"") while nothing listens."""
+        """Send a GET request; return status and body, or (0, b"") without a response."""
         return self._ask("GET", path, None, timeout_s)
 
     def post(self, path: str, content: dict[str, Any], timeout_s: float) -> tuple[int, bytes]:
-        """The same of a request with a JSON body."""
+        """Send a POST request with a JSON body; return as ``get``."""
         return self._ask("POST", path, json.dumps(content).encode(), timeout_s)
 
     def _ask(
@@ -90,8 +117,8 @@ class Client:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         try:
             connection.request(method, path, body, self.headers)
-            answer = connection.getresponse()
-            return answer.status, answer.read()
+            response = connection.getresponse()
+            return response.status, response.read()
         except (OSError, http.client.HTTPException):
             return 0, b""
         finally:
@@ -100,14 +127,17 @@ class Client:
     def stream(
         self, since: int, until_s: float, timeout_s: float = 15.0
     ) -> Iterator[tuple[str, bytes, float]]:
-        """Event, data and when it came, until then. Raises OSError where nothing comes."""
+        """Yield event, data and time of arrival of the live stream until ``until_s``.
+
+        Raises OSError if the daemon sends nothing within ``timeout_s``.
+        """
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         connection.request("GET", f"/api/v1/live?since={since}", headers=self.headers)
-        answer = connection.getresponse()
-        assert answer.status == 200, answer.status
+        response = connection.getresponse()
+        assert response.status == 200, response.status
         event, rest = "", b""
         while time.monotonic() < until_s:
-            part = answer.read1(65536)
+            part = response.read1(65536)
             if not part:
                 break
             now_s = time.monotonic()
@@ -126,7 +156,10 @@ def ready_after_s(
     daemon: "subprocess.Popen[bytes]",
     within_s: float = READY_WITHIN_S,
 ) -> float:
-    """When /readyz says so; the mocks are heard by then."""
+    """Wait until /readyz returns 200; return the time since ``began_s``.
+
+    The daemon is ready once it receives the heartbeats of the vehicles.
+    """
     while time.monotonic() < began_s + within_s:
         if client.get("/readyz")[0] == 200:
             return time.monotonic() - began_s
@@ -137,19 +170,19 @@ def ready_after_s(
 
 
 def seen_of(client: Client, system_of: dict[str, int], seconds: float) -> list[Seen]:
-    """Positions as they come."""
+    """Return the positions that the live stream sends within ``seconds``."""
     found: list[Seen] = []
     version = json.loads(client.get("/api/v1/state")[1])["version"]
     for event, data, at_s in client.stream(version, time.monotonic() + seconds):
         if event == "telemetry":
-            here = json.loads(data)
-            place = (round(here["lat_deg"] * 1e7), round(here["lon_deg"] * 1e7))
-            found.append((system_of[here["vehicle"]], *place, at_s))
+            telemetry = json.loads(data)
+            place = (round(telemetry["lat_deg"] * 1e7), round(telemetry["lon_deg"] * 1e7))
+            found.append((system_of[telemetry["vehicle"]], *place, at_s))
     return found
 
 
 def latencies_s(stamps: Path, seen: list[Seen]) -> list[float]:
-    """Of all positions that were seen and sent but once."""
+    """Return the sorted delays of the received positions that were sent only once."""
     sent: dict[tuple[int, int, int], float] = {}
     twice = set()
     for system, lat_e7, lon_e7, at_us in STAMP.iter_unpack(stamps.read_bytes()):
@@ -165,13 +198,13 @@ def latencies_s(stamps: Path, seen: list[Seen]) -> list[float]:
 
 
 def measure(given: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Everything, in figures."""
+    """Run daemon, mocks and client; return all figures."""
     port = free_ports(1)[0]
     path, stamps = folder / "load.toml", folder / "stamps"
     path.write_text(scenario_text(Load(given.vehicles, given.rule, http_port=port)), "utf-8")
     out = folder / "out"
     with process("benchmarks.load_mocks", str(path), str(stamps)) as mocks:
-        time.sleep(3.0)  # they fly by themselves
+        time.sleep(3.0)  # the mocks fly without a daemon
         began_s = time.monotonic()
         command = ("mission_service.cli", "run", str(path), "--out", str(out), "--json")
         with process(*command, out=folder / "daemon.log") as daemon:
@@ -196,7 +229,7 @@ def measure(given: argparse.Namespace, folder: Path) -> dict[str, Any]:
             state = json.loads(client.get("/api/v1/state")[1])
             if profiler is not None:
                 profiler.wait(timeout=60)
-    waits_s = latencies_s(stamps, seen) or [math.inf]  # who stands still is always in one place
+    waits_s = latencies_s(stamps, seen) or [math.inf]  # empty if no vehicle moves
     return {
         "vehicles": given.vehicles,
         "rule": given.rule,
@@ -217,7 +250,7 @@ def measure(given: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 def beyond(figures: dict[str, Any]) -> list[str]:
-    """Which limits are passed."""
+    """Return one line for each exceeded limit."""
     limits = {"ready_s": READY_S, "core": core_share(figures["vehicles"])}
     if figures["vehicles"] <= 8:
         limits |= {"pss_mib": MEMORY_MIB, "p99_ms": 1e3 * LATENCY_S}
@@ -227,7 +260,7 @@ def beyond(figures: dict[str, Any]) -> list[str]:
 
 
 def main() -> None:
-    """Print the figures."""
+    """Print the figures; exit with 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=8)
     parser.add_argument("--rule", default="team.balanced")
@@ -238,10 +271,10 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         figures = measure(given, Path(folder))
-    sys.stdout.write(json.dumps(figures) + "\n")
+    click.echo(json.dumps(figures))
     over = beyond(figures)
     if over:
-        sys.exit("beyond the limit: " + "; ".join(over))
+        sys.exit("limits exceeded: " + "; ".join(over))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""The mocks of ``load.py`` as a process: ``python -m benchmarks.load_mocks SCENARIO [STAMPS]``.
+"""Process of the mocks of ``load.py``: ``python -m benchmarks.load_mocks SCENARIO [STAMPS]``.
 
-Into STAMPS go records of system id, lat_e7, lon_e7 and when that position was sent, in microseconds
-of CLOCK_MONOTONIC. ``--speedup`` is that of ``mission-service mock``; with ``--troubles SECONDS``
-each mock has faults of its own in that time, drawn from ``--seed``: restarts, silence, loss. With
-``--paced`` simulation time passes only while the daemon reads what it is sent.
+The process writes a record of each sent position into STAMPS: system id, lat_e7, lon_e7 and the
+time in microseconds of CLOCK_MONOTONIC. ``--speedup`` is as for ``mission-service mock``. With
+``--troubles SECONDS`` each mock has random faults in that time, by ``--seed``: restarts, silence
+and loss. With ``--paced`` simulation time passes only while the daemon reads the sent datagrams.
 """
 
 import argparse
@@ -26,17 +26,17 @@ from mission_service.simulation.mocks import MockEnvironment, from_scenario
 
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-PLACE = struct.Struct("<4xii")  # of its payload
+PLACE = struct.Struct("<4xii")  # latitude and longitude in its payload
 MAX_STEP_S = 1.0  # of simulation time between two readings of a paced clock
-MAX_UNREAD_BYTES = 16_384  # of a socket, as the kernel counts them: a few dozen frames
+MAX_UNREAD_BYTES = 16_384  # in a socket, as counted by the kernel: a few dozen frames
 LOOK_EVERY_US = 1_000
 
 
 class PacedClock:
-    """Microseconds that stand still while this process does not run or another does not read.
+    """A clock that stops while this process does not run or the daemon does not read its sockets.
 
-    So a machine with other work flies the same missions, only later: nothing is lost in a full
-    socket, and no vehicle leaps. ``ports`` are those of UDP on which the other listens.
+    A busy machine therefore flies the same missions in more real time: no datagram is lost in a
+    full socket, and no vehicle jumps. ``ports`` are the UDP ports of the daemon.
     """
 
     def __init__(self, speedup: float, ports: Collection[int]) -> None:
@@ -46,7 +46,7 @@ class PacedClock:
         self._waits = False
 
     def __call__(self) -> int:
-        """Now."""
+        """Return the time in microseconds."""
         real_us = clock_us()
         if real_us - self._looked_us >= LOOK_EVERY_US:
             self._looked_us = real_us
@@ -58,7 +58,7 @@ class PacedClock:
 
 
 def max_unread_bytes(ports: Collection[int]) -> int:
-    """Of the UDP sockets on these ports (IPv4), what waits in the fullest."""
+    """Return the largest number of unread bytes in a UDP socket (IPv4) on these ports."""
     waiting = 0
     for line in Path("/proc/net/udp").read_text("ascii").splitlines()[1:]:
         _, local, _, _, queues, *_ = line.split()
@@ -68,39 +68,39 @@ def max_unread_bytes(ports: Collection[int]) -> int:
 
 
 def troubles(seed: int, seconds: float) -> tuple[str, ...]:
-    """A third of what is sent is lost; twice there is silence, and once a restart."""
+    """Return faults of a mock: a loss of 30 %, two periods without frames, and a reboot."""
     rng = random.Random(seed)
     first, second = (rng.uniform(share, share + 0.3) * seconds for share in (0.15, 0.55))
-    silent_s = rng.uniform(20.0, 90.0)
+    silence_s = rng.uniform(20.0, 90.0)
     return (
         *("loss=0.3", "delay=0.05", "jitter=0.1", "duplication=0.05"),
-        f"silence@{first:.0f}..{first + silent_s:.0f}",
-        f"silence@{second:.0f}..{second + silent_s:.0f}",
+        f"silence@{first:.0f}..{first + silence_s:.0f}",
+        f"silence@{second:.0f}..{second + silence_s:.0f}",
         f"reboot@{rng.uniform(0.1, 0.85) * seconds:.0f}",
     )
 
 
 class Stamped:
-    """A fleet whose positions are noted as they are sent."""
+    """A fleet that records the time of each sent position."""
 
     def __init__(self, fleet: MockGroup, stamps: IO[bytes]) -> None:
         self.fleet = fleet
         self._stamps = stamps
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """To all."""
+        """Pass data to all mocks."""
         self.fleet.receive_data(data, now_us)
 
     def next_timer(self) -> int:
-        """Theirs."""
+        """Return the time of the next timer of the mocks."""
         return self.fleet.next_timer()
 
     def handle_timer(self, now_us: int) -> None:
-        """Theirs."""
+        """Handle the due timers of the mocks."""
         self.fleet.handle_timer(now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Whole frames of MAVLink 2."""
+        """Return the MAVLink 2 frames to send, and record their positions."""
         frames = self.fleet.data_to_send()
         for frame in frames:
             if int.from_bytes(frame[7:10], "little") == POSITION:
@@ -110,12 +110,12 @@ class Stamped:
 
 
 def _heal(peer: Stamped) -> None:
-    """No more faults."""
+    """Remove the faults of a fleet."""
     peer.fleet = MockGroup(peer.fleet.mocks)
 
 
 async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
-    """All mocks of the scenario until SIGTERM."""
+    """Run all mocks of the scenario until SIGTERM."""
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
@@ -128,7 +128,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
         for place, each in enumerate(mocks):
             fleet = each.fleet
             for mock in each.fleet.mocks:
-                if mock.stack.name == "px4":  # the load's missions have no landing
+                if mock.stack.name == "px4":  # the missions have no landing
                     mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
             if given.troubles:
                 seed = 1000 * given.seed + place
@@ -142,7 +142,7 @@ async def fly(given: argparse.Namespace, stamps: IO[bytes]) -> None:
 
 
 def main() -> None:
-    """Fly."""
+    """Run the mocks, as requested on the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenario")
     parser.add_argument("stamps", nargs="?", type=Path, default=Path("/dev/null"))

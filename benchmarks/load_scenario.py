@@ -5,9 +5,9 @@ import os
 from dataclasses import dataclass
 
 FIRE = (36.372, -84.125)
-LAYERS = 8  # of 40 m: with more, the highest would see nothing of the fire's edge
+LAYERS = 8  # of 40 m; from higher layers the camera would not see the edge of the fire
 M_PER_DEG = 111_195.0
-# Below what systems give to sockets that ask for any: the mocks' own would be in the way.
+# Below the range of ephemeral ports, which the mocks' own sockets use.
 FIRST_PORT = 20_000 + os.getpid() % 90 * 100
 
 HEAD = """\
@@ -64,10 +64,21 @@ SERVICE = """
 listen = "127.0.0.1:{port}"
 """
 
+BROKER = """
+[service.mqtt]
+broker = "{address}"
+commands = true
+
+[service.journal]
+rotate_mb = {rotate_mb}
+keep_mb = {keep_mb}
+state_every_s = {state_every_s}
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """How much is asked of the daemon."""
+    """Size and conditions of the load."""
 
     vehicles: int = 8
     rule: str = "team.balanced"
@@ -81,9 +92,10 @@ class Load:
 
 
 def scenario_text(load: Load) -> str:
-    """The scenario file: homes on a ring where the fire's edge is, every second one ArduPilot's.
+    """Return the text of the scenario file.
 
-    More vehicles than layers share these, each with a part of the front of its own.
+    The homes lie on a ring near the edge of the fire; PX4 and ArduPilot alternate. If there are
+    more vehicles than altitude layers, vehicles on different parts of the front share a layer.
     """
     lat, lon = FIRE
     cell_m = 13_500 // load.cells
@@ -119,7 +131,10 @@ def scenario_text(load: Load) -> str:
 
 
 def _home_m(place: int, count: int) -> tuple[float, float]:
-    """North and east of the ignition, downwind of it, on a ring with room to take off at once."""
+    """Return the north and east offset of a home from the ignition.
+
+    The homes lie on a ring downwind of the ignition, far enough apart for simultaneous take-offs.
+    """
     turn = math.tau * place / count
     radius_m = max(1200.0, 350.0 * count / math.tau)
     radius_m = min(radius_m, 2500.0 + 300.0 * (place % 3))

@@ -1,9 +1,9 @@
-"""How fast logs are read: ``python -m benchmarks.logs LOG...``.
+"""Speed of reading logs: ``python -m benchmarks.logs LOG...``.
 
-Each log is repeated to 100 MB (its clock begins again each time), then read in a process of its
-own: messages a second, seconds to the first event, the most memory; beside it how fast pymavlink
-reads the same .tlog or .bin, and pyulog the .ulg. Exit code 1 beyond a limit: 100,000 messages a
-second (.tlog, .bin), 0.5 s to the first event, 300 MiB.
+Each log is repeated to 100 MB (with the same timestamps) and read in a separate process. The
+benchmark prints messages a second, the time to the first event, peak memory, and the speed of
+pymavlink for the same .tlog or .bin, or of pyulog for the .ulg. The exit code is 1 if a limit is
+exceeded: 100,000 messages a second (.tlog, .bin), 0.5 s to the first event, 300 MiB.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 from pymavlink import mavutil
 from pyulog import ULog
 
@@ -26,7 +27,7 @@ MIN_PER_S, MAX_FIRST_S, MAX_MIB = 100_000, 0.5, 300
 
 
 def measured(path: Path) -> dict[str, Any]:
-    """In this process."""
+    """Read a log in this process; return speed, memory and number of damaged parts."""
     began_s = time.perf_counter()
     log = open_log(path)
     first_s, events = 0.0, 0
@@ -45,7 +46,7 @@ def measured(path: Path) -> dict[str, Any]:
 
 
 def peer_per_s(path: Path) -> int:
-    """Messages a second by the library that is made for such logs."""
+    """Return the messages a second that pymavlink or pyulog reads."""
     began_s, count = time.perf_counter(), 0
     if path.suffix.lower() == ".ulg":
         count = sum(len(topic.data["timestamp"]) for topic in ULog(str(path)).data_list)
@@ -58,7 +59,7 @@ def peer_per_s(path: Path) -> int:
 
 
 def repeated(path: Path, folder: Path) -> Path:
-    """The log again and again. A ULog has one header, so its data is repeated behind that."""
+    """Write a log repeated to ``BYTES``; of a .ulg only the data after the header is repeated."""
     data, target = path.read_bytes(), folder / path.name
     body = data[16:] if path.suffix.lower() == ".ulg" else data
     with target.open("wb") as file:
@@ -69,13 +70,13 @@ def repeated(path: Path, folder: Path) -> Path:
 
 
 def main() -> int:
-    """Print a line for each log."""
+    """Print one line for each log; return 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("logs", nargs="+", type=Path)
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        sys.stdout.write(json.dumps(measured(given.logs[0])))
+        click.echo(json.dumps(measured(given.logs[0])), nl=False)
         return 0
     beyond = False
     for path in given.logs:
@@ -84,7 +85,7 @@ def main() -> int:
             command = [sys.executable, "-m", "benchmarks.logs", "--one", str(large)]
             found = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
         found["peer_per_s"] = peer_per_s(path)
-        sys.stdout.write(f"{path.name}: {json.dumps(found)}\n")
+        click.echo(f"{path.name}: {json.dumps(found)}")
         slow = path.suffix.lower() != ".ulg" and found["messages_per_s"] < MIN_PER_S
         late = found["first_event_s"] > MAX_FIRST_S
         beyond |= slow or late or found["max_mib"] > MAX_MIB

@@ -1,14 +1,15 @@
-"""What maps of a fire on 500 x 500 cells cost: ``python -m benchmarks.maps``.
+"""Time of forecasts, overlays and tiles of a 500 x 500 fire: ``python -m benchmarks.maps``.
 
-The worst delay is that of a task that asks to be woken each millisecond meanwhile.
+The delay of other tasks is measured by a task that sleeps for a millisecond in a loop.
 """
 
 import asyncio
 import json
-import sys
 import time
 from collections.abc import Callable, Coroutine
 from typing import Any
+
+import click
 
 from firemodel.landscape.default import jacksboro
 from firemodel.physics.weather import Weather, WeatherStream
@@ -26,13 +27,8 @@ CELLS, CELL_M = 500, 20.0
 TIMES = 5
 
 
-def told(line: str) -> None:
-    """A line of the table."""
-    sys.stdout.write(line + "\n")
-
-
 def weather() -> WeatherStream:
-    """A wind that turns each hour."""
+    """Return weather with a wind that turns each hour."""
     return WeatherStream(
         [
             Weather(HOUR_S * k, 4.0 + k % 5, (225.0 + 20.0 * k) % 360.0, 6.0, 7.0, 8.0, 60.0, 80.0)
@@ -42,7 +38,7 @@ def weather() -> WeatherStream:
 
 
 async def forecasts(fire: Fire) -> None:
-    """Of one fire: how long each takes, and how late others are meanwhile."""
+    """Print the time of each forecast of a fire, and the delay of other tasks meanwhile."""
     late_s: list[float] = []
 
     async def beat() -> None:
@@ -55,27 +51,24 @@ async def forecasts(fire: Fire) -> None:
     made = Forecasts(lambda: fire, lambda: version[0], seed=1)
     beating = asyncio.create_task(beat())
     now_s = fire.time_s
-    asked: dict[str, Callable[[], Coroutine[Any, Any, Any]]] = {
+    requests: dict[str, Callable[[], Coroutine[Any, Any, Any]]] = {
         "arrival in 1 h": lambda: made.arrival(now_s + HOUR_S),
         "arrival in 6 h": lambda: made.arrival(now_s + 6 * HOUR_S),
         "probability in 6 h": lambda: made.probability(now_s + 6 * HOUR_S),
     }
-    for name, ask in asked.items():
-        await ask()
+    for name, request in requests.items():
+        await request()
         await asyncio.sleep(0.05)
         late_s.clear()
         begun_s, used_s = time.perf_counter(), time.process_time()
         for _ in range(TIMES):
             version[0] += 1
-            await ask()
+            await request()
         wall_ms, cpu_ms = (
             1e3 * (after - before) / TIMES
-            for after, before in (
-                (time.perf_counter(), begun_s),
-                (time.process_time(), used_s),
-            )
+            for after, before in ((time.perf_counter(), begun_s), (time.process_time(), used_s))
         )
-        told(
+        click.echo(
             f"{type(fire).__name__:14} {name:20} {wall_ms:7.1f} ms, {cpu_ms:7.1f} ms of CPU, "
             f"others late by {1e3 * max(late_s, default=0.0):.1f} ms at worst"
         )
@@ -84,7 +77,7 @@ async def forecasts(fire: Fire) -> None:
 
 
 def timed(name: str, work: Callable[[], Any]) -> Any:
-    """The result; told is what it takes the first and later times."""
+    """Return the result of a function; print its first and its later times and the size."""
     begun_s = time.perf_counter()
     found = work()
     first_ms = 1e3 * (time.perf_counter() - begun_s)
@@ -93,11 +86,14 @@ def timed(name: str, work: Callable[[], Any]) -> Any:
         work()
     size = len(found) if isinstance(found, bytes) else len(json.dumps(found))
     then_ms = 1e3 * (time.perf_counter() - begun_s) / TIMES
-    told(f"{name:30} {first_ms:6.1f} ms at first, then {then_ms:5.1f} ms, {size / 1e3:.0f} kB")
+    click.echo(
+        f"{name:30} {first_ms:6.1f} ms at first, then {then_ms:5.1f} ms, {size / 1e3:.0f} kB"
+    )
     return found
 
 
 def main() -> None:
+    """Measure forecasts of both schemes, and maps of the first."""
     land = jacksboro(CELLS, CELLS, CELL_M)
     fires: list[Fire] = [
         scheme(land, weather(), [(CELLS // 2, CELLS // 2, 0.0)])
@@ -108,7 +104,7 @@ def main() -> None:
         begun_s = time.perf_counter()
         for _ in range(TIMES):
             fire.copy()
-        told(f"a copy {1e3 * (time.perf_counter() - begun_s) / TIMES:.1f} ms")
+        click.echo(f"a copy {1e3 * (time.perf_counter() - begun_s) / TIMES:.1f} ms")
         asyncio.run(forecasts(fire))
     fire = fires[0]
     now_s = fire.time_s
@@ -127,7 +123,7 @@ def main() -> None:
         y = int((0.5 - (south + north) / 2 / WORLD_M) * 2**z)
         begun_s = time.perf_counter()
         tiles.tile(z, x, y)
-        told(f"a tile at zoom {z}: {1e3 * (time.perf_counter() - begun_s):.1f} ms")
+        click.echo(f"a tile at zoom {z}: {1e3 * (time.perf_counter() - begun_s):.1f} ms")
 
 
 if __name__ == "__main__":

@@ -1,28 +1,27 @@
-"""From each mapped perimeter of the Maria fire to the next: ``python -m benchmarks.maria``.
+"""Prediction of each mapped perimeter of the Maria fire from the last: ``-m benchmarks.maria``.
 
-2019, California: airborne-infrared perimeters with the weather noted on each (moistures, and wind,
-taken as of 20 ft unless ``--wind-10m``) and LANDFIRE layers. For each pair in a row the fire of
-this package is started all along the first perimeter and burns under the weather noted there until
-the time of the second. Beside it stands persistence: that nothing changes.
+The data are airborne infrared perimeters (California, 2019) with the weather recorded for each
+(moistures, and wind at 20 ft, or at 10 m with ``--wind-10m``), and LANDFIRE layers. For each two
+consecutive perimeters the fire of this package starts along the first perimeter and burns under its
+weather until the time of the second. Persistence, an unchanged perimeter, is the reference.
 
-Printed are intersection over union with the second perimeter, of the whole and of what newly
-burned, and the areas predicted over observed, for the whole and the new. The wind is turned from
-true north to the grid's north, which is 14 degrees away there.
+The benchmark prints the intersection over union with the second perimeter, and the ratio of the
+predicted to the observed area, both for the whole area and for the newly burned area. The wind is
+converted from true north to grid north; the two differ by 14 degrees in this grid.
 """
 
-import argparse
-import sys
 from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from benchmarks.shared import DATA, check_folder, overlap
+from benchmarks.shared import check_folder, data_parser, overlap
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.landscape.readers.shapes import into_crs
@@ -48,11 +47,11 @@ UNITS = {
 }
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
 LIVE = ("herb", "woody")
-GROWN = 1.1  # from one perimeter to the next
+GROWN = 1.1  # minimum ratio of the areas of two perimeters of a growing fire
 
 
 class Mapped(NamedTuple):
-    """A perimeter and the weather noted on it."""
+    """A perimeter and the weather recorded for it."""
 
     at: datetime
     area: BaseGeometry  # in the landscape's CRS
@@ -60,7 +59,7 @@ class Mapped(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Of one interval, as printed."""
+    """Scores of one interval."""
 
     whole: float
     persistence: float
@@ -70,14 +69,14 @@ class Scores(NamedTuple):
 
 
 def read_maria(folder: Path) -> tuple[Landscape, list[Mapped]]:
-    """The landscape and its perimeters in order of time, of doubles one."""
+    """Read the landscape and its perimeters in order of time, without duplicates."""
     files = {layer: folder / f"Maria2019-{name}.tif" for layer, name in LAYERS.items()}
     landscape = read_landscape(files, units=UNITS)
     return landscape, read_perimeters(folder / "firis_perimeters.shp", landscape)
 
 
 def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
-    """Those that were flown; the one that a newspaper's map gave is left out."""
+    """Read the perimeters from flights, without the one from a newspaper's map."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -96,17 +95,17 @@ def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
 
 
 def predict(landscape: Landscape, now: Mapped, weather: Weather, for_s: float) -> BaseGeometry:
-    """The burned area some time after a perimeter."""
+    """Return the predicted burned area ``for_s`` after a perimeter."""
     burning = burning_from_perimeter([now.area], landscape, 0.0)
     fire = AnyAngleFire(landscape, WeatherStream([weather]), [], burning)
     fire.advance(for_s)
-    # The perimeter's own edge counts where it did not move.
+    # The union keeps the edge of the perimeter where the front did not move.
     area: BaseGeometry = fire.front(for_s).buffer(0.0).union(now.area)
     return area
 
 
 def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores:
-    """Of a prediction of ``then`` from ``now``."""
+    """Return the scores of ``found``, a prediction of ``then`` from ``now``."""
     new, found_new = then.difference(now), found.difference(now)
     return Scores(
         overlap(found, then),
@@ -118,14 +117,13 @@ def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores
 
 
 def main() -> None:
-    """Print a line for each interval, then the means."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=DATA, help="(default: ../shared/data)")
-    parser.add_argument("--wind-10m", action="store_true", help="the wind noted is that at 10 m")
-    parser.add_argument("--wind-factor", type=float, default=1.0, help="what to multiply it by")
+    """Print one line for each interval, and the means."""
+    parser = data_parser(__doc__)
+    parser.add_argument("--wind-10m", action="store_true", help="the recorded wind is at 10 m")
+    parser.add_argument("--wind-factor", type=float, default=1.0, help="factor of the wind speed")
     given = parser.parse_args()
     landscape, mapped = read_maria(check_folder(given.data / "maria_2019"))
-    sys.stdout.write("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias\n")
+    click.echo("from           min   km2  new km2  IoU  persist  new IoU   bias  new bias")
     found: list[Scores] = []
     for now, then in pairwise(mapped):
         wind_m_s = float(now.weather.wind_speed_m_s * given.wind_factor)
@@ -136,10 +134,10 @@ def main() -> None:
         for_s = (then.at - now.at).total_seconds()
         one = scores(now.area, then.area, predict(landscape, now, weather, for_s))
         found.append(one)
-        sys.stdout.write(
+        click.echo(
             f"{now.at:%m-%d %H:%M} {for_s / 60:6.0f} {then.area.area / 1e6:6.2f} "
             f"{then.area.difference(now.area).area / 1e6:6.2f} {one.whole:7.3f} "
-            f"{one.persistence:7.3f} {one.new:8.3f} {one.bias:7.2f} {one.new_bias:8.2f}\n"
+            f"{one.persistence:7.3f} {one.new:8.3f} {one.bias:7.2f} {one.new_bias:8.2f}"
         )
     for name, some in (
         ("all", found),
@@ -147,9 +145,9 @@ def main() -> None:
         ("the others", [one for one in found if one.persistence >= 1.0 / GROWN]),
     ):
         mean = Scores(*np.mean(some, axis=0))
-        sys.stdout.write(
+        click.echo(
             f"mean of {len(some):2}, {name:20} {mean.whole:7.3f} {mean.persistence:7.3f} "
-            f"{mean.new:8.3f} {mean.bias:7.2f} {mean.new_bias:8.2f}\n"
+            f"{mean.new:8.3f} {mean.bias:7.2f} {mean.new_bias:8.2f}"
         )
 
 

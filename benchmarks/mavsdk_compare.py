@@ -1,8 +1,8 @@
-"""Ours and MAVSDK, one mission: ``python -m benchmarks.mavsdk_compare [--items N] [--rounds N]``.
+"""Upload by the native client and by MAVSDK: ``python -m benchmarks.mavsdk_compare [--items N]``.
 
-Both upload to the same mock of PX4 over UDP on loopback, by turns, a new mission each time; MAVSDK
-in a process of its own. Ours also waits until the autopilot says that it begins with the first
-item. The times are from the call to the end of the upload, connecting not included.
+Both clients upload new missions alternately to the same mock PX4 over UDP on loopback; MAVSDK runs
+in a separate process. The native client also waits until the autopilot reports the first item as
+current. The times are from the call to the end of the upload, without the connection.
 """
 
 import argparse
@@ -11,6 +11,8 @@ import statistics
 import subprocess
 import sys
 import time
+
+import click
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.connection import Connection
@@ -38,7 +40,7 @@ print(time.perf_counter() - began)
 
 
 async def ours_s(port: int, count: int, shift_m: float) -> float:
-    """Seconds of one upload."""
+    """Return the seconds of one upload by the native client."""
     client = NativeClient()
     async with Connection(f"udpin:127.0.0.1:{port}", client, clock_us) as connection:
         while client.stack is None:
@@ -56,7 +58,7 @@ async def ours_s(port: int, count: int, shift_m: float) -> float:
 
 
 def mavsdk_s(port: int, count: int, shift_m: float) -> float:
-    """Seconds of one upload."""
+    """Return the seconds of one upload by MAVSDK."""
     link = f"udpin://127.0.0.1:{port}"
     command = [sys.executable, "-c", MAVSDK, link, str(count), str(400.0 + shift_m)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -66,14 +68,14 @@ def mavsdk_s(port: int, count: int, shift_m: float) -> float:
 
 
 def main() -> None:
-    """Print the medians and their ratio."""
+    """Print the time of each upload, the medians and their ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--items", type=int, default=500)
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     (port,) = free_ports(1)
     mock = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", "px4"]
-    mock += ["--param", "MIS_TKO_LAND_REQ=0"]  # these lines have no landing
+    mock += ["--param", "MIS_TKO_LAND_REQ=0"]  # the missions have no landing
     mock += ["--home", "36.3,-84.2,300", "--link", f"udpout:127.0.0.1:{port}"]
     process = subprocess.Popen(mock, stdout=subprocess.DEVNULL)
     ours, theirs = [], []
@@ -81,16 +83,15 @@ def main() -> None:
         for number in range(arguments.rounds):
             ours.append(asyncio.run(ours_s(port, arguments.items, 2.0 * number)))
             theirs.append(mavsdk_s(port, arguments.items, 2.0 * number + 1.0))
-            sys.stdout.write(f"ours {ours[-1]:.3f} s, MAVSDK {theirs[-1]:.3f} s\n")
-            sys.stdout.flush()
+            click.echo(f"ours {ours[-1]:.3f} s, MAVSDK {theirs[-1]:.3f} s")
     finally:
         process.kill()
         process.wait(timeout=10)
     ratio = statistics.median(ours) / statistics.median(theirs)
-    sys.stdout.write(
+    click.echo(
         f"{arguments.items} items, median of {arguments.rounds}: ours "
         f"{statistics.median(ours):.3f} s, MAVSDK {statistics.median(theirs):.3f} s, "
-        f"ours / MAVSDK {ratio:.2f}\n"
+        f"ours / MAVSDK {ratio:.2f}"
     )
 
 

@@ -1,15 +1,17 @@
-"""Item protocol against MAVFTP: ``python -m benchmarks.mission_transfer [--sitl HOST:PORT]``.
+"""Item protocol and MAVFTP compared: ``python -m benchmarks.mission_transfer [--sitl HOST:PORT]``.
 
-On the mock in virtual time, over a link of 10 ms each way (the mock answers at once; ArduPlane
-takes 20 ms for an item). With ``--sitl`` also on a real ArduPilot that sends to HOST:PORT: its
-mission is replaced. Each upload is read back by the other protocol and compared.
+The transfers run in virtual time with the mock, over a link with a delay of 10 ms in each direction
+(the mock replies at once; ArduPlane takes 20 ms for an item). With ``--sitl`` they also run with a
+real ArduPilot that sends to HOST:PORT, and replace its mission. Each uploaded mission is downloaded
+by the other protocol and compared.
 """
 
 import argparse
 import socket
-import sys
 import time
 from typing import Protocol
+
+import click
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec, Message
@@ -22,22 +24,22 @@ from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
+from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)
+DELAY_US = 10_000  # of the link in each direction
 Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
-
-
 ARDUPLANE = stack_named("ardupilot", "plane")
 
 
 class Vehicle(Protocol):
-    """An autopilot at the other end of a link; ``run`` gives the seconds a transfer took."""
+    """An autopilot at the other end of a link."""
 
     target: tuple[int, int]
 
     def run(self, transfer: Transfer) -> float:
-        """Carry a transfer out."""
+        """Run a transfer and return its duration in seconds."""
 
 
 class MockVehicle:
@@ -45,17 +47,14 @@ class MockVehicle:
 
     target = (1, 1)
 
-    def __init__(self, loss: float, delay_us: int = 10_000) -> None:
-        self._mock = MockAutopilot(
-            ARDUPLANE,
-            LocalFrame(HOME[0], HOME[1], HOME[2]),
-        )
-        self._up, self._down = (MemoryLink(loss, delay_us, seed=seed) for seed in (1, 2))
+    def __init__(self, loss: float) -> None:
+        self._mock = MockAutopilot(ARDUPLANE, LocalFrame(*HOME))
+        self._up, self._down = (MemoryLink(loss, DELAY_US, seed=seed) for seed in (1, 2))
         self._codec = Codec(*STATION)
         self._now_us = 0
 
     def run(self, transfer: Transfer) -> float:
-        """Virtual seconds."""
+        """Run a transfer and return its duration in virtual seconds."""
         began_us = self._now_us
         self._send(transfer.start(self._now_us))
         while transfer.result is None:
@@ -101,23 +100,20 @@ class SocketVehicle:
                 return
 
     def run(self, transfer: Transfer) -> float:
-        """Seconds of the clock."""
-        began_us = self._now_us()
+        """Run a transfer and return its duration in seconds of the clock."""
+        began_us = clock_us()
         self._send(transfer.start(began_us))
         while transfer.result is None:
-            wait_s = (transfer.next_timer() - self._now_us()) / 1e6
+            wait_s = (transfer.next_timer() - clock_us()) / 1e6
             self._socket.settimeout(max(wait_s, 1e-4))
             try:
                 data, self._remote = self._socket.recvfrom(65536)
             except TimeoutError:
-                self._send(transfer.handle_timer(self._now_us()))
+                self._send(transfer.handle_timer(clock_us()))
                 continue
             for message in self._codec.decode(data):
-                self._send(transfer.receive(message, self._now_us()))
-        return (self._now_us() - began_us) / 1e6
-
-    def _now_us(self) -> int:
-        return time.monotonic_ns() // 1000
+                self._send(transfer.receive(message, clock_us()))
+        return (clock_us() - began_us) / 1e6
 
     def _send(self, messages: list[Message]) -> None:
         for message in messages:
@@ -125,7 +121,7 @@ class SocketVehicle:
 
 
 def mission_of(count: int, shift: float) -> tuple[MissionItem, ...]:
-    """Wire items, home first; ``shift`` makes missions differ."""
+    """Return MAVLink items, home first; ``shift`` in m is added to the altitudes."""
     points = [waypoint(36.302 + 1e-4 * i, -84.2 + 1e-4 * i, 400.0 + shift) for i in range(count)]
     return (*points[:-1], loiter_unlimited(36.31, -84.19, 420.0 + shift, -90.0))
 
@@ -137,7 +133,7 @@ def _checked(result: TransferResult | None) -> TransferResult:
 
 
 def compare(vehicle: Vehicle, count: int) -> dict[str, float]:
-    """Seconds for up and down by both; ends the program when a mission came back wrong."""
+    """Return the seconds of upload and download by each protocol; exit if a mission differs."""
     address, timing = Address(STATION, vehicle.target), TransferTiming()
     session = time.time_ns() // 10**9 % 255 + 1
     taken: dict[str, float] = {}
@@ -151,12 +147,12 @@ def compare(vehicle: Vehicle, count: int) -> dict[str, float]:
         taken[name] = vehicle.run(transfer)
         read = _checked(transfer.result).items or ()
         if not same_mission(held, read, ARDUPLANE):
-            raise SystemExit(f"{name}: the vehicle holds another mission than was sent")
+            raise SystemExit(f"{name}: the downloaded mission differs from the uploaded mission")
     return taken
 
 
 def main() -> None:
-    """Print seconds and ratios."""
+    """Print the times and ratios of all transfers."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--items", type=int, default=650, help="with home")
     parser.add_argument("--runs", type=int, default=1)
@@ -172,14 +168,13 @@ def main() -> None:
     for name, vehicle in vehicles:
         for _ in range(arguments.runs):
             taken = compare(vehicle, arguments.items)
-            sys.stdout.write(f"{name}, {arguments.items} items\n")
-            for way in ("up", "down"):
-                items_s, ftp_s = taken[f"items {way}"], taken[f"ftp {way}"]
-                sys.stdout.write(
-                    f"  {way:4} items {items_s:7.2f} s  ftp {ftp_s:6.3f} s"
-                    f"  ratio {items_s / ftp_s:5.1f}\n"
+            click.echo(f"{name}, {arguments.items} items")
+            for direction in ("up", "down"):
+                items_s, ftp_s = taken[f"items {direction}"], taken[f"ftp {direction}"]
+                click.echo(
+                    f"  {direction:4} items {items_s:7.2f} s  ftp {ftp_s:6.3f} s"
+                    f"  ratio {items_s / ftp_s:5.1f}"
                 )
-            sys.stdout.flush()
 
 
 if __name__ == "__main__":

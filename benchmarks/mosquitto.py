@@ -1,4 +1,4 @@
-"""A real Mosquitto on a port of its own, for tests and benchmarks."""
+"""A real Mosquitto on a free port, for tests and benchmarks."""
 
 import os
 import shutil
@@ -12,10 +12,10 @@ MOSQUITTO = shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/s
 
 
 class Mosquitto:
-    """A broker that can be killed, started again, and frozen."""
+    """A broker that can be killed, restarted and frozen."""
 
     def __init__(self, folder: Path, settings: str = "allow_anonymous true") -> None:
-        """``settings`` are lines of its configuration about who may connect, and how."""
+        """Write the configuration; ``settings`` are its lines on authentication and access."""
         with socket.socket() as sock:
             sock.bind(("127.0.0.1", 0))
             self.port: int = sock.getsockname()[1]
@@ -27,13 +27,13 @@ class Mosquitto:
 
     @property
     def address(self) -> str:
-        """As for --broker."""
+        """Address for the option --broker."""
         return f"127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        """Returns when it takes connections."""
+        """Start the broker and wait until it accepts connections."""
         if MOSQUITTO is None:
-            raise RuntimeError("no mosquitto here: apt-get install mosquitto")
+            raise RuntimeError("mosquitto is not installed: apt-get install mosquitto")
         self._process = subprocess.Popen(
             [MOSQUITTO, "-c", str(self._config)],
             stdout=subprocess.DEVNULL,
@@ -47,7 +47,7 @@ class Mosquitto:
         raise RuntimeError(f"mosquitto does not listen on {self.port}")
 
     def kill(self) -> None:
-        """Gone at once, as in a power cut."""
+        """Kill the broker at once, as in a power cut."""
         if self._process is not None:
             self._process.send_signal(signal.SIGCONT)
             self._process.kill()
@@ -55,6 +55,6 @@ class Mosquitto:
             self._process = None
 
     def freeze(self, frozen: bool) -> None:
-        """Stop it without closing anything, or let it go on."""
+        """Stop the process without closing its connections, or continue it."""
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP if frozen else signal.SIGCONT)

@@ -1,9 +1,9 @@
-"""Writes docs/schemas (a JSON Schema with an example for each message over MQTT) and the tables of
-docs/mqtt.md.
+"""Write docs/schemas and the tables of docs/mqtt.md.
 
     .venv/bin/python -m benchmarks.mqtt_schemas [FOLDER]
 
-They are made of the tables of topics and of requests; a test finds what is missing or stale.
+The folder contains a JSON Schema with an example for each MQTT message. The sources are the tables
+of topics and of requests. A test finds missing and outdated files.
 """
 
 import json
@@ -24,7 +24,7 @@ from mission_service.requests import summary_of
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 PAGE = FOLDER.parent / "mqtt.md"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-OPERATOR_FIELDS = ("do", "by", "station")  # of the request; a command has its own
+OPERATOR_FIELDS = ("do", "by", "station")  # of a request; a command has other fields for these
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
 RING = {"type": "array", "items": {"type": "array", "prefixItems": [NUMBER, NUMBER]}}
 FRONT_SCHEMA: dict[str, Any] = {
@@ -89,24 +89,24 @@ FRONT_SCHEMA: dict[str, Any] = {
 
 
 def file_of(schema: str) -> str:
-    """``telemetry/1`` → ``telemetry-1.json``."""
+    """Return the file name of a schema: ``telemetry/1`` → ``telemetry-1.json``."""
     return schema.replace("/", "-") + ".json"
 
 
 def command_file(name: str) -> str:
-    """The schema of one command."""
+    """Return the file name of the schema of a command."""
     return f"command-{name}-1.json"
 
 
 def schema_of(struct: type[msgspec.Struct]) -> dict[str, Any]:
-    """The JSON Schema of a type, itself on top and what it is made of in ``$defs``."""
+    """Return the JSON Schema of a type, with the types of its fields in ``$defs``."""
     found = msgspec.json.schema(struct)
     top: dict[str, Any] = found["$defs"].pop(found.pop("$ref").rpartition("/")[2])
     return top | ({"$defs": found["$defs"]} if found["$defs"] else {})
 
 
 def documents() -> dict[str, dict[str, Any]]:
-    """All schemas, each with an example, by the names of their files."""
+    """Return all schemas, each with an example, by file name."""
     found = {file_of(FRONT.schema): {"$schema": DRAFT, **FRONT_SCHEMA}}
     for topic in TOPICS:
         if not isinstance(topic.carries, str):
@@ -118,21 +118,22 @@ def documents() -> dict[str, dict[str, Any]]:
 
 
 def command_schema(name: str) -> dict[str, Any]:
-    """What every command says and what this one asks for; nothing else is taken."""
+    """Return the schema of a command: the common fields and its own, without additional fields."""
     base = schema_of(Command)
     properties, required = dict(base["properties"]), list(base["required"])
     required.remove("schema")
-    asked = schema_of(ALL_REQUESTS[name])
+    request = schema_of(ALL_REQUESTS[name])
     if name == ABORT:
         required = []
     else:
-        own = {key: each for key, each in asked["properties"].items() if key not in OPERATOR_FIELDS}
+        fields = request["properties"].items()
+        own = {key: field for key, field in fields if key not in OPERATOR_FIELDS}
         properties |= own
-        required += [key for key in asked["required"] if key in own]
+        required += [key for key in request["required"] if key in own]
     example = {"id": "7f3a", "by": "anna", "sent_at_unix_us": UNIX_US, **ALL_REQUESTS[name].example}
     return {
         "title": f"Command {name}",
-        "description": asked["description"],
+        "description": request["description"],
         "type": "object",
         "properties": properties,
         "required": required,
@@ -142,7 +143,7 @@ def command_schema(name: str) -> dict[str, Any]:
 
 
 def texts() -> dict[str, str]:
-    """The files of docs/schemas."""
+    """Return the text of each file of docs/schemas."""
     return {
         name: json.dumps(document, indent=2, ensure_ascii=False) + "\n"
         for name, document in documents().items()
@@ -150,7 +151,7 @@ def texts() -> dict[str, str]:
 
 
 def page(text: str) -> str:
-    """The page with its tables of topics and commands made again."""
+    """Return the text of docs/mqtt.md with new tables of topics and commands."""
     for head, rows in (("| topic |", _topic_rows()), ("| command |", _command_rows())):
         before, found, rest = text.partition(head)
         titles, line, *_ = rest.splitlines()
@@ -175,7 +176,7 @@ def _command_rows() -> Iterator[str]:
 
 
 def write(folder: Path) -> None:
-    """Write all, and remove what is no more."""
+    """Write all files into a folder and remove outdated files from it."""
     folder.mkdir(exist_ok=True)
     found = texts()
     for path in set(folder.glob("*.json")) - {folder / name for name in found}:

@@ -1,4 +1,4 @@
-"""The pictures of docs/planners.md: ``python -m benchmarks.planner_pictures docs/planners``."""
+"""Pictures of docs/planners.md: ``python -m benchmarks.planner_pictures docs/planners``."""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from mission_service.experiments.bent.ring_flight import fly_team
 from mission_service.experiments.bent.ring_history import RingStep, ring_history
 from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
@@ -22,8 +23,6 @@ from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
 from mission_service.guidance.team.front_ring import TeamRule
-
-Floats = NDArray[np.float64]
 
 UAVS = 4
 SHOWN_S = 3600.0
@@ -41,7 +40,7 @@ TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
 
 
 def bearings_deg(places: NDArray[Any], centre: tuple[int, int]) -> Floats:
-    """Bearing from the ignition of places (n, 2) row, column."""
+    """Return the bearings of places (n, 2) row, column from the ignition."""
     bearing: Floats = (
         np.rad2deg(np.arctan2(places[:, 1] - centre[1], centre[0] - places[:, 0])) % 360.0
     )
@@ -49,7 +48,7 @@ def bearings_deg(places: NDArray[Any], centre: tuple[int, int]) -> Floats:
 
 
 def spread_by_bearing(history: list[RingStep], centre: tuple[int, int]) -> Floats:
-    """Spread rate in m/min (360, steps) on each bearing from the ignition."""
+    """Return the spread rate in m/min, (360, steps), on each bearing from the ignition."""
     found = np.empty((360, len(history)))
     for number, step in enumerate(history):
         bearing = bearings_deg(step.cells, centre)
@@ -67,7 +66,7 @@ def draw(
     history: list[RingStep],
     centre: tuple[int, int],
 ) -> None:
-    """Where each vehicle is around the fire over a history; the background is the spread.
+    """Draw the bearing of each vehicle over time, with the spread rate as the background.
 
     Tracks (n, 3) are time in s, row, column, by name.
     """
@@ -102,7 +101,7 @@ def draw(
 
 
 def draw_teams(folder: Path) -> None:
-    """The last hour of four vehicles over the uneven fire."""
+    """Draw the last hour of four vehicles at the uneven fire, for each team rule."""
     fire = uneven()
     history = ring_history(fire)
     shown = [step for step in history if step.at_s >= fire.end_s - SHOWN_S]
@@ -115,7 +114,7 @@ def draw_teams(folder: Path) -> None:
 
 
 def draw_alone(folder: Path) -> None:
-    """One vehicle over five hours of the paper's first fire."""
+    """Draw five hours of one vehicle at the paper's first fire, for each rule."""
     fire = islam_hu_burn("slow-then-fast", "devs8")
     history = ring_history(fire, every_s=120.0)
     flights: dict[str, Flight] = {
@@ -129,7 +128,7 @@ def draw_alone(folder: Path) -> None:
 
 
 def main() -> None:
-    """Draw them all into the folder that is named."""
+    """Draw all pictures into the given folder."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     draw_alone(folder)

@@ -1,12 +1,14 @@
-"""Cells a second against pyretechnics: ``python -m benchmarks.pyretechnics_compare [--json]``.
+"""Cells a second, and pyretechnics': ``python -m benchmarks.pyretechnics_compare [--json]``.
 
-The same fire on both, in one run: 1000 x 1000 cells of 30 m, wind 5 m/s at 20 ft from 250 degrees,
-lit in one cell, for as long as it takes to burn about half of them. Rothermel's equations and all
-that is built for one fire count on both sides; reading files, starting Python and compiling do not.
-Both have no wind limit and the same length over width; pyretechnics runs with its defaults.
+Both packages simulate the same fire in one run: 1000 x 1000 cells of 30 m, wind of 5 m/s at 20 ft
+from 250 degrees, one ignition cell, until about half of the cells have burned. The times contain
+Rothermel's equations and the construction of the fire. They do not contain reading of files, start
+of Python and compilation. Both have no wind limit and the same length-to-width ratio; pyretechnics
+runs with its defaults.
 
-Where every cell has a fuel of its own ("speckled") the burned areas differ. Then ``--finer 3``,
-which cuts each cell into 3 x 3 of the same fuel, shows what either tends to: try --cells 120.
+If each cell has a random fuel ("speckled"), the burned areas differ. ``--finer 3`` divides each
+cell into 3 x 3 cells of the same fuel and shows the limit to which each package converges; use it
+with ``--cells 120``.
 """
 
 import argparse
@@ -19,29 +21,30 @@ import time
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WIND_10M_OVER_20FT, Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 
 CELL_M = 30.0
-# Live herbaceous as moist as live woody, since pyretechnics reads the one for the other.
+# Equal moistures of live herbaceous and live woody fuel, because pyretechnics exchanges them.
 WEATHER = Weather(0.0, 5.0, 250.0, 6.0, 7.0, 8.0, 90.0, 90.0)
 FUELS = (1, 2, 5, 9, 10)
 PATCH_CELLS = {"mixed": 20, "speckled": 1}
 WORKER = Path(__file__).with_name("pyretechnics_worker.py")
-# Burned for so long (minutes) at 1000 cells a side; other sizes in proportion.
+# Duration in minutes with 1000 cells a side; other sizes have a proportional duration.
 DURATIONS_MIN = {"uniform": 1180.0, "mixed": 2700.0, "speckled": 2700.0}
-
-Floats = NDArray[np.float64]
 
 
 def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:
-    """Level ground of one fuel, and hills (slopes to about 20 %) with five, in patches or not.
+    """Return level ground of one fuel, and hills of five fuels, in patches or in single cells.
 
-    ``finer`` is how many cells a side are made of each.
+    The hills have slopes up to about 20 %. ``finer`` is the number of cells a side into which each
+    cell is divided.
     """
     place = np.arange(cells * finer) * CELL_M / finer
     hills = 200.0 * np.sin(place / 900.0)[:, None] * np.cos(place / 1100.0) + 0.02 * place
@@ -63,12 +66,12 @@ def landscapes(cells: int, finer: int = 1) -> dict[str, Landscape]:
 
 
 def ignition(landscape: Landscape) -> tuple[int, int]:
-    """Row and column upwind of most of the landscape, so that fire does not soon leave it."""
+    """Return the row and column of the ignition, upwind of most of the landscape."""
     return int(0.6 * landscape.shape[0]), int(0.2 * landscape.shape[1])
 
 
 def ours(landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
-    """(wall s, arrival s) with the construction of the fire, without compiling."""
+    """Return (wall time in s, arrival times in s) of this package, without compilation."""
     lit = [(*ignition(landscape), 0.0)]
     AnyAngleFire(landscape, WeatherStream([WEATHER]), lit).advance(60.0)
     began = time.perf_counter()
@@ -80,7 +83,7 @@ def ours(landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
 def answer_of(
     python: Path, landscape: Landscape, weather: Weather, **more: Any
 ) -> dict[str, NDArray[Any]]:
-    """What pyretechnics finds for a landscape, its trees left out (see ``pyretechnics_worker``)."""
+    """Return pyretechnics' results for a landscape without trees (see ``pyretechnics_worker``)."""
     dead_1h, dead_10h, dead_100h, herb, woody = weather.moisture.classes
     with tempfile.TemporaryDirectory() as folder:
         case, answer = Path(folder) / "case.npz", Path(folder) / "answer.npz"
@@ -104,33 +107,26 @@ def answer_of(
 
 
 def theirs(python: Path, landscape: Landscape, duration_min: float) -> tuple[float, Floats]:
-    """(wall s, arrival s) of pyretechnics."""
+    """Return (wall time in s, arrival times in s) of pyretechnics."""
     more = {"ignition": ignition(landscape), "duration_min": duration_min}
     found = answer_of(python, landscape, WEATHER, **more)
     return float(found["wall_s"]), np.nan_to_num(found["arrival_min"] * 60.0, nan=np.inf)
 
 
 def environment(folder: Path) -> Path:
-    """Python of a virtual environment with pyretechnics, made if it is not there yet."""
+    """Return the Python of a virtual environment with pyretechnics; create it if necessary."""
     python = folder / "bin" / "python"
     ready = folder / "ready"
     if not ready.exists():
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        pip: list[str | Path] = [
-            python,
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "--disable-pip-version-check",
-        ]
+        pip = (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
         subprocess.run([*pip, "pyretechnics"], check=True)
         ready.touch()
     return python
 
 
 def compare(name: str, landscape: Landscape, python: Path) -> dict[str, Any]:
-    """Rates (burned cells a second) and how far the burned areas agree."""
+    """Return the burned cells a second of both packages and the overlap of the burned areas."""
     duration_min = (
         DURATIONS_MIN[name] * landscape.shape[0] * landscape.cell_size_m / (1000.0 * CELL_M)
     )
@@ -154,11 +150,13 @@ def compare(name: str, landscape: Landscape, python: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print a line for each case, or JSON."""
+    """Print one line for each case, or JSON."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=1000, help="a side")
-    parser.add_argument("--finer", type=int, default=1, help="cells a side made of each")
+    parser.add_argument("--cells", type=int, default=1000, help="number of cells a side")
+    parser.add_argument(
+        "--finer", type=int, default=1, help="cells a side into which each cell is divided"
+    )
     parser.add_argument("--venv", type=Path, default=cache / "firemodel" / "pyretechnics")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
@@ -166,13 +164,13 @@ def main() -> None:
     for name, landscape in landscapes(given.cells, given.finer).items():
         found = compare(name, landscape, python)
         if given.json:
-            sys.stdout.write(json.dumps(found) + "\n")
+            click.echo(json.dumps(found))
             continue
-        sys.stdout.write(
+        click.echo(
             f"{name}: {found['our_cells_per_s']:,.0f} cells/s in {found['our_s']:.2f} s, "
             f"pyretechnics {found['their_cells_per_s']:,.0f} in {found['their_s']:.1f} s: "
             f"{found['faster']:.1f} x; burned {found['our_cells']:,} and "
-            f"{found['their_cells']:,} cells, overlap {found['overlap']:.3f}\n"
+            f"{found['their_cells']:,} cells, overlap {found['overlap']:.3f}"
         )
 
 

@@ -1,8 +1,10 @@
-"""Pyretechnics' side of two benchmarks; runs in its own environment, without firemodel.
+"""Run pyretechnics for two benchmarks, in its own environment without firemodel.
 
-``python pyretechnics_worker.py case.npz answer.npz``. With a duration it burns one fire, else it
-gives the fastest spread of each cell. Rows are turned round on the way in and out, because
-pyretechnics counts them from the south.
+    python pyretechnics_worker.py case.npz answer.npz
+
+With a duration the worker simulates one fire, otherwise it computes the highest spread rate of each
+cell. It reverses the order of rows of inputs and outputs, because pyretechnics counts rows from the
+south.
 """
 
 import sys
@@ -20,27 +22,27 @@ from pyretechnics.eulerian_level_set import (  # type: ignore[import-not-found]
 from pyretechnics.space_time_cube import SpaceTimeCube  # type: ignore[import-not-found]
 
 RASTERS = ("slope", "aspect", "fuel_model")
-NUMBERS = ("wind", "upwind", "fuel_moisture")  # how their names begin
+NUMBERS = ("wind", "upwind", "fuel_moisture")  # first parts of their names
 NO_TREES = ("canopy_cover", "canopy_height", "canopy_base_height", "canopy_bulk_density")
 
 Case = dict[str, Any]
 
 
 def main() -> None:
-    """The fire is burned twice, first a little of it, and the second run is timed."""
+    """Compute the answer of a case; a short first run of a fire is not timed."""
     case: Case = dict(np.load(sys.argv[1]))
     if "duration_min" not in case:
         found = burn_all_cells_as_head_fire(cubes(case), 0, use_wind_limit=False)
         np.savez(sys.argv[2], rate_m_min=found["spread_rate"][::-1])
         return
-    burn(case, min(1.0, float(case["duration_min"])))  # what is only done once
+    burn(case, min(1.0, float(case["duration_min"])))  # one-time initialisation
     began = time.perf_counter()
     arrival_min = burn(case, float(case["duration_min"]))
     np.savez(sys.argv[2], wall_s=time.perf_counter() - began, arrival_min=arrival_min[::-1])
 
 
 def cubes(case: Case) -> dict[str, Any]:
-    """The inputs; one band in time holds for all of it, since the weather does not change."""
+    """Return the inputs of a case, with one band of time because the weather is constant."""
     shape = (1, *case["fuel_model"].shape)
     constants = dict.fromkeys(NO_TREES, 0.0) | {"foliar_moisture": 1.0}
     found = {name: SpaceTimeCube(shape, value) for name, value in constants.items()}
@@ -54,9 +56,9 @@ def cubes(case: Case) -> dict[str, Any]:
 
 
 def burn(case: Case, duration_min: float) -> Any:
-    """Minutes (y, x) from the south, NaN where it has not burned.
+    """Simulate a fire; return arrival times in minutes (y, x) from the south, NaN where unburned.
 
-    Time step, width of the band and length over width are pyretechnics' defaults.
+    Time step, width of the band and length-to-width ratio are pyretechnics' defaults.
     """
     rows, cols = case["fuel_model"].shape
     cell_m, band_min = float(case["cell_m"]), float(case["duration_min"]) + 1.0

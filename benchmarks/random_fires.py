@@ -1,17 +1,19 @@
-"""Predictive against circling on 50 fires drawn by chance: mean largest distance error, ratio.
+"""Compare ``predictive`` with circling on random fires, by the mean of the largest distance error.
 
-python -m benchmarks.random_fires [first] [count]
+python -m benchmarks.random_fires [FIRST] [COUNT]
 """
 
 import multiprocessing
 import sys
 
+import click
 import numpy as np
 
 from tests.service.random_fires import mean_max_errors
 
 
 def main() -> None:
+    """Print the errors and their ratio for each fire."""
     first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 50
     ratios = []
@@ -20,14 +22,13 @@ def main() -> None:
         for seed, errors in zip(seeds, pool.imap(mean_max_errors, seeds), strict=True):
             circling, predictive = errors
             ratios.append(predictive / circling)
-            sys.stdout.write(
+            click.echo(
                 f"{seed:4d}  circling {circling:6.2f}  predictive {predictive:6.2f}  "
-                f"{ratios[-1]:.2f}\n"
+                f"{ratios[-1]:.2f}"
             )
-            sys.stdout.flush()
-    sys.stdout.write(
+    click.echo(
         f"{count} fires: mean ratio {np.mean(ratios):.2f}, worst {max(ratios):.2f} "
-        f"(fire {first + int(np.argmax(ratios))})\n"
+        f"(fire {first + int(np.argmax(ratios))})"
     )
 
 

@@ -1,16 +1,17 @@
-"""Every request of every guidance, odd and wrong ones too, at random moments of simulated flights.
+"""Send valid and malformed requests of each guidance at random times of simulated flights.
 
     python -m benchmarks.request_fuzz [REQUESTS] [SEED] [SCENARIO...]
 
-The shipped scenarios are flown in virtual time, over MAVLink frames to mock autopilots. At random
-moments the process is forked, and the fork asks for things: by the desk (as the control socket and
-HTTP do), in lines of the socket, and over MQTT; between requests it flies on. What is asked follows
-from the request table (``core/requests.py``), so that a new request is asked for too. Then:
+The shipped scenarios fly in virtual time, with MAVLink frames to mock autopilots. At random times
+the process forks. The fork sends requests to the request handler (as the control socket and HTTP
+do), as lines of the control socket, and over MQTT, and continues the flight between requests. The
+requests are generated from the request table (``core/request_events.py``), so that a new request is
+tested too. The checks are:
 
-- nothing was raised, and no request was refused because it could not be handled;
-- a restart from the last state, and one from the very beginning of the journal, know all that the
-  live run knew, object by object: core, fire, state view, missions, interlock;
-- the journal replays, stage by stage, to the same lines.
+- no request raises an exception, and no request is refused because it cannot be handled;
+- the state after a restart from the last snapshot, and from the beginning of the journal, equals
+  the state of the live run, object by object: core, fire, state view, missions, interlock;
+- the journal replays to the same lines, stage by stage.
 """
 
 import json
@@ -23,9 +24,11 @@ import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 import msgspec
 import numpy as np
 from msgspec import inspect as kinds
@@ -59,12 +62,12 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Case:
-    """A flight: a shipped scenario, what of it is changed to fly it cheaply, and when it ends."""
+    """A flight of a shipped scenario, with changes that shorten it, and its end."""
 
     scenario: str
     changes: tuple[str, ...]
     ends_s: float
-    vehicle: str | None = None  # the only one flown by this process
+    vehicle: str | None = None  # the only vehicle of this process
 
 
 CASES = {
@@ -85,7 +88,7 @@ CASES = {
 
 @dataclass
 class Found:
-    """What came of all request_events."""
+    """Results of all requests."""
 
     asked: Counter[str] = field(default_factory=Counter)
     done: Counter[str] = field(default_factory=Counter)
@@ -93,21 +96,21 @@ class Found:
     wrong: list[str] = field(default_factory=list)
 
     def add(self, other: dict[str, Any]) -> None:
-        """What a fork has found."""
+        """Add the results of a fork."""
         for name in ("asked", "done", "refused"):
             getattr(self, name).update(other[name])
         self.wrong += other["wrong"]
 
     def line(self) -> str:
-        """In one line."""
+        """Return the results as one line."""
         kinds_done = ", ".join(f"{name} {count}" for name, count in sorted(self.done.items()))
         return (
-            f"{self.asked.total()} request_events, {self.done.total()} done ({kinds_done}), "
+            f"{self.asked.total()} requests, {self.done.total()} done ({kinds_done}), "
             f"{self.refused.total()} refused; wrong: {len(self.wrong)}"
         )
 
 
-# What is asked --------------------------------------------------------------------------------
+# Requests -------------------------------------------------------------------------------------
 
 ODD: tuple[Any, ...] = (
     *(None, True, "", "x", "x" * 1000, "\x00", "\ud800", "ünï", [], {}, [[]], -1, 0, 1e-300),
@@ -115,8 +118,8 @@ ODD: tuple[Any, ...] = (
 )
 
 
-class Asker:
-    """Draws requests from the table."""
+class RequestGenerator:
+    """Generator of random requests from the request table."""
 
     def __init__(self, rng: Rng, service: Engine, scenario: Scenario) -> None:
         self._rng = rng
@@ -129,15 +132,15 @@ class Asker:
             word: kind for word, kind in request_events.REQUESTS.items() if word != "abort"
         }
         self._words = sorted(self._kinds)
-        self._wanted = sorted(request_events.accepted_in(scenario).keys() & self._kinds.keys())
+        self._accepted = sorted(request_events.accepted_in(scenario).keys() & self._kinds.keys())
 
     def request(self) -> dict[str, Any]:
-        """One of this guidance as a rule, now and then any; a wrong one in six."""
+        """Return a request, 95 % of this guidance and 5 % of any; one in six is malformed."""
         rng = self._rng
-        word = str(rng.choice(self._wanted if rng.random() < 0.95 else self._words))
+        word = str(rng.choice(self._accepted if rng.random() < 0.95 else self._words))
         if rng.random() < 0.02:
-            return {"do": "abort", **self._who()}
-        asked: dict[str, Any] = {"do": word, **self._who()}
+            return {"do": "abort", **self._operator()}
+        asked: dict[str, Any] = {"do": word, **self._operator()}
         for each in kinds.type_info(self._kinds[word]).fields:  # type: ignore[attr-defined]
             if each.name not in ("by", "station") and (each.required or rng.random() < 0.6):
                 asked[each.name] = self._value(each.name, each.type)
@@ -145,7 +148,7 @@ class Asker:
             self._spoil(asked)
         return asked
 
-    def _who(self) -> dict[str, Any]:
+    def _operator(self) -> dict[str, Any]:
         by = ("ann", "bob", " c ", "ünï", "service", "x" * 80)
         return {"by": str(self._rng.choice(by)), "station": str(self._rng.choice(self._stations))}
 
@@ -204,7 +207,7 @@ class Asker:
             case kinds.NoneType():
                 return None
             case _:
-                raise AssertionError(f"no values of {kind} are known here")
+                raise AssertionError(f"no random values of type {kind} are defined")
 
     def _hashes(self) -> list[str]:
         state_view = self._service.state_view
@@ -213,12 +216,12 @@ class Asker:
         return [*found, *([state_view.plan_hash] if state_view.plan_hash else [])] or ["1" * 64]
 
     def _centre(self) -> tuple[float, float]:
-        """Where something burns, or a vehicle is."""
+        """Return the position of a fire or of a vehicle."""
         state_view = self._service.state_view
-        heard = list(state_view.telemetry.values())
-        if heard and self._rng.random() < 0.3:
-            here = heard[int(self._rng.integers(len(heard)))]
-            return here.lat_deg, here.lon_deg
+        positions = list(state_view.telemetry.values())
+        if positions and self._rng.random() < 0.3:
+            vehicle = positions[int(self._rng.integers(len(positions)))]
+            return vehicle.lat_deg, vehicle.lon_deg
         burn = self._scenario.burn_flown
         if burn is not None and burn.unit is not None:
             corners = np.array(burn.unit)
@@ -250,11 +253,11 @@ class Asker:
         return [*found, found[0]] if rng.random() < 0.1 else found
 
 
-# Who is asked ---------------------------------------------------------------------------------
+# The run --------------------------------------------------------------------------------------
 
 
 class FuzzedEngine:
-    """A flight as the daemon has it: a durable journal, a picture, a desk; in virtual time."""
+    """A flight in virtual time with a durable journal and a state view, as in the daemon."""
 
     def __init__(self, case: Case, folder: Path) -> None:
         scenario = flying(load_scenario(case.scenario, case.changes))
@@ -270,22 +273,22 @@ class FuzzedEngine:
 
     @property
     def service(self) -> Engine:
-        """What is asked."""
+        """The engine that handles the requests."""
         return self.simulation.service
 
     def run(self, seconds: float) -> None:
-        """Fly on."""
+        """Continue the flight."""
         self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
 
     def keep(self) -> None:
-        """Begin a segment with a state, as the daemon does now and then."""
+        """Begin a journal segment with a snapshot, as the daemon does regularly."""
         journal = self.service.recording.journal
         frozen = Frozen(self.service.snapshot_fields(), self.known)
         journal.begin_segment()
         write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
 
     def move_journal(self, folder: Path, whole: bool) -> None:
-        """Go on in a copy of the journal; not ``whole``: of its last segment and its state."""
+        """Continue with a copy of the journal, or of only its last segment and snapshot."""
         old = self.service.recording.journal
         synced(old.path)
         state = begin_state(self.path, old.rest.segment)
@@ -297,10 +300,10 @@ class FuzzedEngine:
         self.service.recording.journal = journal
 
     def again(self) -> Engine:
-        """What a restart knows, before it goes on."""
+        """Return the engine of a restart, before it resumes."""
         cut_off = unfinished(self.path, self.known, self.scenario)
         if cut_off is None:
-            raise JournalError(f"{self.path}: is not gone on with")
+            raise JournalError(f"{self.path}: the run is not resumed")
         cut_off.rest()
         start_us = round(self.scenario.start_s * 1e6)
         names = tuple(section.name for section in self.scenario.flown)
@@ -323,7 +326,7 @@ class FuzzedEngine:
 
 
 def differs(live: Engine, again: Engine) -> str:
-    """What a restart does not know, or otherwise."""
+    """Return the first difference between the live run and a restart; empty if there is none."""
     for service in (live, again):
         service.world.advance(live.statistics.at_us)
     ours, theirs = live.snapshot_fields(), again.snapshot_fields()
@@ -331,17 +334,17 @@ def differs(live: Engine, again: Engine) -> str:
 
 
 def ask(engine: FuzzedEngine, rng: Rng, count: int, found: Found) -> None:
-    """Ask for so many things, flying on in between."""
+    """Send ``count`` requests and continue the flight between them."""
     simulation = engine.simulation
     request_handler = request_handler_of(engine.scenario, engine.service, simulation.clock, {})
     gate = CommandGate(request_handler.ask)
-    asker = Asker(rng, engine.service, engine.scenario)
+    generator = RequestGenerator(rng, engine.service, engine.scenario)
     for number in range(count):
-        asked = asker.request()
+        asked = generator.request()
         word = ascii(asked.get("do")).strip("'")[:20]
-        way = rng.random()
+        channel = rng.random()
         try:
-            answer = _answer(request_handler, gate, asked, number, way, simulation)
+            answer = _answer(request_handler, gate, asked, number, channel, simulation)
         except Exception:
             found.wrong.append(f"{asked!r:.500}: {traceback.format_exc()}")
             return
@@ -360,17 +363,17 @@ def _answer(
     gate: CommandGate,
     asked: dict[str, Any],
     number: int,
-    way: float,
+    channel: float,
     simulation: Simulation,
 ) -> dict[str, Any]:
-    if way < 0.6 or not isinstance(asked.get("do"), str):
+    if channel < 0.6 or not isinstance(asked.get("do"), str):
         answer: dict[str, Any] = request_handler.ask(asked)
         return answer
-    if way < 0.8 or asked["do"] not in TAKEN:
+    if channel < 0.8 or asked["do"] not in TAKEN:
         return request_handler.answer(json.dumps(asked).encode())  # type: ignore[no-any-return]
-    told = {key: value for key, value in asked.items() if key != "do"}
-    told |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
-    payload = json.dumps(told).encode()
+    command = {key: value for key, value in asked.items() if key != "do"}
+    command |= {"id": f"id-{number}", "sent_at_unix_us": UNIX_US}
+    payload = json.dumps(command).encode()
     at_us = simulation.clock.now_us
     reply = gate.accept(asked["do"], payload, False, at_us, 10.0 * number, UNIX_US)
     assert reply is not None
@@ -378,7 +381,7 @@ def _answer(
 
 
 def trial(engine: FuzzedEngine, seed: int, count: int, folder: Path, whole: bool) -> Found:
-    """Ask, then look at what is left; in a process of its own."""
+    """Send requests, then check restarts and replay; runs in a fork."""
     found, rng = Found(), np.random.default_rng(seed)
     engine.move_journal(folder, whole)
     ask(engine, rng, count, found)
@@ -402,7 +405,7 @@ def trial(engine: FuzzedEngine, seed: int, count: int, folder: Path, whole: bool
 
 
 def forked(work: Callable[[], Found]) -> dict[str, Any]:
-    """Work in a fork of this process, which is not changed by it."""
+    """Run a function in a fork, so that it does not change this process; return its results."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -410,9 +413,8 @@ def forked(work: Callable[[], Found]) -> dict[str, Any]:
         try:
             os.close(reading)
             found = work()
-            told = msgspec.json.encode(vars(found), enc_hook=str)
             with os.fdopen(writing, "wb") as pipe:
-                pipe.write(told)
+                pipe.write(msgspec.json.encode(vars(found), enc_hook=str))
             status = 0
         except BaseException:
             traceback.print_exc()
@@ -420,18 +422,18 @@ def forked(work: Callable[[], Found]) -> dict[str, Any]:
             os._exit(status)
     os.close(writing)
     with os.fdopen(reading, "rb") as pipe:
-        told = pipe.read()
+        content = pipe.read()
     os.waitpid(child, 0)
-    if not told:
-        return {"asked": {}, "done": {}, "refused": {}, "wrong": ["a fork has died"]}
-    found_there: dict[str, Any] = msgspec.json.decode(told)
-    return found_there
+    if not content:
+        return {"asked": {}, "done": {}, "refused": {}, "wrong": ["a fork has crashed"]}
+    results: dict[str, Any] = msgspec.json.decode(content)
+    return results
 
 
 def run(name: str, count: int, seed: int, found: Found, a_fork: int = A_FORK) -> None:
-    """Fly one case once, and ask for about so many things in forks along the way.
+    """Fly one case and send about ``count`` requests in forks at random times.
 
-    The last fork's journal is replayed from the very beginning, the others' from their state.
+    The journal of the last fork is replayed from its beginning, the others from their snapshots.
     """
     case, rng = CASES[name], np.random.default_rng([seed, sum(name.encode())])
     code_digest()
@@ -449,16 +451,15 @@ def run(name: str, count: int, seed: int, found: Found, a_fork: int = A_FORK) ->
             place.mkdir()
             its_seed = int(rng.integers(2**31))
             is_last = number == forks - 1
-            told = forked(lambda s=its_seed, p=place, w=is_last: trial(engine, s, a_fork, p, w))  # type: ignore[misc]
-            told["wrong"] = [
-                f"{name}, seed {its_seed}, {moment_s:.1f} s: {each}" for each in told["wrong"]
-            ]
-            found.add(told)
+            results = forked(partial(trial, engine, its_seed, a_fork, place, is_last))
+            prefix = f"{name}, seed {its_seed}, {moment_s:.1f} s: "
+            results["wrong"] = [prefix + each for each in results["wrong"]]
+            found.add(results)
             shutil.rmtree(place)
 
 
 def main() -> None:
-    """Run; exit code 1 if anything was wrong."""
+    """Run all cases; exit with 1 if a check failed."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else REQUESTS
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
     names = sys.argv[3:] or list(CASES)
@@ -466,9 +467,9 @@ def main() -> None:
     for name in names:
         before = len(found.wrong)
         run(name, round(count / len(names)), seed, found)
-        print(f"{name}: {found.line()}", flush=True)  # noqa: T201
+        click.echo(f"{name}: {found.line()}")
         for line in found.wrong[before:]:
-            print(f"  {line}", flush=True)  # noqa: T201
+            click.echo(f"  {line}")
     sys.exit(1 if found.wrong else 0)
 
 

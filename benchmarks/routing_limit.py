@@ -1,20 +1,20 @@
-"""What routing alone can gain: ``python -m benchmarks.routing_limit [SCENARIO ...]``.
+"""Gain of routing alone: ``python -m benchmarks.routing_limit [SCENARIO ...]``.
 
-The fire is believed as in Islam & Hu, section VI.E: each part of the front stays where it was last
-seen, in a convex hull. A vehicle that is told where the head is sweeps across it ``sweeps`` times,
-going past it by a share ``reach`` of the perimeter, then circles once, and so on. The best of these
-routes shows about how much there is to be had by choosing directions. It is no bound: a route may
-be less regular than these, and one setting of the damped rule (reversal_margin 0.7) was 9 % below
-circling on the fast fire, where the best of these is 7 %.
-Printed: mean maximum error of circling and of the best routes, in cells.
+The fire is estimated as in Islam & Hu, section VI.E: each part of the front stays at its last
+observed position, in a convex hull. The vehicle has the true bearing of the head. It sweeps across
+the head ``sweeps`` times, passes it each time by a fraction ``reach`` of the perimeter, then flies
+one lap, and repeats. The best of these routes shows the approximate gain of choosing directions. It
+is not a bound, because other routes may be less regular: one setting of the damped rule
+(reversal_margin 0.7) was 9 % below circling on the fast fire, the best of these routes 7 %.
+The benchmark prints the mean maximum error of circling and of the best routes, in cells.
 """
 
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
+import click
 import numpy as np
-from numpy.typing import NDArray
 
 from firemodel.spread.schemes import SchemeName
 from mission_service.experiments.islam_hu.ideal_flight import fly
@@ -32,11 +32,10 @@ from mission_service.guidance.protocol import Decision
 SWEEPS = (1, 2, 3, 4, 6, 8)
 REACHES = (0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4)
 HEAD_DEG = {"slow-then-fast": 225, "fast": 225, "brush-grass": 180, "brush-litter": 180}
-Floats = NDArray[np.float64]
 
 
 class SweepAndCircle(PerimeterPlanner):
-    """Turns past the head, a number of times a lap."""
+    """Planner that sweeps across the head a number of times in each lap."""
 
     head_deg: int
     sweeps: int
@@ -51,13 +50,13 @@ class SweepAndCircle(PerimeterPlanner):
         if turn:
             self.clockwise = not self.clockwise
             self.turns += 1
-        elif 0.5 <= behind < 0.6:  # it has passed the tail
+        elif 0.5 <= behind < 0.6:  # the vehicle has passed the tail
             self.turns = 0
         return Decision(self.clockwise, bool(turn), 0.0, 0.0, int(bearing.size))
 
 
 def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
-    """Fly one route."""
+    """Fly one route and return its mean maximum error in cells."""
     name, scheme, sweeps, reach = case
     burn = islam_hu_burn(name, scheme)
     usual = perimeter_planner(burn, "circling")
@@ -69,21 +68,20 @@ def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
 
 
 def main() -> None:
-    """Try them all."""
+    """Fly all routes and print the best ones."""
     names = sys.argv[1:] or ["slow-then-fast", "fast"]
     with ProcessPoolExecutor(2) as pool:
         for name, scheme in product([name for name in ISLAM_HU if name in names], COMPARED):
             routes = [(0, 1.0), *product(SWEEPS, REACHES)]
             errors = list(pool.map(mean_max_cells, [(name, scheme, *route) for route in routes]))
-            sys.stdout.write(f"{name} {scheme}: circling {errors[0]:.2f} cells\n")
+            click.echo(f"{name} {scheme}: circling {errors[0]:.2f} cells")
             for place in np.argsort(errors)[:5]:
                 sweeps, reach = routes[place]
                 change = 100.0 * (errors[place] / errors[0] - 1.0)
-                sys.stdout.write(
+                click.echo(
                     f"  {sweeps} sweeps, {reach:.2f} of the perimeter past the head: "
-                    f"{errors[place]:.2f} ({change:+.0f} %)\n"
+                    f"{errors[place]:.2f} ({change:+.0f} %)"
                 )
-            sys.stdout.flush()
 
 
 if __name__ == "__main__":

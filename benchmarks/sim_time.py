@@ -1,9 +1,9 @@
-"""Where the time of the default simulation goes, and what starting up costs.
+"""Processor time of the default simulation by part, and of the start of the command line.
 
     python -m benchmarks.sim_time
 
-Shares are of one run under cProfile; the real-time factor is of a run without it. Limits of CPU
-time: 30 s for the simulation, 1 s for ``config check``, 0.2 s for ``--help``.
+The shares are from one run under cProfile, the real-time factor from a run without it. The limits
+of CPU time are 30 s for the simulation, 1 s for ``config check`` and 0.2 s for ``--help``.
 """
 
 import cProfile
@@ -14,6 +14,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+import click
 
 from mission_service.config.scenario import load_scenario
 from mission_service.simulation.sim import simulate
@@ -28,14 +30,14 @@ PARTS = {
 
 
 def fly(folder: str) -> float:
-    """One run; seconds of CPU."""
+    """Run the default simulation once; return its CPU time in s."""
     began = time.process_time()
     simulate(load_scenario("default"), Path(folder) / "journal.jsonl", created="")
     return time.process_time() - began
 
 
 def started(*arguments: str) -> float:
-    """Seconds of CPU that a command takes, with warm caches."""
+    """Return the CPU time of a command in s, with warm caches."""
     command = (sys.executable, "-m", "mission_service.cli", *arguments)
     subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -47,7 +49,7 @@ def started(*arguments: str) -> float:
 def main() -> None:
     """Print start-up times, real-time factor and shares."""
     for arguments in (("--help",), ("config", "check", "default")):
-        sys.stdout.write(f"{' '.join(arguments)}: {started(*arguments):.2f} s of CPU\n")
+        click.echo(f"{' '.join(arguments)}: {started(*arguments):.2f} s of CPU")
     with tempfile.TemporaryDirectory() as folder:
         plain_s = fly(folder)
         profile = cProfile.Profile()
@@ -58,12 +60,12 @@ def main() -> None:
         for (file, _, name), entry in stats.stats.items()  # type: ignore[attr-defined]
     }
     hours = load_scenario("default").duration_s / 3600.0
-    sys.stdout.write(
-        f"{hours:g} h flown in {plain_s:.1f} s of CPU: {hours * 3600 / plain_s:.0f} x real time\n"
+    click.echo(
+        f"{hours:g} h simulated in {plain_s:.1f} s of CPU: {hours * 3600 / plain_s:.0f} x real time"
     )
     for part, function in PARTS.items():
         share = cumulative.get(function, 0.0) / stats.total_tt  # type: ignore[attr-defined]
-        sys.stdout.write(f"{share:6.1%}  {part}\n")
+        click.echo(f"{share:6.1%}  {part}")
 
 
 if __name__ == "__main__":

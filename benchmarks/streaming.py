@@ -1,9 +1,9 @@
-"""Telemetry of a fleet into one process: ``python -m benchmarks.streaming [--vehicles N]``.
+"""Telemetry of a fleet to one process: ``python -m benchmarks.streaming [--vehicles N]``.
 
-Each vehicle sends HEARTBEAT at 1 Hz, GLOBAL_POSITION_INT and ATTITUDE at 4 Hz over UDP on loopback,
-from a socket of its own in another process. The receiver runs a client for each vehicle on a port
-of its own, or all on one port. Its share of a core is measured by getrusage, loss by the sequence
-numbers. Limits: 25 % of one core for 250 vehicles, no loss.
+Each vehicle sends HEARTBEAT at 1 Hz and GLOBAL_POSITION_INT and ATTITUDE at 4 Hz over UDP on
+loopback, from a separate socket in another process. The receiver has one client and one port for
+each vehicle, or one port for all vehicles. getrusage gives its share of a core, the sequence
+numbers give the loss. The limits are 25 % of one core for 250 vehicles, and no loss.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import sys
 import time
 from contextlib import AsyncExitStack
 
+import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
@@ -31,29 +32,29 @@ PERIOD_TICKS = round(0.25 / TICK_S)
 
 
 class Counts:
-    """Frames by their sequence numbers."""
+    """Counts of received and, by sequence numbers, missed frames."""
 
     def __init__(self) -> None:
-        self.heard = self.missed = self.events = 0
+        self.received = self.missed = self.events = 0
         self._last: dict[int, int] = {}
 
     def add(self, frame: bytes) -> None:
-        """A frame of MAVLink 2."""
+        """Count a MAVLink 2 frame."""
         seq, system = frame[4], frame[5]
-        self.heard += 1
+        self.received += 1
         self.missed += (seq - self._last.get(system, seq - 1) - 1) % 256
         self._last[system] = seq
 
 
 class CountingClient(NativeClient):
-    """One vehicle."""
+    """Client of one vehicle that counts its frames and events."""
 
     def __init__(self, system: int, counts: Counts) -> None:
         super().__init__(target_system=system)
         self._counts = counts
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Whole frames without signatures."""
+        """Count and process a datagram of whole frames without signatures."""
         at = 0
         while at < len(data):
             self._counts.add(data[at:])
@@ -64,14 +65,14 @@ class CountingClient(NativeClient):
 
 
 class CountingFleet(SharedLink):
-    """All vehicles of one port."""
+    """Link of all vehicles on one port that counts their frames and events."""
 
     def __init__(self, counts: Counts) -> None:
         super().__init__("one port")
         self._counts = counts
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Whole frames."""
+        """Count and process whole frames."""
         for frame in frames:
             self._counts.add(frame)
         super().receive_frames(remote, frames, now_us)
@@ -80,7 +81,7 @@ class CountingFleet(SharedLink):
 
 
 async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, float]:
-    """What one process needs to hear them all."""
+    """Receive the telemetry of all vehicles; return the share of a core and the counts."""
     counts = Counts()
     systems = range(1, vehicles + 1)
     each = [CountingClient(system, counts) for system in systems]
@@ -99,23 +100,23 @@ async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, fl
         used, began_s = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
         await asyncio.sleep(seconds - 1.0)
         now, ended_s = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
-        told, _ = await sender.communicate()
+        output, _ = await sender.communicate()
         await asyncio.sleep(0.2)
         for connection in connections:
-            await connection.wait()  # raises what went wrong
+            await connection.wait()  # raises an error of the connection
     cpu_s = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
-    sent = sum(json.loads(told).values())
+    sent = sum(json.loads(output).values())
     return {
         "share": cpu_s / (ended_s - began_s),
         "sent": sent,
         "missed": counts.missed,
-        "not heard": sent - counts.heard,
+        "lost": sent - counts.received,
         "events": counts.events,
     }
 
 
 def send(vehicles: int, seconds: float, ports: list[int]) -> dict[int, int]:
-    """The vehicles: each at a phase of its own. How many frames each has sent."""
+    """Send the telemetry of all vehicles, evenly in time; return the frames sent by each."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(vehicles)]
     codecs = [Codec(system, 1) for system in range(1, vehicles + 1)]
     sent = dict.fromkeys(range(1, vehicles + 1), 0)
@@ -138,7 +139,7 @@ def send(vehicles: int, seconds: float, ports: list[int]) -> dict[int, int]:
 
 
 def main() -> None:
-    """Print share, loss and how far from the limit; ends with 1 beyond it."""
+    """Print the share of a core and the loss; exit with 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=250)
     parser.add_argument("--seconds", type=float, default=15.0)
@@ -147,20 +148,19 @@ def main() -> None:
     if arguments.send:
         vehicles, seconds, *ports = arguments.send
         sent = send(int(vehicles), float(seconds), [int(port) for port in ports])
-        sys.stdout.write(json.dumps(sent))
+        click.echo(json.dumps(sent), nl=False)
         return
     failed = False
     for one_port in (False, True):
         found = asyncio.run(receive(arguments.vehicles, one_port, arguments.seconds))
-        failed |= found["share"] > MAX_SHARE or found["not heard"] != 0
+        failed |= found["share"] > MAX_SHARE or found["lost"] != 0
         where = "one port" if one_port else "a port each"
-        sys.stdout.write(
+        click.echo(
             f"{arguments.vehicles} vehicles, {where}: {100 * found['share']:.1f} % of a core "
             f"({found['share'] / MAX_SHARE:.2f} of the limit), {found['sent']:.0f} frames, "
-            f"{found['not heard']:.0f} lost ({found['missed']:.0f} by sequence), "
-            f"{found['events']:.0f} events\n"
+            f"{found['lost']:.0f} lost ({found['missed']:.0f} by sequence), "
+            f"{found['events']:.0f} events"
         )
-        sys.stdout.flush()
     sys.exit(int(failed))
 
 

@@ -1,7 +1,7 @@
-"""team.balanced beside all rules of Bent's thesis: ``python -m benchmarks.team_balanced [--json]``.
+"""Compare team.balanced with Bent's rules: ``python -m benchmarks.team_balanced [--json] [FIRE]``.
 
-Three fires, two to six vehicles, both importances; then the loss of one of four half-way. Names of
-fires as arguments choose among them.
+The cases are three fires, two to six vehicles and both importances, and the loss of one of four
+vehicles at half of the time. FIRE selects one or more fires by name.
 """
 
 import json
@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import Any, NamedTuple
+
+import click
 
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.bent.ring_flight import TeamFlight, fly_team
@@ -36,11 +38,11 @@ from mission_service.guidance.team.bent_rules import (
 )
 
 SIZES = (2, 3, 4, 5, 6)
-LOST_SEAT = 1
+LOST_MEMBER = 1
 
 
 class Case(NamedTuple):
-    """One flight of a rule."""
+    """Conditions of one flight."""
 
     rule: str
     negotiation: str | None
@@ -50,7 +52,7 @@ class Case(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """What came of it; the late mean is that from half-way on."""
+    """Results of one flight; ``late_mean`` is the mean over the second half."""
 
     case: Case
     mean: float
@@ -64,7 +66,7 @@ _history: Sequence[RingStep] = ()
 
 
 def even() -> Burn:
-    """Tall grass under a breath of wind; the vehicles come when it is large enough for six."""
+    """Return a fire in tall grass in light wind, deployed when it is large enough for six UAVs."""
     weather = WeatherStream((wind(0.0, 0.5, 0.0),))
     land = flat(of_one_fuel(TALL_GRASS))
     return burn(
@@ -73,14 +75,14 @@ def even() -> Burn:
 
 
 def wind_turning() -> Burn:
-    """Short grass, the wind turning from north to south after three hours."""
+    """Return a fire in short grass; the wind turns from north to south after three hours."""
     weather = WeatherStream((wind(0.0, 3.0, 0.0), wind(3.0 * HOUR_S, 3.0, 180.0)))
     land = flat(of_one_fuel(SHORT_GRASS))
     return burn("wind turning", "anyangle", land, weather, (85, 100), 5.0 * HOUR_S, SPEED_M_S)
 
 
 def team_fires() -> list[Burn]:
-    """All three."""
+    """Return the three fires."""
     return [uneven(), even(), wind_turning()]
 
 
@@ -90,12 +92,12 @@ def _share(history: Sequence[RingStep]) -> None:
 
 
 def fly(case: Case) -> Flown:
-    """Fly a case over the shared history."""
+    """Fly a case over the history that the processes share."""
     if case.rule == "balanced":
         rule: Any = Balanced("exponential" if case.importance == "exponential" else "linear")
     else:
         rule = bent_rule(case.rule, case.negotiation, case.importance)
-    leaving = () if case.lost_at_s is None else ((case.lost_at_s, LOST_SEAT),)
+    leaving = () if case.lost_at_s is None else ((case.lost_at_s, LOST_MEMBER),)
     began = time.process_time()
     flight: TeamFlight = fly_team(_history, rule, case.uavs, SPEED_M_S, leaving=leaving)
     took_s = time.process_time() - began
@@ -112,7 +114,7 @@ def fly(case: Case) -> Flown:
 
 
 def cases(half_s: float) -> Iterator[Case]:
-    """All flights over one fire."""
+    """Yield the cases of one fire; one UAV of four is lost at ``half_s``."""
     for importance, uavs in product(IMPORTANCES, SIZES):
         yield Case("balanced", None, importance, uavs)
         for name in BENCHMARKS:
@@ -124,12 +126,12 @@ def cases(half_s: float) -> Iterator[Case]:
 
 
 def name_of(case: Case) -> str:
-    """The rule, with its negotiation."""
+    """Return the name of the rule, with its negotiation."""
     return case.rule + (f" / {case.negotiation}" if case.negotiation else "")
 
 
 def compare(fire: str, flown: Sequence[Flown]) -> dict[str, Any]:
-    """Ours beside the best other, by size and importance; wins counted."""
+    """Compare team.balanced with the best other rule, by number of UAVs and importance."""
     rows: list[dict[str, Any]] = []
     whole = [one for one in flown if one.case.lost_at_s is None]
     for importance, uavs in product(IMPORTANCES, SIZES):
@@ -170,7 +172,7 @@ def compare(fire: str, flown: Sequence[Flown]) -> dict[str, Any]:
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The comparison of one fire as a table."""
+    """Return the comparison of one fire as a table."""
     lines = [
         f"## {found['fire']}",
         "| importance | UAVs | mean | / best other | which | std / best other | which | µs |",
@@ -189,28 +191,27 @@ def in_text(found: dict[str, Any]) -> str:
     )
     for importance, loss in found["loss_of_one_of_four_over_three"].items():
         lines.append(
-            f"one of four lost half-way, {importance}: {loss['mean_ratio']:.4f} of three's cost, "
-            f"{loss['late_ratio']:.4f} from then on"
+            f"loss of one UAV of four, {importance}: {loss['mean_ratio']:.4f} of the cost of three "
+            f"UAVs, {loss['late_ratio']:.4f} after the loss"
         )
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Fly everything and print it."""
-    wished = [name for name in sys.argv[1:] if not name.startswith("--")]
+    """Fly all cases of the selected fires and print the comparisons."""
+    selected = [name for name in sys.argv[1:] if not name.startswith("--")]
     found = []
     for fire in team_fires():
-        if wished and fire.name not in wished:
+        if selected and fire.name not in selected:
             continue
         history = ring_history(fire)
         half_s = (fire.deploy_s + fire.end_s) / 2.0
         with ProcessPoolExecutor(2, initializer=_share, initargs=(history,)) as pool:
             found.append(compare(fire.name, list(pool.map(fly, cases(half_s)))))
         if "--json" not in sys.argv[1:]:
-            sys.stdout.write(in_text(found[-1]) + "\n")
-            sys.stdout.flush()
+            click.echo(in_text(found[-1]))
     if "--json" in sys.argv[1:]:
-        sys.stdout.write(json.dumps(found) + "\n")
+        click.echo(json.dumps(found))
 
 
 if __name__ == "__main__":

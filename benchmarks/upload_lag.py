@@ -1,9 +1,9 @@
-"""How late what comes from outside makes the event loop: files, bodies, strokes, over a socket.
+"""Delay of the event loop by uploaded files, request bodies and drawn shapes, over a socket.
 
     .venv/bin/python -m benchmarks.upload_lag
 
-A probe sleeps 1 ms again and again beside the requests; it prints, for each of them, the latest
-that it came back (limit 50 ms), the answer and how long that took.
+A probe task sleeps for 1 ms in a loop during the requests. The benchmark prints, for each request,
+the largest delay of the probe (limit 50 ms), the response and its time.
 """
 
 import asyncio
@@ -27,13 +27,13 @@ V1 = "/api/v1"
 
 
 class Probe:
-    """How late the loop was at worst since ``begin``."""
+    """Task that measures the largest delay of the event loop."""
 
     def __init__(self) -> None:
         self.latest_s = 0.0
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Measure delays until cancelled."""
         while True:
             began_s = time.perf_counter()
             await asyncio.sleep(0.001)
@@ -41,7 +41,10 @@ class Probe:
 
 
 def places(world: World, count: int, radius: float = 0.1, wave: float = 0.0) -> list[list[float]]:
-    """A ring on the middle of the map as [lat, lon]; ``wave``: its corners alternate by so much."""
+    """Return a ring around the middle of the map as [lat, lon].
+
+    ``wave`` is the fraction by which the radius of every second corner is larger.
+    """
     land = world.context.landscape
     rows, cols = land.shape
     found = []
@@ -54,13 +57,13 @@ def places(world: World, count: int, radius: float = 0.1, wave: float = 0.0) -> 
 
 
 def drawn(rings: list[list[list[float]]]) -> bytes:
-    """GeoJSON of rings, each a polygon."""
+    """Return rings as the polygons of a GeoJSON MultiPolygon."""
     closed = [[[[lon, lat] for lat, lon in [*ring, ring[0]]]] for ring in rings]
     return json.dumps({"type": "MultiPolygon", "coordinates": closed}).encode()
 
 
 def cases(world: World) -> list[tuple[str, str, bytes]]:
-    """Name, path and body of what is sent."""
+    """Return name, path and body of each request."""
     ring = places(world, 1000)
 
     def correct(**more: Any) -> bytes:
@@ -97,7 +100,7 @@ def cases(world: World) -> list[tuple[str, str, bytes]]:
 
 
 async def measured(world: World) -> bool:
-    """Send all; whether the loop was held by none of it."""
+    """Send all requests; return True if none delayed the loop beyond the limit."""
     service, probe = served(world), Probe()
     with bound(HttpSection(listen="127.0.0.1:0")) as listening:
         address = listening.getsockname()
@@ -116,18 +119,18 @@ async def measured(world: World) -> bool:
                 )
                 assert sender.stdin is not None
                 assert sender.stdout is not None
-                await sender.stdout.readline()  # it has begun: its start is not measured
+                await sender.stdout.readline()  # wait for its start, which is not measured
                 for start in range(0, len(body), 65536):
                     sender.stdin.write(body[start : start + 65536])
                     await sender.stdin.drain()
                 sender.stdin.close()
                 await asyncio.sleep(0.05)
                 probe.latest_s = 0.0
-                told = await sender.stdout.read()
+                output = await sender.stdout.read()
                 await sender.wait()
                 late_ms = 1e3 * probe.latest_s
                 good = good and late_ms <= LIMIT_MS
-                line = told.decode(errors="replace").strip()
+                line = output.decode(errors="replace").strip()
                 click.echo(f"{name:28} loop late {late_ms:7.1f} ms   {line[:110]}")
             probing.cancel()
     service.app.api.close()
@@ -135,18 +138,18 @@ async def measured(world: World) -> bool:
 
 
 def send(url: str, authorization: str) -> None:
-    """One request with the body from stdin, from a process of its own."""
+    """Send one request with the body from stdin and print the response and its time."""
     click.echo("", nl=True)
     body = sys.stdin.buffer.read()
     time.sleep(0.2)
     began_s = time.perf_counter()
-    answer = httpx.post(url, content=body, headers={"authorization": authorization}, timeout=120)
+    response = httpx.post(url, content=body, headers={"authorization": authorization}, timeout=120)
     took_s = time.perf_counter() - began_s
-    click.echo(f"{took_s:5.1f} s  {answer.status_code} {answer.text[:80]!r}")
+    click.echo(f"{took_s:5.1f} s  {response.status_code} {response.text[:80]!r}")
 
 
 def main() -> int:
-    """0 if nothing held the loop for longer than the limit."""
+    """Return 0 if no request delayed the loop beyond the limit, else 1."""
     with tempfile.TemporaryDirectory() as folder:
         world = world_in(Path(folder), scenario_of("demo", ()))
         world.fly(3700.0)

@@ -1,10 +1,10 @@
-"""Vehicles through refusals, losses, failsafes, orders and landings, at random; none may be harmed.
+"""Random refusals, lost links, failsafes, orders and landings of a vehicle, with checks of safety.
 
     python -m benchmarks.vehicle_states [STEPS] [SEED]
 
-STEPS (default 100,000) of the state machine that ``make test`` runs for some thousand, beginning
-with SEED (default: drawn). Tells how often each situation was met, and each kind of violation with
-what led to it. The exit code is 1 if there was one.
+The benchmark runs STEPS (default 100,000) steps of the state machine of ``make test``, from SEED
+(default: random). It prints the number of visits to each state, and each kind of violation with the
+events that led to it. The exit code is 1 if there is a violation.
 """
 
 import random
@@ -12,13 +12,15 @@ import sys
 import time
 from collections import Counter
 
+import click
+
 from tests.service.vehicle_machine import VehicleMachine, run
 
 EXAMPLES, STEPS_EACH = 100, 50
 
 
 def main(steps: int, seed: int) -> int:
-    """Run until there were so many steps; returns the exit code."""
+    """Run at least ``steps`` steps; return the exit code."""
     met: Counter[str] = Counter()
     stories: dict[str, str] = {}
     counting = {"met": met, "stories": stories}
@@ -31,23 +33,22 @@ def main(steps: int, seed: int) -> int:
     _show("")
     for situation, count in sorted(met.items()):
         if not situation.startswith("violation: "):
-            sys.stdout.write(f"{count:10,}  {situation}\n")
+            click.echo(f"{count:10,}  {situation}")
     for kind, story in stories.items():
-        sys.stdout.write(f"\n{met[f'violation: {kind}']} times: {story}\n")
+        click.echo(f"\n{met[f'violation: {kind}']} times: {story}")
     violations = sum(count for kind, count in met.items() if kind.startswith("violation: "))
-    sys.stdout.write(
+    click.echo(
         f"\n{met['steps']:,} steps, {met['events']:,} events from seed {first} in "
-        f"{time.monotonic() - began_s:.0f} s: {violations} violations\n"
+        f"{time.monotonic() - began_s:.0f} s: {violations} violations"
     )
     return 1 if violations else 0
 
 
-def _show(words: str) -> None:
+def _show(text: str) -> None:
     if sys.stderr.isatty():
-        sys.stderr.write(f"\r{words:<40}\r")
-        sys.stderr.flush()
+        click.echo(f"\r{text:<40}\r", nl=False, err=True)
 
 
 if __name__ == "__main__":
-    told = [int(each) for each in sys.argv[1:]]
-    sys.exit(main(*(told + [100_000, random.randrange(10**6)][len(told) :])))
+    given = [int(argument) for argument in sys.argv[1:]]
+    sys.exit(main(*(given + [100_000, random.randrange(10**6)][len(given) :])))

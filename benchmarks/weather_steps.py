@@ -1,12 +1,12 @@
-"""What each new entry of the weather costs in shape: ``python -m benchmarks.weather_steps``.
+"""Error of the fire's shape by the number of weather entries: ``-m benchmarks.weather_steps``.
 
-One steady weather, cut into more and more entries that are all the same, which should change
-nothing. The head goes 120 cells; the overlap is that with the exact ellipse.
+Constant weather is divided into an increasing number of equal entries, which should not change the
+fire. The head covers 120 cells; the table has the overlap with the exact ellipse.
 """
 
-import sys
 from dataclasses import replace
 
+import click
 import numpy as np
 from shapely import Polygon, affinity
 
@@ -23,12 +23,12 @@ WINDS_M_S = (0.0, 3.0, 6.0)
 
 
 def main() -> None:
-    """Print a table."""
+    """Print the table of overlaps by wind and number of entries."""
     level = np.zeros((CELLS, CELLS), dtype=np.float32)
     landscape = Landscape("EPSG:32616", 0.0, 0.0, CELL_M, level.astype(np.int16) + 1, level)
     middle = CELLS // 2
     counts = " ".join(f"{HEAD_CELLS / count:7.2f}" for count in COUNTS)
-    sys.stdout.write(f"cells the head goes in one entry {counts}\n")
+    click.echo(f"cells that the head covers in one entry {counts}")
     for wind_m_s in WINDS_M_S:
         weather = Weather(0.0, wind_m_s, 200.0, 5.0, 6.0, 7.0, 90.0, 90.0)
         rate, toward, e = (float(field[0, 0]) for field in spread_fields(landscape, weather))
@@ -42,7 +42,7 @@ def main() -> None:
             fire.advance(end_s)
             found.append(overlap(fire.front(end_s), exact))
         row = " ".join(f"{value:7.4f}" for value in found)
-        sys.stdout.write(f"length/width {1.0 / np.sqrt(1.0 - e * e):.2f}:{'':15} {row}\n")
+        click.echo(f"length/width {1.0 / np.sqrt(1.0 - e * e):.2f}:{'':15} {row}")
 
 
 if __name__ == "__main__":

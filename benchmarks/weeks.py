@@ -1,17 +1,17 @@
 """Days of mission time in one process: ``python -m benchmarks.weeks [--hours 24] [--speedup 60]``.
 
-The daemon as users start it, four mocks in a process of their own, a fire so slow that it does not
-end, Mosquitto. All the time: the broker goes and comes back, or stops answering; readers of the
-live stream come and go; people ask for all that the map asks for, draw corrections, erase them,
-undo them, change the wind, hold and resume vehicles.
+The benchmark runs the daemon as users start it, four mocks in a separate process, a fire that grows
+slowly enough not to end, and Mosquitto. During the run the broker is killed, restarted and frozen,
+clients of the live stream connect and disconnect, and HTTP clients send all requests of the map,
+draw, erase and undo corrections, change the wind, and hold and resume vehicles.
 
-Each mission hour all callers pause, so that what is open then is the service's own: a line says
-resident memory and what of it is anonymous, that is no file's, file descriptors, threads, the
-journal and how many requests were answered. PSS is left out: it moves with what other processes on
-the machine have loaded. In the end, exit code 1 otherwise: the slope of memory after the
-first hour is below 1 MiB an hour (least squares over all samples), the number of file descriptors
-is the same in each pause, each request was answered, the daemon ended in order without a
-traceback, and the journal that is left verifies. No verdict depends on how fast the machine is.
+In each mission hour all clients pause, so that only the resources of the service itself are open.
+One line then has resident memory and its anonymous part, file descriptors, threads, the size of the
+journal and the number of answered requests. PSS is not used, because it depends on the pages shared
+with other processes. The exit code is 1 unless the slope of memory after the first hour is below
+1 MiB an hour (least squares over all samples), the number of file descriptors is the same in each
+pause, each request was answered, the daemon ended with code 0 and without a traceback, and the
+remaining journal verifies. The result does not depend on the speed of the machine.
 """
 
 import argparse
@@ -20,7 +20,6 @@ import json
 import math
 import random
 import shutil
-import signal
 import statistics
 import subprocess
 import sys
@@ -33,37 +32,37 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 from benchmarks.link_shared import free_ports
-from benchmarks.load import Client, cpu_s, memory_mib, process, ready_after_s
-from benchmarks.load_scenario import FIRE, M_PER_DEG, Load, scenario_text
+from benchmarks.load import (
+    Client,
+    cpu_s,
+    end,
+    memory_mib,
+    process,
+    ready_after_s,
+    tracebacks_in,
+    verified,
+)
+from benchmarks.load_scenario import BROKER, FIRE, M_PER_DEG, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
-from benchmarks.soak import CLI, ENDS_WITHIN_S
 
 MAX_SLOPE_MIB_H = 1.0  # of mission time, after WARM_UP_H
 WARM_UP_H = 1.0
-START_S = 12 * 3600.0  # the fire is large enough to be watched by four
+START_S = 12 * 3600.0  # the fire is then large enough for four vehicles
 SAMPLE_EVERY_S = 3.0
 READERS = 3
-READ_S = (1.0, 5.0)  # a reader of the live stream stays so long ...
-READ_EVERY_H = 0.05  # ... and comes again; of mission time, as what follows
+READ_S = (1.0, 5.0)  # duration of a connection to the live stream
+READ_EVERY_H = 0.05  # of mission time, as the next two
 CALL_EVERY_H = 1.0 / 60.0
 CORRECT_EVERY_H = 0.1
 BROKER_UP_S, BROKER_DOWN_S, BROKER_FROZEN_S = 20.0, 4.0, 15.0
 ANSWER_WITHIN_S = 300.0
-READY_WITHIN_S = 1800.0  # kernels may have to be compiled first
+READY_WITHIN_S = 1800.0  # the first start may compile kernels
 PAUSE_WITHIN_S = 180.0  # for connections to be closed
 STALLED_S = 300.0  # without progress of mission time
-EXTRA = """
-[service.mqtt]
-broker = "{broker}"
-commands = true
-
-[service.journal]
-rotate_mb = 8
-keep_mb = 64
-state_every_s = 10
-"""
-# What the map asks for, and programs; the slow ones more rarely.
+# Paths that the map and other programs request; slow requests are rare.
 OFTEN = ("state", "announcements", "vehicles", "fire/front", "weather", "fire/corrections")
 RARELY = (
     *("fire/contours", "fire/uncertainty", "fire/arrival.png", "fire/arrival.json", "planner"),
@@ -73,7 +72,7 @@ RARELY = (
 
 @dataclass
 class Hour:
-    """The service in a pause after a mission hour."""
+    """Measurements of the service in the pause after a mission hour."""
 
     hour: float
     real_s: float
@@ -90,7 +89,7 @@ class Hour:
     corrections: int
 
     def line(self) -> str:
-        """For people."""
+        """Return the measurements as one line."""
         return "  ".join(
             f"{name} {value:.1f}" if isinstance(value, float) else f"{name} {value}"
             for name, value in vars(self).items()
@@ -98,8 +97,8 @@ class Hour:
 
 
 @dataclass
-class People:
-    """All who call: each request is counted when it is asked and when it is answered."""
+class Clients:
+    """All HTTP clients, with counts of sent and of answered requests."""
 
     client: Client
     seed: int
@@ -115,7 +114,7 @@ class People:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def ask(self, path: str, body: dict[str, Any] | None = None) -> bytes:
-        """One request; every status but 5xx and 429 is an answer."""
+        """Send one request; each status except 5xx and 429 counts as answered."""
         with self.lock:
             self.asked += 1
         if body is None:
@@ -130,14 +129,14 @@ class People:
         return content
 
     def threads(self) -> list[threading.Thread]:
-        """All of them, started."""
-        found = [threading.Thread(target=self._turns, args=(self._look_around, 0), daemon=True)]
-        found.append(threading.Thread(target=self._turns, args=(self._correct, 1), daemon=True))
-        for number in range(READERS):
-            turn = (self._read, 2 + number)
-            found.append(threading.Thread(target=self._turns, args=turn, daemon=True))
-        for each in found:
-            each.start()
+        """Start the thread of each client and return the threads."""
+        turns = [self._look_around, self._correct, *[self._read] * READERS]
+        found = [
+            threading.Thread(target=self._turns, args=(turn, number), daemon=True)
+            for number, turn in enumerate(turns)
+        ]
+        for thread in found:
+            thread.start()
         return found
 
     def _turns(self, turn: Any, number: int) -> None:
@@ -158,7 +157,7 @@ class People:
                     self.calling -= 1
 
     def _look_around(self, rng: random.Random) -> None:
-        """Everything once, since much is loaded at the first time; then at random."""
+        """Request each path once, because first requests load much, and then random paths."""
         if self._not_yet:
             self.ask(f"/api/v1/{self._not_yet.pop()}")
         else:
@@ -180,7 +179,7 @@ class People:
             self.answered += 1
 
     def _correct(self, rng: random.Random) -> None:
-        """One thing that people do to the fire or to vehicles."""
+        """Send a random request on the fire or on a vehicle."""
         place = self._at_edge(rng)
         match rng.randrange(10):
             case 0:
@@ -188,15 +187,15 @@ class People:
             case 1:
                 self.ask("/api/v1/fire/redo", {})
             case 2:
-                told = {"lat_deg": place[0], "lon_deg": place[1], "radius_m": 300.0}
-                self.ask("/api/v1/fire/erase", told)
+                circle = {"lat_deg": place[0], "lon_deg": place[1], "radius_m": 300.0}
+                self.ask("/api/v1/fire/erase", circle)
             case 3:
                 wind = {"speed_m_s": rng.uniform(0.0, 0.5), "from_deg": rng.uniform(0.0, 360.0)}
                 self.ask("/api/v1/wind", wind)
             case 4:
                 vehicle = f"uas{rng.randrange(1, 5)}"
-                for what in ("hold", "resume", "mission/renew"):
-                    self.ask(f"/api/v1/vehicles/{vehicle}/{what}", {})
+                for command in ("hold", "resume", "mission/renew"):
+                    self.ask(f"/api/v1/vehicles/{vehicle}/{command}", {})
             case _:
                 state = rng.choice(("burned", "burning", "unburned"))
                 drawn = {"state": state, "shape": "point", "points": [place]}
@@ -211,7 +210,7 @@ class People:
 
 
 class Flapping:
-    """A broker that is killed and started, and now and then stops answering."""
+    """A broker that is regularly killed and restarted, or frozen."""
 
     def __init__(self, broker: Mosquitto) -> None:
         self._broker = broker
@@ -220,7 +219,7 @@ class Flapping:
         self.times = 0
 
     def look(self) -> None:
-        """Do what is due."""
+        """Change the state of the broker if its time has elapsed."""
         lasts_s = {"up": BROKER_UP_S, "down": BROKER_DOWN_S, "frozen": BROKER_FROZEN_S}
         if time.monotonic() - self._begun_s < lasts_s[self._state]:
             return
@@ -236,7 +235,7 @@ class Flapping:
             self.up()
 
     def up(self) -> None:
-        """Have it answer."""
+        """Restart or continue the broker."""
         if self._state == "down":
             self._broker.start()
         elif self._state == "frozen":
@@ -248,21 +247,21 @@ class Flapping:
 
 
 def open_files(pid: int) -> int:
-    """File descriptors of a process."""
+    """Return the number of file descriptors of a process."""
     return sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
 
 
 def threads_of(pid: int) -> int:
-    """Threads of a process."""
+    """Return the number of threads of a process."""
     return sum(1 for _ in Path(f"/proc/{pid}/task").iterdir())
 
 
 class Run:
-    """One daemon, and what was seen of it."""
+    """One daemon with its samples and hourly measurements."""
 
-    def __init__(self, daemon: "subprocess.Popen[bytes]", people: People, out: Path) -> None:
+    def __init__(self, daemon: "subprocess.Popen[bytes]", clients: Clients, out: Path) -> None:
         self.daemon = daemon
-        self.people = people
+        self.clients = clients
         self.out = out
         self.began_s = time.monotonic()
         self.hours: list[Hour] = []
@@ -272,19 +271,19 @@ class Run:
 
     @property
     def mission_h(self) -> float:
-        """Since the start."""
-        return self.people.mission_h
+        """Mission time in hours since the start."""
+        return self.clients.mission_h
 
     def look(self) -> None:
-        """Take a sample. Raises SystemExit if nothing moves any more."""
-        content = self.people.ask("/api/v1/state")
+        """Take a sample. Raises SystemExit if mission time does not advance."""
+        content = self.clients.ask("/api/v1/state")
         if content.startswith(b"{"):
             self._state = json.loads(content)
             reached_h = (self._state["status"]["at_us"] / 1e6 - START_S) / 3600.0
             if reached_h > self.mission_h:
                 self._moved_s = time.monotonic()
-            self.people.mission_h = reached_h
-            self.people.area_ha = self._state["fire"]["area_ha"]
+            self.clients.mission_h = reached_h
+            self.clients.area_ha = self._state["fire"]["area_ha"]
         pid = self.daemon.pid
         rss, anonymous = memory_mib(pid, "Rss"), memory_mib(pid, "Anonymous")
         self.samples.append((self.mission_h, rss, anonymous))
@@ -292,16 +291,16 @@ class Run:
             raise SystemExit(f"mission time stands still after {self.mission_h:.2f} h")
 
     def pause(self) -> Hour:
-        """How things are while nobody calls."""
-        people = self.people
-        people.may_call.clear()
+        """Pause all clients and measure the service."""
+        clients = self.clients
+        clients.may_call.clear()
         until_s = time.monotonic() + PAUSE_WITHIN_S
-        while people.calling and time.monotonic() < until_s:
+        while clients.calling and time.monotonic() < until_s:
             time.sleep(0.1)
-        time.sleep(2.0)  # the broker is found again
+        time.sleep(2.0)  # for the connection to the broker
         self.look()
         pid, vehicles = self.daemon.pid, self._state["vehicles"]
-        files = min(_every(lambda: open_files(pid), 40))  # a state is being written now and then
+        files = min(_repeated(lambda: open_files(pid), 40))  # a snapshot opens further files
         found = Hour(
             self.mission_h,
             time.monotonic() - self.began_s,
@@ -311,18 +310,18 @@ class Run:
             files,
             threads_of(pid),
             sum(each.stat().st_size for each in self.out.glob("journal*")) / 2**20,
-            people.asked,
-            people.answered,
+            clients.asked,
+            clients.answered,
             sum(each["decisions"] for each in vehicles),
             sum(each["uploads_accepted"] for each in vehicles),
             len(self._state["fire"]["corrections"]),
         )
         self.hours.append(found)
-        people.may_call.set()
+        clients.may_call.set()
         return found
 
     def slopes_mib_h(self) -> tuple[float, float]:
-        """Of RSS and its anonymous part after the warm-up; NaN without enough samples."""
+        """Return the slopes of RSS and of its anonymous part after the warm-up, or NaN."""
         late = [sample for sample in self.samples if sample[0] >= WARM_UP_H]
         if len(late) < 3:
             return math.nan, math.nan
@@ -331,7 +330,7 @@ class Run:
         return slope(hours, rss).slope, slope(hours, anonymous).slope
 
 
-def _every(measure: Any, times: int) -> list[int]:
+def _repeated(measure: Any, times: int) -> list[int]:
     found = []
     for _ in range(times):
         found.append(measure())
@@ -340,7 +339,7 @@ def _every(measure: Any, times: int) -> list[int]:
 
 
 def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
-    """Prints what is seen; returns checks in words, and whether each holds."""
+    """Run the daemon; print each hour; return the text and the result of each check."""
     broker, out = Mosquitto(folder), folder / "out"
     port, path, log = free_ports(1)[0], folder / "weeks.toml", folder / "daemon.log"
     load = Load(
@@ -351,7 +350,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
         wind_speed_m_s=0.0,
         dead_1h_pct=6.0,
         http_port=port,
-        extra=EXTRA.format(broker=broker.address),
+        extra=BROKER.format(address=broker.address, rotate_mb=8, keep_mb=64, state_every_s=10),
     )
     path.write_text(scenario_text(load), "utf-8")
     words = ("mission_service.cli", "run", str(path), "--out", str(out), "--log", "json")
@@ -363,36 +362,28 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
         began_s = time.monotonic()
         stack.enter_context(process("benchmarks.load_mocks", str(path), *speed))
         ready_after_s(Client(port), began_s, daemon, READY_WITHIN_S)
-        people = People(Client(port, (out / "token").read_text("ascii").strip()), given.seed)
-        stack.callback(people.over.set)
-        run, flapping = Run(daemon, people, out), Flapping(broker)
-        callers = people.threads()
-        _announce(run.pause())
+        clients = Clients(Client(port, (out / "token").read_text("ascii").strip()), given.seed)
+        stack.callback(clients.over.set)
+        run, flapping = Run(daemon, clients, out), Flapping(broker)
+        threads = clients.threads()
+        click.echo(run.pause().line())
         while run.mission_h < given.hours and daemon.poll() is None:
             flapping.look()
             run.look()
             if run.mission_h >= math.floor(run.hours[-1].hour) + 1:
                 flapping.up()
-                _announce(run.pause())
+                click.echo(run.pause().line())
             time.sleep(SAMPLE_EVERY_S)
         crashed = daemon.poll() is not None
-        people.over.set()
-        people.may_call.set()
-        for each in callers:
-            each.join(timeout=PAUSE_WITHIN_S)
-        daemon.send_signal(signal.SIGTERM)
-        try:
-            code = daemon.wait(timeout=ENDS_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            daemon.send_signal(signal.SIGABRT)  # its stacks go into the log
-            code = daemon.wait(timeout=30)
-    replayed = [*CLI, "replay", "--verify", str(out / "journal.jsonl")]
-    verified = subprocess.run(replayed, capture_output=True, text=True, check=False)
-    lines = log.read_text("utf-8", "replace").splitlines()
-    traces = [line for line in lines if "Traceback" in line or '"traceback"' in line]
+        clients.over.set()
+        clients.may_call.set()
+        for thread in threads:
+            thread.join(timeout=PAUSE_WITHIN_S)
+        code = end(daemon)
+    replay, traces = verified(out / "journal.jsonl"), tracebacks_in(log)
     rss, anonymous = run.slopes_mib_h()
     files = {each.files for each in run.hours if each.hour >= WARM_UP_H}
-    sys.stdout.write(f"broker gone {flapping.times} times; not 2xx: {dict(people.statuses)}\n")
+    click.echo(f"broker stopped {flapping.times} times; not 2xx: {dict(clients.statuses)}")
     kept = Path(given.keep)
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(parents=True)
@@ -406,20 +397,18 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
             rss < MAX_SLOPE_MIB_H,
         ),
         (f"file descriptors in each pause: {sorted(files)}", len(files) == 1),
-        (f"{people.answered} of {people.asked} requests answered", people.answered == people.asked),
+        (
+            f"{clients.answered} of {clients.asked} requests answered",
+            clients.answered == clients.asked,
+        ),
         (f"the daemon ended by itself: {crashed}; code {code}", not crashed and code == 0),
         (f"{len(traces)} tracebacks in its log", not traces),
-        (f"the journal: {verified.stdout}{verified.stderr}".strip(), verified.returncode == 0),
+        (f"the journal: {replay.stdout}{replay.stderr}".strip(), replay.returncode == 0),
     ]
 
 
-def _announce(hour: Hour) -> None:
-    sys.stdout.write(hour.line() + "\n")
-    sys.stdout.flush()
-
-
 def main() -> None:
-    """Print a line an hour and the verdicts; 1 unless all hold."""
+    """Print one line for each hour and the checks; exit with 1 if a check failed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=24.0, help="of mission time")
     parser.add_argument("--speedup", type=float, default=60.0)
@@ -427,11 +416,11 @@ def main() -> None:
     parser.add_argument("--keep", default=str(Path(tempfile.gettempdir()) / "weeks"))
     given = parser.parse_args()
     if MOSQUITTO is None:
-        sys.exit("no mosquitto here: apt-get install mosquitto")
+        sys.exit("mosquitto is not installed: apt-get install mosquitto")
     with tempfile.TemporaryDirectory() as folder:
         checks = fly(given, Path(folder))
-    for words, holds in checks:
-        sys.stdout.write(f"{'PASS' if holds else 'FAIL'} {words}\n")
+    for text, holds in checks:
+        click.echo(f"{'PASS' if holds else 'FAIL'} {text}")
     if not all(holds for _, holds in checks):
         sys.exit(1)
 

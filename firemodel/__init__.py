@@ -7,9 +7,9 @@
     print(fire.burned_ha, fire.arrival_time_s.shape, fire.front(3600.0).wkt)
     firemodel.write_fronts(Path("fronts.geojson"), fire, [3600.0, 7200.0], "my fire")
 
-Landscapes come from files (``read_landscape``) or are made (``jacksboro``, ``flat_landscape``);
-``SCHEMES`` lists the spread schemes. Modules are imported when a name is first used, so that
-``import firemodel`` takes no time.
+Landscapes are read from files (``read_landscape``) or generated (``jacksboro``,
+``flat_landscape``). ``SCHEMES`` lists the spread schemes. The modules are imported at the first use
+of a name, so that ``import firemodel`` is fast.
 """
 
 from importlib import import_module

@@ -1,8 +1,8 @@
-"""Compiles inner loops with Numba, with a cache on disk that depends on all sources they may call.
+"""Compile inner loops with Numba, with a cache on disk that depends on all sources they may call.
 
-Numba's own cache checks only the file of a function, so that changes in other files that the
-function calls are missed. Here the name of the cache folder is a hash of all files of this package,
-of the function's own folder, and of all modules of its package that compile functions.
+Numba's own cache checks only the file of a function and ignores changes of called functions in
+other files. The name of this module's cache folder is a hash of all files of this package, of the
+files in the function's folder, and of all modules of its package that compile functions.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parent
 
 @cache
 def cache_folder(home: Path) -> Path:
-    """Cache folder for the functions in ``home``.
+    """Return the cache folder for the functions in ``home``.
 
     It is in this package or, if the package is read-only, in the user's cache.
     """
@@ -38,7 +38,7 @@ def cache_folder(home: Path) -> Path:
 
 
 def _top(home: Path) -> Path:
-    """The top-level package that holds a folder."""
+    """Return the top-level package that holds a folder."""
     while (home.parent / "__init__.py").exists():
         home = home.parent
     return home
@@ -46,7 +46,10 @@ def _top(home: Path) -> Path:
 
 @cache
 def _with_kernels(package: Path) -> tuple[Path, ...]:
-    """The modules of a package that compile functions; kernels call those of other folders."""
+    """Return the modules of a package that compile functions.
+
+    A kernel may call kernels of other folders.
+    """
     found = (path for path in package.rglob("*.py") if b"firemodel.compiled" in path.read_bytes())
     return tuple(found)
 
@@ -55,7 +58,8 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
-        # Without the GIL: a forecast runs in its own thread and shares no array that it writes.
+        # The GIL is released, because a forecast runs in its own thread and shares no array that
+        # it writes.
         return njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
         NUMBA.CACHE_DIR = given
@@ -67,8 +71,8 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function for inner loops, without reference counts, which took half of the time.
+    """Compile a function for inner loops without reference counts, which takes half of the time.
 
-    Therefore it must not allocate arrays; callers pass the arrays it works in.
+    The function must not allocate arrays; callers pass its work arrays.
     """
     return _cached(function, _nrt=False)

@@ -1,4 +1,4 @@
-"""The errors of this package: invalid landscapes, weather streams and ignitions."""
+"""Error class of this package, for invalid landscapes, weather streams and ignitions."""
 
 
 class FireModelError(ValueError):

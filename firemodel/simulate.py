@@ -1,4 +1,4 @@
-"""Runs a fire from ignition to a given time in one call."""
+"""Simulate a fire from ignition to a given time in one call."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import SchemeName, new_fire
 
 HOUR_S = 3600.0
-# Dry, with a moderate wind: the first hours of the default scenario.
+# Dry weather with a moderate wind, as in the first hours of the default scenario.
 DRY = Weather(
     at_s=0.0,
     wind_speed_m_s=4.0,
@@ -47,13 +47,13 @@ def burn(
             ``read_weather``). Default: dry, wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
-        duration_s: How long the fire burns, in seconds.
+        duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
 
     Returns:
         The fire. ``arrival_time_s`` is float64 (y, x), row 0 in the north: seconds after ignition,
-        infinity where fire has not come. ``front(time_s)`` is a shapely MultiPolygon in the
+        infinity where unburned. ``front(time_s)`` is a shapely MultiPolygon in the
         landscape's CRS, ``burned_ha`` the burned area; ``advance(time_s)`` continues the fire.
 
     Raises:
@@ -100,7 +100,7 @@ def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream
 def _cells(
     given: Sequence[tuple[float, float]] | Path | str | None, land: Landscape
 ) -> list[tuple[int, int]]:
-    """Row and column of each cell that is lit."""
+    """Return the row and column of each cell that is lit."""
     rows, cols = land.shape
     if given is None:
         return [(rows // 2, cols // 2)]
@@ -110,7 +110,7 @@ def _cells(
 
 
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
-    """Row and column of the burnable cells that the shapes of a file touch.
+    """Return the row and column of the burnable cells that the shapes of a file touch.
 
     Raises FireModelError if the file cannot be used or all its cells are non-burnable.
     """
@@ -118,5 +118,5 @@ def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
 
     cells = burnable_cells(read_shapes(path, land), land)
     if not cells:
-        raise FireModelError(f"{path}: lies wholly on fuel that does not burn")
+        raise FireModelError(f"{path}: all its cells are non-burnable; give another place")
     return cells

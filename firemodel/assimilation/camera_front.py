@@ -1,24 +1,24 @@
-"""Observations made automatically from the images of cameras and sensors."""
+"""Observations computed automatically from the images of cameras and sensors."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, PointObservation, Simulation
 from firemodel.landscape.landscape import Landscape
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
 class CameraFront:
-    """Thins the windows of a camera to a limited number of observations.
+    """Limited number of observations from the windows of a camera.
 
     The edge between a burned cell and an unburned neighbour is observed as burning. A cell whose
     observed state differs from the simulated one is observed as burned or unburned. For each
     state, each square of ``apart_m`` and each interval of ``every_s`` only the newest observation
-    is kept, and at most ``most`` (the newest) in total.
+    is kept. In total the newest ``most`` observations are kept.
     """
 
     def __init__(
@@ -45,14 +45,14 @@ class CameraFront:
             front = (burned[one] & unburned[other]) | (unburned[one] & burned[other])
             middle = [0.5 * (axis[one] + axis[other])[front] for axis in (x_m, y_m)]
             self._keep(np.column_stack(middle), at_s, BURNING)
-        known = burned | unburned
-        places = np.column_stack([x_m[known], y_m[known]])
+        observed = burned | unburned
+        places = np.column_stack([x_m[observed], y_m[observed]])
         simulated = fire.ignition_time_s(places) <= at_s
-        self._keep(places[burned[known] & ~simulated], at_s, BURNED)
-        self._keep(places[unburned[known] & simulated], at_s, UNBURNED)
+        self._keep(places[burned[observed] & ~simulated], at_s, BURNED)
+        self._keep(places[unburned[observed] & simulated], at_s, UNBURNED)
 
     def observations(self) -> Floats:
-        """The kept observations, (n, 4) x, y, at_s, state, in order of time."""
+        """Return the kept observations, (n, 4) x, y, at_s, state, in order of time."""
         newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
             -self.most :
         ]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
@@ -12,12 +13,11 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import check_shape
 from firemodel.spread.front import earliest_neighbour
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 class ArrivalRaster:
-    """Arrival times (y, x) of a landscape's cells, infinity for never: an ``AdjustableFire``.
+    """Arrival times (y, x) of a landscape's cells, infinity if unburned: an ``AdjustableFire``.
 
     The ignition point of each cell is found by stepping back from the cell to its earliest
     neighbour until no neighbour is earlier. The three rates are logarithms of factors on the
@@ -35,20 +35,20 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """A copy of this fire with ``rates`` (3,) added to its own rates."""
+        """Return a copy of this fire with ``rates`` (3,) added to its own rates."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
         return other
 
     def places(self) -> Floats:
-        """Centres of the cells where the fire was lit, (n, 2) x, y in metres."""
+        """Return the centres of the cells where the fire was lit, (n, 2) x, y in metres."""
         cells = np.arange(self._origin.size)
         lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
         return self._centres(cells[lit])
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
+        """Return paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
         rows, cols = self.landscape.shape
@@ -65,7 +65,7 @@ class ArrivalRaster:
         return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         paths = self.paths(points_m)
         return paths.lit_s + paths.takes_s
 
@@ -74,9 +74,9 @@ class ArrivalRaster:
         return np.column_stack(self.landscape.xy_of(row, col)).astype(np.float64)
 
     def _between(self, row: Floats, col: Floats) -> Floats:
-        """Arrival times interpolated bilinearly at fractional rows and columns.
+        """Interpolate arrival times bilinearly at fractional rows and columns.
 
-        Where fire does not reach all four cells around, the time of the nearest cell.
+        Where fire does not reach all four cells around, the time is that of the nearest cell.
         """
         rows, cols = self.landscape.shape
         top, left = (
@@ -96,22 +96,22 @@ class ArrivalRaster:
 
 
 def _origins(arrival_s: Floats) -> Ints:
-    """For each cell (n,) the number of the cell where its fire was lit.
+    """Return, for each cell, the index (n,) of the cell from which its fire started.
 
     An ignition cell and a cell without fire have their own number.
     """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
-    come = np.isfinite(arrival_s)
-    if not come.any():
+    reached = np.isfinite(arrival_s)
+    if not reached.any():
         return origin.ravel()
-    in_rows, in_cols = np.flatnonzero(come.any(axis=1)), np.flatnonzero(come.any(axis=0))
+    in_rows, in_cols = np.flatnonzero(reached.any(axis=1)), np.flatnonzero(reached.any(axis=0))
     window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
     step_row, step_col = earliest_neighbour(arrival_s[window])
     before = origin[window] + (step_row * cols + step_col).astype(np.int64)
-    origin[window] = np.where(come[window], before, origin[window])
+    origin[window] = np.where(reached[window], before, origin[window])
     flat = origin.ravel()
-    cells = np.flatnonzero(come)
+    cells = np.flatnonzero(reached)
     earlier = flat[cells]
     while True:
         earliest = flat[earlier]
@@ -127,19 +127,19 @@ def corrected_arrival(
     observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Arrival times (y, x) of a cellular fire, corrected by observations (n, 4) x, y, at_s, state.
+    """Correct arrival times (y, x) of a cellular fire by observations (n, 4) x, y, at_s, state.
 
-    ``method`` may also be the paper's, with its length: ``lambda fire, observations:
+    Another ``method`` is that of the paper, with its length: ``lambda fire, observations:
     PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond the observed
-    places: a cell that is infinite there stays infinite, unless an observation marks it burned or
-    burning; it then burns from the time of that observation.
+    places. An infinite cell stays infinite unless an observation marks it burned or burning; it
+    then burns from the time of that observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
-    come = np.isfinite(arrival_s)  # cells without fire are not corrected
-    centres = np.column_stack(landscape.xy_of(*np.nonzero(come)))
+    reached = np.isfinite(arrival_s)  # cells without fire are not corrected
+    centres = np.column_stack(landscape.xy_of(*np.nonzero(reached)))
     found = np.full(arrival_s.shape, np.inf)
-    found[come] = method(fire, observations).ignition_time_s(centres)
+    found[reached] = method(fire, observations).ignition_time_s(centres)
     for x_m, y_m, at_s, state in observations:
         cell = tuple(int(np.round(at)) for at in landscape.row_col_of(x_m, y_m))
         if state != UNBURNED and landscape.contains(x_m, y_m) and np.isinf(arrival_s[cell]):

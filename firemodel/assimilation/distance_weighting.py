@@ -1,4 +1,4 @@
-"""A fire simulation corrected by observations, as Beachly et al. do it (section IV).
+"""A fire simulation corrected by observations, after Beachly et al. (section IV).
 
 The error e of an observation is the delay of the observed fire behind the simulated one
 (``observations.errors_s``). A squared exponential k of the distance weights the errors at other
@@ -10,8 +10,8 @@ observations at one place are averaged.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
 from firemodel.ellipses.tiles import first_of, tiles_of
@@ -30,11 +30,11 @@ PLACES = -np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
 TO_POWERS = np.linalg.inv(np.vander(PLACES, increasing=True))
 SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in range(9))
 
-Floats = NDArray[np.float64]
-
 
 class PaperCorrected:
-    """A fire corrected by observations (n, 4) x, y, at_s, state, each within about ``length_m``.
+    """A fire corrected by observations (n, 4) x, y, at_s, state, by weights over distance.
+
+    An observation has an effect within about ``length_m``.
 
     A burned or unburned observation that agrees with the simulation has no weight. A place that
     the simulated fire never reaches cannot be corrected by a shift of time: it burns from the
@@ -57,24 +57,24 @@ class PaperCorrected:
         never = ~np.isfinite(error_s)
         counts = ~never & ((error_s != 0.0) | (self.observations[:, 3] == BURNING))
         self._places, self._error_s = self.observations[counts, :2], error_s[counts]
-        self._anyway = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
+        self._ignitions = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 
     def corrected_s(self, points_m: Floats, simulated_s: Floats) -> Floats:
-        """As ``ignition_time_s``, given the simulated arrival times (n,) of the points."""
+        """Return ``ignition_time_s`` of points, given their simulated arrival times (n,)."""
         found = simulated_s + self.shift_s(points_m)
         never = np.flatnonzero(np.isinf(simulated_s))
-        for x, y, at_s in self._anyway:
+        for x, y, at_s in self._ignitions:
             near = np.hypot(*(points_m[never] - (x, y)).T) <= self.length_m
             found[never[near]] = np.minimum(found[never[near]], at_s)
         return found
 
     def shift_s(self, points_m: Floats) -> Floats:
-        """Expected delay behind the simulated fire in seconds (n,) at each point (n, 2)."""
+        """Return the expected delay to the simulated fire in seconds (n,) at each point (n, 2)."""
         tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
         total, weight = np.zeros((2, len(tiles.x)))
         room = np.empty((5, NODES * NODES))
@@ -86,9 +86,9 @@ class PaperCorrected:
 
 @kernel
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
-    """exp(-y) with a relative error of 1e-10, and 0 where it is less than ``NEGLIGIBLE``.
+    """Compute exp(-y) with a relative error of 1e-10, and 0 where it is below ``NEGLIGIBLE``.
 
-    It has no branch and no call, so that the compiler can vectorise loops over it (exp it cannot).
+    It has no branch and no call, so that the compiler can vectorise loops over it, unlike exp.
     """
     z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]
@@ -143,7 +143,7 @@ def _powers(values, between):  # type: ignore[no-untyped-def]
 
 @kernel
 def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
-    """Σ c[i, j] y^i x^j at each place, into ``found``; x and y are scaled to -1 to 1 in the box."""
+    """Evaluate Σ c[i, j] y^i x^j at each place into ``found``; x and y are scaled to -1 to 1."""
     for i in range(NODES - 1, -1, -1):
         row = c[i * NODES : (i + 1) * NODES]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]

@@ -17,6 +17,7 @@ Williams 2006, chapters 2, 3 and 5.
 
 import math
 from functools import cache, cached_property
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import log_ndtr
 from threadpoolctl import ThreadpoolController
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
 from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
@@ -35,22 +37,20 @@ TIME_SD_S = 15.0  # of an observation's time
 MIN_S = 45.0  # lower limit of the time along a path; shorter times have little information
 LOG_SD = 0.05  # of ln of the observed time along a path
 UNEXPLAINED_SD = 0.1  # of ln of the time along a path, because real fire goes around slow places
-FIELD_SDS = (0.2, 0.3, 0.4)
-# Length scales of the field, as parts of the diagonal of the box of observations and sources.
+FIELD_SDS = (0.2, 0.3, 0.4)  # candidates for the prior sd of the field
+# Length scales of the field, as fractions of the diagonal of the box of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
 MIN_M = 100.0  # lower limit of that diagonal
 NODES = 32  # maximum of the field's nodes along its longer side
-STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)
-CHOSEN_AT = 1
-STEPS_NEAR = 2
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # of the iteration; fractions of a step that are tried
+CHOSEN_AT = 1  # step in which the prior of the field is chosen
+STEPS_NEAR = 2  # number of steps from the result of a similar correction
 GOOD_ENOUGH = 0.05  # gain in ln of the posterior density below which the iteration ends
 SMALL_RATE = 1e-3  # difference for numerical derivatives by the rates
 MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
 EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-
-Floats = NDArray[np.float64]
 
 
 class _Prior(NamedTuple):
@@ -63,12 +63,12 @@ class _Prior(NamedTuple):
     of_cols: Floats
 
     def white(self, of_rates: Floats, of_place: Floats) -> Floats:
-        """The product A L (n, parameters) for A = [of_rates (n, k), of_place (n, rows, cols)]."""
+        """Compute A L (n, parameters) for A = [of_rates (n, k), of_place (n, rows, cols)]."""
         place = self.sd * (self.of_rows.T @ of_place @ self.of_cols)
         return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
 
     def colour(self, z: Floats) -> tuple[Floats, Floats]:
-        """Rates (k,) and field w (rows, cols) of the unit-variance parameters z."""
+        """Return the rates (k,) and the field w (rows, cols) of the unit-variance parameters z."""
         k = len(self.rates_sd)
         place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
         return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
@@ -76,26 +76,30 @@ class _Prior(NamedTuple):
 
 @cache
 def _blas() -> ThreadpoolController:
-    """Limits BLAS to one thread: with more, sums depend on the machine, and are no faster here."""
+    """Return the controller that limits BLAS to one thread.
+
+    With more threads, sums depend on the machine, and are not faster for these sizes.
+    """
     return ThreadpoolController()
 
 
-class _Look(NamedTuple):
-    """Expected and observed times of the observations under given rates and a given field."""
+class _Evaluation(NamedTuple):
+    """Expected and observed times of the observations for given rates and a given field."""
 
     fire: AdjustableFire
     field: Field
     paths: StraightPaths
-    expected: Floats  # ln of the time along the path (n,)
-    observed: Floats  # the same from the observations (n,)
+    expected: Floats  # ln of the simulated time along the path (n,)
+    observed: Floats  # ln of the observed time along the path (n,)
     sd: Floats  # standard deviation of ``observed`` (n,)
 
 
 class GaussianCorrected:
     """A fire corrected by observations (n, 4) x, y, at_s, state; unchanged if there are none.
 
-    The computing time grows with n³, which limits n to some hundreds. Observations at places that
-    the simulated fire never reaches are left out: such fire needs another source.
+    The computing time increases with n³, which limits n to some hundreds. Observations at places
+    that the simulated fire never reaches are ignored, because fire at such a place needs another
+    source.
 
     ``near`` is a correction of the same fire by nearly the same observations. The fit then keeps
     its prior and begins at its result, which takes a third of the time for nearly the same result.
@@ -111,9 +115,9 @@ class GaussianCorrected:
     ) -> None:
         self.fire, self.place_sd_m = fire, place_sd_m
         self.observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
-        come = np.isfinite(fire.ignition_time_s(self.observations[:, :2]))
-        self._held = self.observations[come]
-        self._points = np.ascontiguousarray(self._held[:, :2])
+        reached = np.isfinite(fire.ignition_time_s(self.observations[:, :2]))
+        self._reachable = self.observations[reached]
+        self._points = np.ascontiguousarray(self._reachable[:, :2])
         self._rated = AdjustableEllipses(fire) if isinstance(fire, EllipseFire) else fire
         if len(self._rated.places()):
             places = np.concatenate([self._points, self._rated.places()])
@@ -122,13 +126,13 @@ class GaussianCorrected:
             self._prior = _prior(rates_sd, self._field, FIELD_SDS[-1], length_m)
             self._a = np.empty((0, len(rates_sd) + self._field.slower.size))
             self._w, self._z = np.empty(0), np.empty(0)
-        if len(self._held):
+        if len(self._reachable):
             with _blas().limit(limits=1, user_api="blas"):
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
-        if not len(self._held):
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        if not len(self._reachable):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         paths = self._rated.paths(points)
@@ -137,7 +141,7 @@ class GaussianCorrected:
         return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
-        """Standard deviation of ``ignition_time_s`` (n,) at each point; infinity for never.
+        """Return the standard deviation of ``ignition_time_s`` (n,); infinity if unburned.
 
         Errors of the observations themselves are not included.
         """
@@ -161,86 +165,88 @@ class GaussianCorrected:
         half: NDArray[np.floating] = a
         if len(a):
             half = solve_triangular(np.linalg.cholesky(inner), a, lower=True, check_finite=False)
-        known = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
+        reduction = np.array([np.concatenate([r, w.ravel()]) for r, w in map(prior.colour, half)])
         found = np.zeros((a.shape[1], a.shape[1]))
         k = len(prior.rates_sd)
         np.fill_diagonal(found[:k, :k], np.square(prior.rates_sd))
         grams = (factor @ factor.T for factor in (prior.of_rows, prior.of_cols))
         found[k:, k:] = prior.sd**2 * np.kron(*grams)
-        known = known.reshape(-1, a.shape[1])
-        found -= known.T @ known
+        reduction = reduction.reshape(-1, a.shape[1])
+        found -= reduction.T @ reduction
         return found
 
     def _fit(self, fire: AdjustableFire, near: "GaussianCorrected | None") -> None:
         field, prior, diagonal_m = self._field, self._prior, self._diagonal_m
         steps = range(STEPS)
-        if near is not None and len(near._held) and _same_place(near._field, field):
+        if near is not None and len(near._reachable) and _same_place(near._field, field):
             prior, steps = near._prior, range(CHOSEN_AT + 1, CHOSEN_AT + 1 + STEPS_NEAR)
-            seen, z, score = self._try(fire, field, prior, near._z)
+            current, z, score = self._try(fire, field, prior, near._z)
         else:
-            seen, z, score = self._start(fire, field, prior)
+            current, z, score = self._start(fire, field, prior)
         for step in steps:
-            of_rates = _rates_slopes(seen.fire, self._points, seen.paths)
+            of_rates = _rates_slopes(current.fire, self._points, current.paths)
             of_place = np.zeros((len(self._points), *field.slower.shape))
-            slopes(self._points, seen.paths.origin, seen.field, of_place)
+            slopes(self._points, current.paths.origin, current.field, of_place)
             a = prior.white(of_rates, of_place)
-            y = seen.observed - seen.expected + a @ z
-            w, b = _curvature(self._held[:, 3], y, seen.sd, a @ z)
+            y = current.observed - current.expected + a @ z
+            w, b = _curvature(self._reachable[:, 3], y, current.sd, a @ z)
             if step == CHOSEN_AT:
                 prior = self._choose(fire, field, diagonal_m, of_rates, of_place, w, b, prior)
                 a = prior.white(of_rates, of_place)
                 score = math.inf
             k, f = a @ a.T, a @ z
             for _ in range(4):
-                w, b = _curvature(self._held[:, 3], y, seen.sd, f)
+                w, b = _curvature(self._reachable[:, 3], y, current.sd, f)
                 f, alpha = _mode(k, w, b)
             towards = a.T @ alpha - z
-            tried = [self._try(fire, field, prior, z + part * towards) for part in PARTS[:1]]
-            for part in PARTS[1:]:
+            tried = []
+            for part in PARTS:
+                tried.append(self._try(fire, field, prior, z + part * towards))
                 if tried[-1][2] <= score:
                     break
-                tried.append(self._try(fire, field, prior, z + part * towards))
-            before, (seen, z, after) = score, min(tried, key=lambda one: one[2])
-            score = after
-            if abs(before - after) < GOOD_ENOUGH:
+            before = score
+            current, z, score = min(tried, key=itemgetter(2))
+            if abs(before - score) < GOOD_ENOUGH:
                 break
-        self._rated, self._field, self._prior, self._z = seen.fire, seen.field, prior, z
+        self._rated, self._field, self._prior, self._z = current.fire, current.field, prior, z
         self.rates = prior.colour(z)[0]
         self._a, self._w = a, w
 
     def _start(
         self, fire: AdjustableFire, field: Field, prior: _Prior
-    ) -> tuple[_Look, Floats, float]:
-        """The first rates (``AdjustableFire.first_rates``) with the highest posterior density."""
+    ) -> tuple[_Evaluation, Floats, float]:
+        """Return the rates of ``AdjustableFire.first_rates`` with the highest posterior density."""
         found = []
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
             found.append(self._try(fire, field, prior, z))
-        return min(found, key=lambda one: one[2])
+        return min(found, key=itemgetter(2))
 
     def _try(
         self, fire: AdjustableFire, field: Field, prior: _Prior, z: Floats
-    ) -> tuple[_Look, Floats, float]:
+    ) -> tuple[_Evaluation, Floats, float]:
         rates, w = prior.colour(z)
-        seen = self._look(
+        current = self._evaluate(
             fire.rated(rates), field._replace(slower=np.exp(np.clip(w, -MAX_LOG, MAX_LOG)))
         )
-        miss = _log_likelihood(self._held[:, 3], seen.observed, seen.sd, seen.expected)
-        return seen, z, 0.5 * float(z @ z) - miss
+        miss = _log_likelihood(
+            self._reachable[:, 3], current.observed, current.sd, current.expected
+        )
+        return current, z, 0.5 * float(z @ z) - miss
 
-    def _look(self, fire: AdjustableFire, field: Field) -> _Look:
+    def _evaluate(self, fire: AdjustableFire, field: Field) -> _Evaluation:
         points, n = self._points, len(self._points)
         paths = fire.paths(np.concatenate([points, points + EAST, points + NORTH]))
         slower = np.empty(n)
-        here = StraightPaths(*(part[:n] for part in paths))
-        stretch(points, here.origin, field, slower)
+        at_points = StraightPaths(*(part[:n] for part in paths))
+        stretch(points, at_points.origin, field, slower)
         time_s, east_s, north_s = (paths.lit_s + paths.takes_s).reshape(3, n)
         slowness_s_m = np.hypot(east_s - time_s, north_s - time_s) * slower
-        expected_s = np.maximum(here.takes_s * slower, MIN_S)
-        observed_s = np.maximum(self._held[:, 2] - here.lit_s, MIN_S)
+        expected_s = np.maximum(at_points.takes_s * slower, MIN_S)
+        observed_s = np.maximum(self._reachable[:, 2] - at_points.lit_s, MIN_S)
         error_s2 = np.square(self.place_sd_m * slowness_s_m) + TIME_SD_S**2
         sd = np.sqrt(error_s2 / np.square(0.5 * (expected_s + observed_s)) + LOG_SD**2)
-        return _Look(fire, field, here, np.log(expected_s), np.log(observed_s), sd)
+        return _Evaluation(fire, field, at_points, np.log(expected_s), np.log(observed_s), sd)
 
     def _choose(
         self,
@@ -253,8 +259,8 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """The prior (sd and length of the field) under which burning observations are likeliest."""
-        burning = (self._held[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
+        """Choose the field's sd and length under which the burning observations are most likely."""
+        burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
         y, sd2 = b[burning] / w[burning], 1.0 / w[burning]
@@ -270,16 +276,16 @@ class GaussianCorrected:
                 half = solve_triangular(factor, y, lower=True, check_finite=False)
                 score = -0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
                 found.append((score, prior._replace(sd=sd)))
-        return max(found, key=lambda one: one[0])[1]
+        return max(found, key=itemgetter(0))[1]
 
 
 def _same_place(one: Field, other: Field) -> bool:
-    """True if two fields have the same nodes."""
+    """Return True if two fields have the same nodes."""
     return one.slower.shape == other.slower.shape and one[:3] == other[:3]
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Derivatives (n, k) of ln of the time along each path by each rate, numerically."""
+    """Compute derivatives (n, k) of ln of the time along each path by each rate, numerically."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -291,7 +297,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """A field with w = 0 around places (k, 2), and the diagonal of the places' box in metres."""
+    """Return a field with w = 0 around places (k, 2), and the diagonal of their box in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
@@ -307,7 +313,10 @@ def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior
 
 
 def _factor(count: int, apart: float) -> Floats:
-    """Cholesky factor of the squared exponential of ``count`` places ``apart`` lengths apart."""
+    """Return the Cholesky factor of the squared exponential on ``count`` nodes.
+
+    ``apart`` is the distance between two nodes in length scales.
+    """
     at = np.arange(count) * apart
     squares = np.square(at[:, None] - at)
     return np.asarray(np.linalg.cholesky(np.exp(-0.5 * squares) + 1e-6 * np.eye(count)), np.float64)
@@ -321,7 +330,7 @@ def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
 
 
 def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
+    """Return curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
 
     For Student's t, w is the curvature of the Gaussian that touches it at f.
     """
@@ -338,7 +347,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """The mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
+    """Return the mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

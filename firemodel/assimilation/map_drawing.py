@@ -4,12 +4,11 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
-Floats = NDArray[np.float64]
 Shape = Literal["point", "line", "polygon"]
 MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 
@@ -17,11 +16,12 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a shape with the corners (k, 2) x, y in metres.
+    """Return observations (n, 4) x, y, at_s, state of a shape with corners (k, 2) in metres.
 
-    A line and the outline of a polygon give their corners and points between them, at most
-    ``spacing_m`` apart. A burning polygon has the front on its outline and gives no points inside.
-    A burned or unburned polygon gives also a grid of points inside, ``spacing_m`` apart.
+    The observations of a line and of the outline of a polygon are its corners and points between
+    them, at most ``spacing_m`` apart. The outline of a burning polygon is the front; it has no
+    points inside. A burned or unburned polygon also has a grid of points inside, ``spacing_m``
+    apart.
 
     Raises FireModelError for too few points, values that are not finite, an unknown state, a
     spacing that is not positive, or a polygon whose outline crosses itself.
@@ -57,7 +57,7 @@ def _along(line: shapely.LineString, spacing_m: float) -> Floats:
 
 
 def _inside(polygon: shapely.Polygon, spacing_m: float) -> Floats:
-    """Grid points (n, 2) in a polygon, at least half the spacing from its outline."""
+    """Return grid points (n, 2) in a polygon, at least half the spacing from its outline."""
     west, south, east, north = polygon.bounds
     x_m, y_m = np.meshgrid(
         np.arange(west + 0.5 * spacing_m, east, spacing_m),

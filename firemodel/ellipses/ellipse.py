@@ -7,8 +7,8 @@ everywhere and the ground is level. Lines are series of points (``line_sources``
 
 If the wind changes, each point of the front starts its own ellipse (Huygens), so that the burned
 area is the Minkowski sum of the periods' ellipses. A place at d from the source is inside as soon
-as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time spent in period i and h_i the
-support function of its ellipse. The arrival time is therefore the maximum over n of the time at
+as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time in period i and h_i the support
+function of its ellipse. The arrival time is therefore the maximum over n of the time at
 which both sides are equal. That time has a closed form, and only one maximum over n
 (``ellipse_kernels.reach``).
 """
@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse_kernels import Bounds, changing, steady, to_plane
 from firemodel.ellipses.tiles import Tiles, check_finite, tiles_of
 from firemodel.errors import FireModelError
@@ -28,10 +29,9 @@ from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
-TILE = 64  # points
-DIRECTIONS = 12  # in which a source's reach is bounded
+TILE = 64  # points in a tile
+DIRECTIONS = 12  # number of directions in which a source's reach is bounded
 
-Floats = NDArray[np.float64]
 Places = NDArray[np.int32]
 
 
@@ -51,7 +51,7 @@ class Spread(NamedTuple):
 def spreads_of(
     fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
 ) -> tuple[Spread, ...]:
-    """Rothermel's rates of one fuel model on level ground, for each change of the weather.
+    """Return Rothermel's rates of one fuel model on level ground for each change of the weather.
 
     As in section IV, back and flank have the no-wind rate of the head. The wind at 20 ft is
     reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
@@ -70,14 +70,13 @@ def spreads_of(
         still_m_s = bed.no_wind_rate_ft_min / FT_MIN_PER_M_S
         wind_ft_min = entry.wind_speed_m_s * factor * FT_MIN_PER_M_S
         head_m_s = still_m_s * (1.0 + float(wind_factor(bed, wind_ft_min)))
-        toward_deg = 90.0 - grid_deg(entry.wind_from_deg + 180.0)
-        toward_rad = math.radians(toward_deg % 360.0)
+        toward_rad = math.radians((90.0 - grid_deg(entry.wind_from_deg + 180.0)) % 360.0)
         found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
     return tuple(found)
 
 
 def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
-    """A line (n, 2) x, y as sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
+    """Convert a line (n, 2) x, y to sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
 
     Corners are sources. ``at_s`` is one time for the whole line, or one for each corner (n,) of a
     line lit on foot. With a spacing s and ellipses of half-width r (``flank_m_s`` times the time),
@@ -113,22 +112,22 @@ class EllipseFire:
         self._table = _table(self.spreads)
 
     def lit(self, sources: Floats) -> "EllipseFire":
-        """The same fire with more sources (k, 3)."""
+        """Return the same fire with more sources (k, 3)."""
         more = EllipseFire.__new__(EllipseFire)
         more.spreads, more._table = self.spreads, self._table
         more.sources = np.concatenate([self.sources, _checked(sources)])
         return more
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
-        """Index (n,) of the source whose fire first reaches each point (n, 2); -1 for never."""
+        """Return the index (n,) of the source whose fire reaches each point (n, 2) first, or -1."""
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """``ignition_time_s`` and ``sources_of`` in one pass.
+        """Return ``ignition_time_s`` and ``sources_of``, computed in one pass.
 
         Without ``with_sources`` the second array is empty.
         """
@@ -180,7 +179,7 @@ def _checked(sources: Floats) -> Floats:
 
 
 def _table(spreads: Sequence[Spread]) -> Floats:
-    """The spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
+    """Return the spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
 
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
@@ -210,7 +209,7 @@ def _table(spreads: Sequence[Spread]) -> Floats:
 
 
 def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
-    """Bounds for sources lit at the times ``lit_s`` (n,), in the periods ``lit_in`` (n,)."""
+    """Return bounds for sources lit at the times ``lit_s`` (n,), in the periods ``lit_in`` (n,)."""
     angles = np.arange(DIRECTIONS) * (2.0 * math.pi / DIRECTIONS)
     nx, ny = np.cos(angles), np.sin(angles)
     from_s, cx, cy, xx, xy, yy = table.T[:, :, None]
@@ -223,14 +222,14 @@ def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:
-    """Values in the order of the tiles, put back into the order of the points."""
+    """Return values in the order of the points, given in the order of the tiles."""
     given = np.empty_like(found)
     given[tiles.order] = found
     return given
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """A matrix M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
+    """Return M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
 
     This solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
     """

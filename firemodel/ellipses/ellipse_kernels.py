@@ -1,8 +1,8 @@
-"""The inner loops of ``ellipse``: the arrival time from one source, and the least over all sources.
+"""The inner loops of ``ellipse``: arrival time from one source, and its minimum over all sources.
 
-A point is tried only with the sources that may be first somewhere in its tile. Down the quadtree
-of ``tiles``, each square keeps the sources of its parent whose earliest time in the square is not
-after the latest time of another source there.
+A point is compared only with the sources that may be first somewhere in its tile. In each level of
+the quadtree of ``tiles``, a square keeps those sources of its parent whose earliest time in the
+square is not after the latest time of another source in the square.
 """
 
 import math
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
@@ -18,8 +19,6 @@ MAX_STEPS = 100
 WARM_STEPS = 5  # from the solution of the last point, before the search starts with a bracket
 CLOSE = 1e-11  # relative error of the time at which the search ends
 SLACK = 1e-9  # relative delay behind another source up to which a source is kept
-
-Floats = NDArray[np.float64]
 
 
 class Bounds(NamedTuple):
@@ -39,7 +38,7 @@ class Bounds(NamedTuple):
 
 @kernel
 def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
-    """Middle x, y and half sizes in x and y of a square's box of points."""
+    """Return the centre x, y and the half sizes in x and y of the points' box in a square."""
     box = tiles.boxes[first_of(level) + square]
     return (
         0.5 * (box[0] + box[1]),
@@ -109,7 +108,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
                 at[level] = square
                 _keep_steady(level, square, sources, e, tiles, kept, counts, earliest)
         # Slices, so that indices begin at 0 and the loop can be vectorised.
-        xs, ys, here = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
+        xs, ys, times = tiles.x[begin:end], tiles.y[begin:end], best[begin:end]
         for k in range(counts[tiles.levels]):
             number = kept[tiles.levels, k]
             x, y, at_s = sources[number, 0], sources[number, 1], sources[number, 2]
@@ -117,13 +116,13 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
                 for place in range(xs.size):
                     dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    if time < here[place]:
-                        here[place], first[begin + place] = time, number
+                    if time < times[place]:
+                        times[place], first[begin + place] = time, number
             else:
                 for place in range(xs.size):
                     dx, dy = xs[place] - x, ys[place] - y
                     time = at_s + (math.sqrt(dx * dx + dy * dy) - e * dx)
-                    here[place] = time if time < here[place] else here[place]
+                    times[place] = time if time < times[place] else times[place]
 
 
 # Changing wind. A direction n is d + u m, where m is d turned left by 90 degrees, so d·n = d·d.
@@ -131,7 +130,7 @@ def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type:
 
 @kernel
 def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The u at which h(n) of one period is least."""
+    """Return the u at which h(n) of one period has its minimum."""
     cx, cy = table[period, 1], table[period, 2]
     xx, xy, yy = table[period, 3], table[period, 4], table[period, 5]
     c = cy * dx - cx * dy
@@ -144,7 +143,7 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """The least and the greatest u at which h(n) of a period is least; Σ τ h is least between."""
+    """Return the minimum and maximum u of the minima of h(n); Σ τ h has its minimum between."""
     low, high = math.inf, -math.inf
     for number in range(period, table.shape[0]):
         if table[number, 3] + table[number, 5] > 0.0:
@@ -155,12 +154,12 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """The time at which Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
+    """Compute when Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
 
     If that time is after ``limit_s``, the time returned is any time after the limit.
     """
     nx, ny = dx - u * dy, dy + u * dx
-    way = dx * dx + dy * dy
+    distance = dx * dx + dy * dy
     total, slope, curve, now = 0.0, 0.0, 0.0, at_s
     for number in range(period, table.shape[0]):
         if now >= limit_s:
@@ -172,24 +171,25 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
             qx, qy = xx * nx + xy * ny, xy * nx + yy * ny
             root = math.sqrt(qx * nx + qy * ny)
             h = cx * nx + cy * ny + root
-            here = total + h * (until - now) >= way
-            tau = (way - total) / h if here else until - now
+            reached = total + h * (until - now) >= distance
+            tau = (distance - total) / h if reached else until - now
             total += tau * h
             per = 1.0 / root
             slope += tau * (cy * dx - cx * dy + (qy * dx - qx * dy) * per)
             curve += tau * (xx * yy - xy * xy) * (per * per * per)
-            if here:
-                return now + tau, h, slope, curve * way * way
+            if reached:
+                return now + tau, h, slope, curve * distance * distance
         now = until
     return now, 1.0, 0.0, 1.0
 
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """Arrival time at d from a source lit at ``at_s``, and the decisive direction: (time, nx, ny).
+    """Compute (time, nx, ny): the arrival time at d from a source and the decisive direction.
 
-    Each u gives a lower bound of the time. The search stops when a bound is at or after
-    ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or (0, 0) for none.
+    The source is lit at ``at_s``. Each u gives a lower bound of the time. The search stops when a
+    bound is at or after ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or
+    (0, 0) for none.
     """
     if dx == 0.0 and dy == 0.0:
         return at_s, nx, ny
@@ -224,7 +224,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """``reach`` from a source; its direction in ``normals`` is the first guess and is updated."""
+    """Compute ``reach`` from a source, with its direction in ``normals`` as the first guess."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],
@@ -253,9 +253,9 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
-    """True if the fire of a source certainly reaches the box only after the limit set.
+    """Return True if the fire of a source reaches a box only after the time limit.
 
-    That is so if in any one direction the fire does not cover the distance to the box in time.
+    This is so if in at least one direction the fire does not cover the distance to the box in time.
     """
     if sources[number, 2] > limit_s:
         return True
@@ -265,8 +265,8 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
         k = bounds.last[number] + turn
         k = k - count if k >= count else k
         nx, ny = bounds.normals[k, 0], bounds.normals[k, 1]
-        way = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
-        if way > bounds.limit_m[k] - bounds.lit_m[number, k]:
+        distance = dx * nx + dy * ny - (half_x * abs(nx) + half_y * abs(ny))
+        if distance > bounds.limit_m[k] - bounds.lit_m[number, k]:
             bounds.last[number] = k
             return True
     return False
@@ -276,9 +276,10 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
 def _keep_changing(  # type: ignore[no-untyped-def]
     level, square, sources, periods, table, bounds, tiles, kept, counts, normals
 ):
-    """As ``_keep_steady``, for changing wind; the source that is first in the middle is put first.
+    """Keep sources as ``_keep_steady``, for changing wind.
 
-    The area burned from one source is convex: it covers a square as soon as it covers its corners.
+    The source that is first in the middle of the square is put first. The area burned from one
+    source is convex: it covers a square as soon as it covers its corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)
@@ -321,7 +322,7 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 def changing(  # type: ignore[no-untyped-def]
     sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
 ):
-    """As ``steady``, for changing wind.
+    """Compute arrival times as ``steady``, for changing wind.
 
     ``periods`` (sources) are the periods in which the sources are lit; ``normals`` is 0 on entry.
     """

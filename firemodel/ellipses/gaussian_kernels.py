@@ -2,14 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
-PARTS = 8  # of a path, for the mean along it
-
-Floats = NDArray[np.float64]
+PARTS = 8  # number of parts of a path, for the mean along it
 
 
 class Field(NamedTuple):
@@ -26,7 +22,7 @@ class Field(NamedTuple):
 
 @kernel
 def _corner(x, apart, count):  # type: ignore[no-untyped-def]
-    """The node at or below x, and the fraction of the way from it to the next node."""
+    """Return the node at or below x, and the fraction of the distance from it to the next node."""
     at = min(max(x / apart, 0.0), count - 1.0)
     node = min(int(at), count - 2)
     return node, at - node
@@ -56,7 +52,7 @@ def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
-    """One of the four nodes around a piece of a path, and its weight in the whole path's mean."""
+    """Return one of the four nodes around a part of a path, and its weight in the path's mean."""
     rows, cols = field.slower.shape
     piece = number // 4 + 0.5
     col, right = _corner(x + piece * dx - field.west_m, field.apart_m, cols)
@@ -74,7 +70,7 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Compute the derivatives of ln of that mean by w of each node.
+    """Compute the derivatives of ln of the mean in ``stretch`` by w of each node.
 
     ``found`` (n, rows, cols) is 0 on entry.
     """

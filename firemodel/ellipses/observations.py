@@ -3,9 +3,8 @@
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from firemodel.arrays import Floats
 
 # The sign of (time of ignition - time of the observation).
 BURNED, BURNING, UNBURNED = -1, 0, 1
@@ -15,11 +14,11 @@ class Simulation(Protocol):
     """A fire with an arrival time at every place, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2) x, y in metres; infinity for never."""
+        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
 
 
 class PointObservation(NamedTuple):
-    """State of a place at ``at_s``: BURNED (fire came before), BURNING (comes then), UNBURNED."""
+    """State of a place at ``at_s``: BURNED before, BURNING (fire arrives then) or UNBURNED."""
 
     x_m: float
     y_m: float
@@ -28,10 +27,11 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """Delay in seconds (n,) of the observed fire behind the simulated one at observations (n, 4).
+    """Return the delay (n,) in s of the observed to the simulated fire at observations (n, 4).
 
-    It is negative where the fire came earlier than simulated and infinite where the simulated fire
-    never comes. A burned or unburned observation that agrees with the simulation has an error of 0.
+    It is negative where the fire arrived earlier than simulated, and infinite where the simulated
+    fire never arrives. A burned or unburned observation that agrees with the simulation has an
+    error of 0.
     """
     late_s: Floats = observations[:, 2] - fire.ignition_time_s(observations[:, :2])
     state = observations[:, 3]

@@ -1,4 +1,4 @@
-"""Paths of fire to places in simulations with adjustable rates; the corrections are built on them.
+"""Paths of fire to places in simulations with adjustable rates, used by the corrections.
 
 A path is a straight line from the ignition to the place.
 """
@@ -7,18 +7,16 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
-
-Floats = NDArray[np.float64]
 
 
 class StraightPaths(NamedTuple):
     """Paths to n places: ignition ``origin`` (n, 2) x, y, its time ``lit_s`` (n,), and duration.
 
-    The travel time ``takes_s`` (n,) is infinite where fire never comes; ``origin`` and ``lit_s``
-    have no meaning there.
+    Where fire never arrives, the travel time ``takes_s`` (n,) is infinite, and ``origin`` and
+    ``lit_s`` are undefined.
     """
 
     origin: Floats
@@ -31,23 +29,23 @@ class AdjustableFire(Protocol):
 
     @property
     def rates_sd(self) -> Floats:
-        """Prior standard deviations (k,) of the rates that ``rated`` takes."""
+        """Prior standard deviations (k,) of the rates that ``rated`` accepts."""
 
     @property
     def first_rates(self) -> Floats:
         """Rates (m, k) from which the search begins."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
-        """The fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
+        """Return the fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) x, y in metres."""
+        """Return the paths to points (n, 2) x, y in metres."""
 
     def places(self) -> Floats:
-        """Places (k, 2) x, y in metres that enclose the ignitions."""
+        """Return the places (k, 2) x, y in metres that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
 
 
 class AdjustableEllipses:
@@ -73,7 +71,7 @@ class AdjustableEllipses:
         self.fire = fire
 
     def rated(self, rates: Floats) -> "AdjustableEllipses":
-        """The fire with the same adjustment of rates and wind in all periods of weather."""
+        """Return the fire with the same adjustment of rates and wind in all periods of weather."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
             spread._replace(
@@ -87,15 +85,15 @@ class AdjustableEllipses:
         return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Paths to points (n, 2) from the source whose fire reaches each of them first."""
+        """Return the paths to points (n, 2) x, y in metres."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
-        """The sources (k, 2) x, y in metres."""
+        """Return the sources (k, 2) x, y in metres."""
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Arrival time in seconds (n,) at each point (n, 2); infinity for never."""
+        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
         return self.fire.ignition_time_s(points_m)

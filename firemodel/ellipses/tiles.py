@@ -1,4 +1,4 @@
-"""Points sorted into the squares of a quadtree, for computations that are done once a square."""
+"""Points sorted into the squares of a quadtree, for computations once in each square."""
 
 import math
 from typing import Any, NamedTuple
@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 
 MAX_LEVELS = 9
-
-Floats = NDArray[np.float64]
 
 
 class Tiles(NamedTuple):
@@ -32,7 +31,7 @@ class Tiles(NamedTuple):
 def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
     """Sort points (n, 2) into tiles of about ``points_a_tile`` points.
 
-    With ``side_m``, tiles are not divided further once their sides are at most that. Raises
+    With ``side_m``, tiles with sides of at most this length are not divided further. Raises
     FireModelError for a point that is not finite.
     """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -81,7 +80,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """A number of up to 16 bits with a 0 inserted between each two bits."""
+    """Insert a 0 between each two bits of a number of up to 16 bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333
@@ -109,7 +108,7 @@ def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untype
 
 @kernel
 def first_of(level):  # type: ignore[no-untyped-def]
-    """Index of the first square of a level among all squares."""
+    """Return the index of the first square of a level among all squares."""
     return ((1 << (2 * level)) - 1) // 3
 
 

@@ -3,12 +3,4 @@
 ``LAYERS`` are the names of the layers in files and scenarios.
 """
 
-LAYERS = (
-    "fuel",
-    "elevation",
-    "slope",
-    "aspect",
-    "canopy_cover",
-    "canopy_height",
-    "canopy_base",
-)
+LAYERS = ("fuel", "elevation", "slope", "aspect", "canopy_cover", "canopy_height", "canopy_base")

@@ -17,12 +17,12 @@ STEEP = 0.10  # rise over run
 
 
 def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> Landscape:
-    """Terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.35 N, 84.16 W.
+    """Return terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.35 N, 84.16 W.
 
-    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. Fuel follows from
-    the terrain: ground with a slope under 10 % is timber grass (FM 2); steeper slopes with an
-    aspect of 135 to 315 degrees (south-east over south-west to north-west, the dry side) are brush
-    (FM 5); the other slopes are hardwood litter (FM 9).
+    The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. The fuel is derived
+    from the terrain: ground with a slope under 10 % is timber grass (FM 2), steeper slopes with an
+    aspect of 135 to 315 degrees (south-east through south-west to north-west, the dry side) are
+    brush (FM 5), and the other slopes are hardwood litter (FM 9).
 
     Args:
         rows: Number of cells from north to south.
@@ -48,7 +48,7 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
 
 
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
-    """The north-west corner (x, y in metres), rounded to whole cells, of a grid on the centre."""
+    """Return the north-west corner x, y in metres, in whole cells, of a grid on the centre."""
     x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
     west = round(x_m / cell_size_m - cols / 2) * cell_size_m
     north = round(y_m / cell_size_m + rows / 2) * cell_size_m
@@ -56,7 +56,7 @@ def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
 
 
 def _sample() -> Path:
-    """Path of matplotlib's elevation file, found without importing matplotlib (slow, large)."""
+    """Return the path of matplotlib's elevation file, without the slow import of matplotlib."""
     found = find_spec("matplotlib")
     assert found is not None
     assert found.origin is not None
@@ -68,9 +68,9 @@ def _elevation(
 ) -> NDArray[np.float32]:
     with np.load(_sample()) as grid:
         terrain = grid["elevation"].astype(np.float64)
-        # Row 0 is the northernmost and lies at the file's ymax. The file's ymin is wrong: it was
-        # counted upwards from ymax instead of down. With this georeference the highest cell
-        # (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
+        # Row 0 is the northernmost and lies at the file's ymax. The file's ymin is wrong, because
+        # it was counted from ymax upwards instead of downwards. With this georeference the highest
+        # cell (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
         north_deg, west_deg, degrees = (float(grid[key]) for key in ("ymax", "xmin", "dx"))
     x_m, y_m = np.meshgrid(
         west_m + (np.arange(cols) + 0.5) * cell_size_m,
@@ -82,13 +82,13 @@ def _elevation(
     if ((places < -0.5) | (places > last)).any():
         raise FireModelError(
             f"jacksboro: {rows} x {cols} cells of {cell_size_m} m reach beyond the terrain that "
-            "ships with matplotlib; ask for fewer or smaller cells (7 km from the centre at most)"
+            "ships with matplotlib; give fewer or smaller cells (7 km from the centre at most)"
         )
     return np.asarray(np.round(bilinear(terrain, *places), 1), dtype=np.float32)
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:
-    """Fuel (rows, cols) by the rule of ``jacksboro``; the fuel of ``flat`` is not used."""
+    """Return the fuel (rows, cols) by the rule of ``jacksboro``; ignore the fuel of ``flat``."""
     sunny = (flat.aspect_deg >= 135.0) & (flat.aspect_deg <= 315.0)
     on_slopes = np.where(sunny, BRUSH, HARDWOOD_LITTER)
     return np.where(flat.slope_tan >= STEEP, on_slopes, GRASS).astype(np.int16)

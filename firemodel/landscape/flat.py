@@ -16,7 +16,7 @@ def flat_landscape(
     elevation_m: float = 0.0,
     fuel_model: int = 1,
 ) -> Landscape:
-    """Level ground of one fuel around a place, on the grid of the place's UTM zone.
+    """Return level ground of one fuel around a place, on the grid of the place's UTM zone.
 
     Args:
         rows: Number of cells from north to south.

@@ -1,4 +1,4 @@
-"""Describes the content of a file of rasters or shapes, and lists everything wrong with it."""
+"""Describe the content of a file of rasters or shapes, and list its problems."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -24,12 +24,7 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.layers import (
-    layer_of,
-    unit_of,
-    unit_problems,
-    value_problems,
-)
+from firemodel.landscape.readers.layers import layer_of, unit_of, unit_problems, value_problems
 from firemodel.landscape.readers.rasters import Sources, bands_for, gaps, misfits
 from firemodel.landscape.readers.shapes import (
     crs_problems,
@@ -46,7 +41,7 @@ USUAL_NODATA = (-9999, -32768)
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
-    """``describe_rasters`` or ``describe_shapes``, depending on what the file can be read as."""
+    """Describe a file by ``describe_rasters`` or ``describe_shapes``, depending on its content."""
     try:
         bands_of(path)
     except FireModelError as not_raster:
@@ -71,8 +66,8 @@ def describe_rasters(
     The keys are: ``file`` and ``kind``; ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's
     unit) and ``extent`` (south, west, north, east in degrees) of the first band; ``bands``, each
     with file, number, layer, dtype, unit, nodata, least, most, no_data_cells and, for fuel codes,
-    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``, a
-    line for each thing that ``read_landscape`` would refuse.
+    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``,
+    one line for each reason for which ``read_landscape`` would reject the files.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -93,8 +88,8 @@ def describe_shapes(
     """Describe a file of shapes and check it, on a landscape if one is given.
 
     The keys are: ``file``, ``kind``, ``crs``, ``features`` (number), ``types`` (number of each),
-    ``extent`` (south, west, north, east in degrees) and ``problems``, a line for each thing that
-    ``read_shapes`` would refuse.
+    ``extent`` (south, west, north, east in degrees) and ``problems``, one line for each reason for
+    which ``read_shapes`` would reject the file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -127,7 +122,7 @@ def _type(shape: BaseGeometry) -> str:
 
 
 def in_text(found: Description) -> str:
-    """A description as lines to print, the problems last."""
+    """Return a description as text, with the problems at the end."""
     lines = [f"{found['file']}: {found['kind']}"]
     if found.get("crs"):
         lines.append(f"  CRS {found['crs']}")
@@ -165,7 +160,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of a function, or None if it raises; the error is then added to the problems."""
+    """Return the result of a function, or None if it raises, with the error added to problems."""
     try:
         return function(*arguments)
     except FireModelError as error:
@@ -181,7 +176,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Each band with its layer, which is empty where the file does not name one."""
+    """Return each band with its layer, which is empty if the file does not name one."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:
@@ -194,7 +189,7 @@ def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Ba
 
 
 def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
-    """The problems of each band's grid; for a valid grid its differences from the first one."""
+    """Yield the problems of each band's grid, and its differences from the first valid one."""
     first: Band | None = None
     for band in bands:
         wrong = list(grid_problems(band, crs))
@@ -221,7 +216,7 @@ def _place_of(band: Band, crs: str | None) -> Description:
 
 
 def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, float, float] | None:
-    """Bounds (west, south, east, north) in a CRS as (south, west, north, east) in degrees."""
+    """Convert bounds (west, south, east, north) to (south, west, north, east) in degrees."""
     if crs is None or not np.isfinite(bounds).all():
         return None
     transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
@@ -231,11 +226,7 @@ def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, f
 
 
 def _band_in_words(
-    layer: str,
-    band: Band,
-    units: Mapping[str, str],
-    nodata: float | None,
-    problems: list[str],
+    layer: str, band: Band, units: Mapping[str, str], nodata: float | None, problems: list[str]
 ) -> Description:
     unit = _kept(problems, unit_of, layer, band, units) if layer else band.unit
     found: Description = {
@@ -264,14 +255,14 @@ def _band_in_words(
         problems += gaps(band, values, missing)
     elif found["least"] in USUAL_NODATA:
         problems.append(
-            f"{band.name}: {cells_with(values == found['least'], values)} looks like no data, and "
-            "the file does not say so; declare it there, or give it as nodata"
+            f"{band.name}: {cells_with(values == found['least'], values)} is probably no data, but "
+            "the file does not declare it; declare it in the file, or give it as nodata"
         )
     return found
 
 
 def _fuels(present: NDArray[Any], layer: str) -> Description:
-    """Share of each fuel code in the fuel layer, or in an unnamed band that has only fuel codes."""
+    """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
         return {}

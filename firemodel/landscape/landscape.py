@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import check_codes
 
 if TYPE_CHECKING:
     from pyproj import Transformer
 
-Floats = NDArray[np.float64]
 
 MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
@@ -26,7 +26,7 @@ ROWS_AT_ONCE = 256
 
 @lru_cache(maxsize=8)
 def transformers(crs: str) -> "tuple[Transformer, Transformer]":
-    """Transformers from a CRS to WGS84 (longitude, latitude), and back."""
+    """Return the transformers from a CRS to WGS84 (longitude, latitude), and back."""
     from pyproj import Transformer
 
     return (
@@ -44,7 +44,7 @@ def check_crs(crs: str, where: str) -> None:
     try:
         found = CRS.from_user_input(crs)
     except CRSError as error:
-        raise FireModelError(f"{where}: CRS {crs!r} is not known: {error}") from None
+        raise FireModelError(f"{where}: CRS {crs!r} is invalid: {error}") from None
     if not found.is_projected or found.axis_info[0].unit_name != "metre":
         raise FireModelError(
             f"{where}: CRS {crs_label(crs)} is not a projection in metres; "
@@ -53,14 +53,14 @@ def check_crs(crs: str, where: str) -> None:
 
 
 def crs_label(crs: str) -> str:
-    """A short label of a CRS: its code if it is given by one, else its name."""
+    """Return a short label of a CRS: its code if it is given by one, else its name."""
     from pyproj import CRS
 
     return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
-    """Rise per metre towards north and towards east, (2, y, x), from elevation (y, x).
+    """Compute the rise per metre towards north and east, (2, y, x), from elevation (y, x).
 
     Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); elevations
     beyond the edge are those of the edge. Computed in float64, in blocks of rows to save memory.
@@ -79,7 +79,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Interpolate values (y, x) at float rows and columns; outside, the values of the edge."""
+    """Interpolate values (y, x) at float rows and columns; outside, return those of the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
     if isinstance(row, float):  # one place: much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
@@ -105,10 +105,10 @@ class Landscape:
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
     with row 0 in the north: fuel codes (see ``fuels``), elevation in metres above sea level and,
     optionally, canopy cover (0 to 1), canopy height and canopy base height in metres. ``gradient``
-    is (2, y, x): rise per metre towards north and towards east. If it is not given it is computed
-    from the elevation (see ``horn``); if it is given the elevation may be missing. Positions in the
-    grid are float (row, col) with whole numbers at the centres of cells, so ``round`` gives the
-    cell. Positions and coordinates may be scalars or arrays.
+    (2, y, x) is the rise per metre towards north and towards east. If it is not given, it is
+    computed from the elevation (see ``horn``); if it is given, the elevation may be missing.
+    Positions in the grid are float (row, col) with integers at the centres of cells, so that
+    ``round`` returns the cell. Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -177,7 +177,7 @@ class Landscape:
 
     @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run (y, x); computed again each time, as ``aspect_deg`` is."""
+        """Slope as rise over run (y, x); computed at each access, like ``aspect_deg``."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope
@@ -207,36 +207,36 @@ class Landscape:
         return (grid_deg + self.grid_convergence_deg) % 360.0
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
-        """Projected x, y in metres of grid positions."""
+        """Return the projected x, y in metres of grid positions."""
         return (
             self.west_m + (col + 0.5) * self.cell_size_m,
             self.north_m - (row + 0.5) * self.cell_size_m,
         )
 
     def row_col_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
-        """Grid position (float row, col) of projected coordinates."""
+        """Return the grid position (float row, col) of projected coordinates."""
         return (
             (self.north_m - y_m) / self.cell_size_m - 0.5,
             (x_m - self.west_m) / self.cell_size_m - 0.5,
         )
 
     def lat_lon_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
-        """WGS84 latitude and longitude in degrees of projected coordinates in metres."""
+        """Return the WGS84 latitude and longitude in degrees of projected coordinates in metres."""
         lon, lat = transformers(self.crs)[0].transform(x_m, y_m)
         return lat, lon
 
     def xy_of_lat_lon(self, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
-        """Projected x, y in metres of WGS84 coordinates."""
+        """Return the projected x, y in metres of WGS84 coordinates."""
         x_m, y_m = transformers(self.crs)[1].transform(lon_deg, lat_deg)
         return x_m, y_m
 
     def xy_of_places(self, places: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
-        """Projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
+        """Return the projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
         lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
         return np.column_stack(self.xy_of_lat_lon(lat, lon))
 
     def cell_of_lat_lon(self, lat_deg: float, lon_deg: float) -> tuple[int, int]:
-        """Row and column of the cell at a WGS84 place.
+        """Return the row and column of the cell at a WGS84 place.
 
         Raises FireModelError for a place off the landscape.
         """
@@ -249,12 +249,12 @@ class Landscape:
         return round(float(row)), round(float(col))
 
     def contains(self, x_m: float, y_m: float) -> bool:
-        """Whether a point lies on the grid."""
+        """Return True if a point lies on the grid."""
         row, col = self.row_col_of(x_m, y_m)
         return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
-        """Elevation in metres, bilinear between cell centres; outside the grid that of its edge.
+        """Return elevation in metres, bilinear between cell centres; outside, that of the edge.
 
         Raises FireModelError if the landscape has no elevation.
         """
@@ -267,13 +267,13 @@ class Landscape:
         return bilinear(z, *self.row_col_of(x_m, y_m))
 
     def transform(self) -> Any:
-        """The affine.Affine from (column, row) of cell corners to x, y, as rasterio takes it."""
+        """Return the affine.Affine from (column, row) of cell corners to x, y, for rasterio."""
         from rasterio import Affine
 
         return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
 
     def digest(self) -> str:
-        """SHA-256 of the landscape's grid and layers.
+        """Return the SHA-256 of the landscape's grid and layers.
 
         The gradient is left out if it is the one computed from the elevation.
         """
@@ -303,7 +303,7 @@ class Landscape:
             del layers["gradient"]
         for name, layer in layers.items():
             if layer is not None:
-                # Elevation has no name here, so that landscapes recorded earlier keep their digest.
+                # Elevation has no name, so that the digests of earlier records remain valid.
                 sha.update(b"" if name == "elevation" else name.encode())
                 sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()

@@ -8,22 +8,21 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
-
-Floats = NDArray[np.float64]
 
 BARE_GROUND = 99
 SHORTEST = 1e-12  # part of a segment
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
-    """Cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
+    """Return cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
 
-    A point gives its cell. A line gives all cells it crosses, each joined to the next by a side. A
-    polygon gives the cells whose centre is inside, or one cell if it contains no centre. Parts off
-    the grid are left out.
+    A point touches its cell. A line touches all cells it crosses; consecutive cells have a common
+    side. A polygon touches the cells whose centre is inside, or one cell if it contains no centre.
+    Parts off the grid are ignored.
     """
     touched = np.zeros(landscape.shape, dtype=np.bool_)
     for part in _parts(geometries):
@@ -39,7 +38,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 def burnable_cells(
     geometries: Iterable[BaseGeometry], landscape: Landscape
 ) -> list[tuple[int, int]]:
-    """Row and column of the cells that geometries touch (``cells_of``) and that can burn."""
+    """Return the row and column of the burnable cells that geometries touch (``cells_of``)."""
     cells = cells_of(geometries, landscape)
     burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
     return [(int(row), int(col)) for row, col in cells[burns]]
@@ -48,10 +47,11 @@ def burnable_cells(
 def with_barriers(
     landscape: Landscape, geometries: Iterable[BaseGeometry], code: int = BARE_GROUND
 ) -> Landscape:
-    """The landscape with a fuel code that does not burn in all cells that geometries touch.
+    """Return the landscape with a non-burnable fuel code in all cells that geometries touch.
 
-    Fire cannot cross a line in any direction, since its cells are joined by sides. The outline of
-    a polygon is a barrier too, so that a river narrower than a cell stops fire as a line does.
+    Fire cannot cross a line in any direction, because consecutive cells of the line have a common
+    side. The outline of a polygon is a barrier too, so that a river narrower than a cell stops fire
+    like a line.
 
     Args:
         landscape: The landscape; it is not changed.
@@ -65,8 +65,8 @@ def with_barriers(
         FireModelError: ``code`` is a fuel that burns.
     """
     if code not in NON_BURNABLE:
-        known = ", ".join(map(str, NON_BURNABLE))
-        raise FireModelError(f"barriers: fuel code {code} burns; give one of {known}")
+        codes = ", ".join(map(str, NON_BURNABLE))
+        raise FireModelError(f"barriers: fuel code {code} burns; give one of {codes}")
     shapes = list(geometries)
     outlines = [part.boundary for part in _parts(shapes) if part.geom_type == "Polygon"]
     fuel = landscape.fuel_model.copy()
@@ -75,7 +75,7 @@ def with_barriers(
 
 
 def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
-    """The points, lines and polygons of geometries, including those in collections."""
+    """Yield the points, lines and polygons of geometries, including those in collections."""
     for geometry in geometries:
         if hasattr(geometry, "geoms"):
             yield from _parts(geometry.geoms)
@@ -84,7 +84,7 @@ def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
 
 
 def _col_row(geometry: BaseGeometry, landscape: Landscape) -> Floats:
-    """Vertices (n, 2) as column and row from the grid's corner, so that their floor is the cell."""
+    """Return vertices (n, 2) as column and row from the grid's corner; their floor is the cell."""
     x_m, y_m = shapely.get_coordinates(geometry).T
     row, col = landscape.row_col_of(x_m, y_m)
     return np.stack([col + 0.5, row + 0.5], axis=1)
@@ -132,16 +132,16 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
 
 
 def _steps(vertices: Floats) -> Floats:
-    """Points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
+    """Return points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
 
-    The lines between columns and rows cut each segment into pieces; each lies in one cell. The
-    vertices are included so that lines with a common vertex mark a common cell, even if the vertex
-    lies on the edge of a cell.
+    The lines between columns and rows cut each segment into parts, each of which lies in one cell.
+    The vertices are included so that lines with a common vertex mark a common cell, even if the
+    vertex lies on the edge of a cell.
     """
-    start, way = vertices[:-1], np.diff(vertices, axis=0)
-    numbers = np.arange(len(way))
+    start, segments_xy = vertices[:-1], np.diff(vertices, axis=0)
+    numbers = np.arange(len(segments_xy))
     segment = [numbers, numbers]
-    at = [np.zeros(len(way)), np.ones(len(way))]
+    at = [np.zeros(len(segments_xy)), np.ones(len(segments_xy))]
     for axis in (0, 1):
         low, high = np.sort(np.stack([vertices[:-1, axis], vertices[1:, axis]]), axis=0)
         first = np.floor(low) + 1.0
@@ -149,12 +149,14 @@ def _steps(vertices: Floats) -> Floats:
         of = np.repeat(numbers, count)
         edge = first[of] + np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
         segment.append(of)
-        at.append((edge - start[of, axis]) / way[of, axis])
+        at.append((edge - start[of, axis]) / segments_xy[of, axis])
     segments, cuts = np.concatenate(segment), np.concatenate(at)
     order = np.lexsort((cuts, segments))
     segments, cuts = segments[order], cuts[order]
-    pieces = (segments[1:] == segments[:-1]) & (np.diff(cuts) > SHORTEST)
-    of, middle = segments[:-1][pieces], ((cuts[:-1] + cuts[1:]) / 2.0)[pieces]
-    points = np.concatenate([start, start[of] + middle[:, None] * way[of], vertices[1:]])
-    place = np.concatenate([np.full(len(way), -1.0), middle, np.full(len(way), 2.0)])
+    inside = (segments[1:] == segments[:-1]) & (np.diff(cuts) > SHORTEST)
+    of, middle = segments[:-1][inside], ((cuts[:-1] + cuts[1:]) / 2.0)[inside]
+    points = np.concatenate([start, start[of] + middle[:, None] * segments_xy[of], vertices[1:]])
+    place = np.concatenate(
+        [np.full(len(segments_xy), -1.0), middle, np.full(len(segments_xy), 2.0)]
+    )
     return points[np.lexsort((place, np.concatenate([numbers, of, numbers])))]

@@ -72,7 +72,7 @@ _ANDERSON = {
 
 
 def _scott_burgan(row: str) -> tuple[int, FuelModel]:
-    """Code and model of one row; the models with herbaceous fuel are the dynamic ones."""
+    """Return the code and model of one row; models with herbaceous fuel are dynamic."""
     *numbers, name = row.split(maxsplit=11)
     code, *values = (float(number) for number in numbers)
     one, ten, hundred, herb, woody = (load * LB_FT2_PER_TON_ACRE for load in values[:5])
@@ -145,6 +145,6 @@ def check_codes(fuel_model: NDArray[np.integer], where: str) -> None:
         row, col = np.argwhere(unknown)[0]
         raise FireModelError(
             f"{where}: unknown fuel code {fuel_model[row, col]} at row {row}, column {col} "
-            f"({np.count_nonzero(unknown)} such cells); known are 1-13, 101-109, 121-124, 141-149, "
-            "161-165, 181-189, 201-204 and 91-99 (non-burnable)"
+            f"({np.count_nonzero(unknown)} such cells); valid codes are 1-13, 101-109, 121-124, "
+            "141-149, 161-165, 181-189, 201-204 and 91-99 (non-burnable)"
         )

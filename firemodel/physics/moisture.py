@@ -1,23 +1,22 @@
 """Moisture of dead fuel that follows the weather: equilibrium, time lag and rain.
 
-The fuel is in the shade: drying by the sun is left out, and so is elevation. Moistures are percent
-of the oven-dry weight.
+The fuel is in the shade; the model ignores drying by the sun and effects of elevation. Moistures
+are percent of the oven-dry weight.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from firemodel.arrays import Floats
 
 TIME_LAGS_H = np.array([1.0, 10.0, 100.0])  # of the 1-h, 10-h and 100-h fuel
 HOUR_S, DAY_S = 3600.0, 86400.0
 
 
 def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float | Floats) -> Floats:
-    """Equilibrium moisture of wood in air of this temperature and relative humidity (percent).
+    """Return the equilibrium moisture of wood by air temperature and relative humidity.
 
-    Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1.
-    Between its three pieces are jumps of up to one percent of moisture.
+    Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1. The
+    function has three parts, with jumps of up to one percent of moisture between them.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)
@@ -29,7 +28,7 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
 
 
 def rain_moisture_pct(rain_hours: float) -> Floats:
-    """Moisture (3,) that the classes tend to in rain, by the hours of rain in the last 24 h.
+    """Return the moisture (3,) that the classes approach in rain, by the hours of rain in 24 h.
 
     Cohen & Deeming 1985: 35 % for the 1-h fuel, 41 + hours/2 for the 100-h fuel. The 10-h fuel also
     tends to 35 %, as in the Forest Service's WIMS (TechNote 99-01).
@@ -40,7 +39,7 @@ def rain_moisture_pct(rain_hours: float) -> Floats:
 def after_time_lag(
     moisture: Floats, tends_to: Floats, elapsed_h: float, time_lag_h: Floats
 ) -> Floats:
-    """Moisture after an elapsed time; one time lag leaves 1/e of the gap to ``tends_to``.
+    """Return the moisture after a time; one time lag leaves 1/e of the gap to ``tends_to``.
 
     Byram 1963; Fosberg 1970.
     """
@@ -48,7 +47,7 @@ def after_time_lag(
 
 
 def rain_hours(at_s: Floats, rain_mm: Floats) -> Floats:
-    """Hours of rain (n - 1,) in the 24 h up to the end of each step, from n times and amounts."""
+    """Return the hours of rain (n - 1,) in the 24 h before the end of each step."""
     wet_h = np.where(rain_mm[:-1] > 0.0, np.diff(at_s), 0.0) / HOUR_S
     so_far_h = np.concatenate([[0.0], np.cumsum(wet_h)])
     before: Floats = np.interp(at_s[1:] - DAY_S, at_s, so_far_h)
@@ -62,7 +61,7 @@ def dead_moistures_pct(
     rain_mm: Floats,
     initial_pct: tuple[float, float, float],
 ) -> Floats:
-    """Moisture of 1-h, 10-h and 100-h fuel at each time, shape (n, 3), from n records of weather.
+    """Return moistures of 1-h, 10-h and 100-h fuel, (n, 3), from n records of weather.
 
     Times increase. Each record holds until the next; rain counts by its duration, not its amount.
     The moistures at the first time are ``initial_pct``.

@@ -1,17 +1,17 @@
 """Rothermel's surface fire spread model, one function per equation.
 
-Rothermel 1972 (INT-115), with Albini's 1976 revisions, as set out by Andrews 2018
-(RMRS-GTR-371). Where these leave a choice, it is that of the Forest Service's `behave`. The
-equations are in their published units (feet, minutes, pounds, Btu); the functions at the end return
-metres and seconds.
+Rothermel 1972 (INT-115), with Albini's 1976 revisions, as described by Andrews 2018
+(RMRS-GTR-371). Where these allow alternatives, the implementation is that of the Forest Service's
+`behave`. The equations are in their published units (feet, minutes, pounds, Btu); the functions at
+the end return metres and seconds.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.physics.fuels import FuelModel
 
 MINERAL_CONTENT = 0.0555
@@ -27,8 +27,6 @@ SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
 # Indices of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
 MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +63,15 @@ class FuelBed:
 
 
 def mineral_damping() -> float:
-    """η_s, no unit: 0.4174 for the silica-free minerals of all fuels (Rothermel 1972, eq. 30)."""
+    """Return the mineral damping η_s (Rothermel 1972, eq. 30), 0.4174 for all fuels."""
     return min(0.174 * math.pow(SILICA_FREE_MINERAL_CONTENT, -0.19), 1.0)
 
 
 def moisture_damping(moisture: float, extinction: float) -> float:
-    """η_M of dead or live fuel, no unit; moistures are fractions (Rothermel 1972, eq. 29)."""
+    """Return the moisture damping η_M of dead or live fuel (Rothermel 1972, eq. 29).
+
+    The moistures are fractions.
+    """
     if moisture >= extinction:
         return 0.0
     ratio = moisture / extinction
@@ -78,36 +79,39 @@ def moisture_damping(moisture: float, extinction: float) -> float:
 
 
 def optimum_packing_ratio(sav_1_ft: float) -> float:
-    """β_op, no unit, from σ in 1/ft (Rothermel 1972, eq. 37)."""
+    """Return the optimum packing ratio β_op from σ in 1/ft (Rothermel 1972, eq. 37)."""
     return 3.348 * math.pow(sav_1_ft, -0.8189)
 
 
 def optimum_reaction_velocity_1_min(sav_1_ft: float, relative_packing: float) -> float:
-    """Γ' in 1/min from σ in 1/ft and β/β_op (Rothermel 1972, eqs. 36, 38; A by Albini 1976)."""
+    """Return Γ' in 1/min from σ in 1/ft and β/β_op (Rothermel 1972, eqs. 36, 38).
+
+    The exponent A is that of Albini 1976.
+    """
     largest = 1.0 / (0.0594 + 495.0 * math.pow(sav_1_ft, -1.5))
     a = 133.0 * math.pow(sav_1_ft, -0.7913)
     return largest * math.pow(relative_packing, a) * math.exp(a * (1.0 - relative_packing))
 
 
 def propagating_flux_ratio(sav_1_ft: float, packing: float) -> float:
-    """ξ, no unit, from σ in 1/ft and β (Rothermel 1972, eq. 42)."""
+    """Return the propagating flux ratio ξ from σ in 1/ft and β (Rothermel 1972, eq. 42)."""
     return math.exp((0.792 + 0.681 * math.sqrt(sav_1_ft)) * (packing + 0.1)) / (
         192.0 + 0.2595 * sav_1_ft
     )
 
 
 def heat_of_preignition_btu_lb(moisture: float) -> float:
-    """Q_ig in Btu/lb; moisture is a fraction (Rothermel 1972, eq. 12)."""
+    """Return Q_ig in Btu/lb from the moisture as a fraction (Rothermel 1972, eq. 12)."""
     return 250.0 + 1116.0 * moisture
 
 
 def effective_heating_number(sav_1_ft: float) -> float:
-    """ε, no unit, from σ in 1/ft (Rothermel 1972, eq. 14)."""
+    """Return the effective heating number ε from σ in 1/ft (Rothermel 1972, eq. 14)."""
     return math.exp(-138.0 / sav_1_ft)
 
 
 def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, float]:
-    """(B, C·(β/β_op)^-E) of the wind factor for wind in ft/min (Rothermel 1972, eqs. 47-50)."""
+    """Return B and C·(β/β_op)^-E of the wind factor in ft/min (Rothermel 1972, eqs. 47-50)."""
     c = 7.47 * math.exp(-0.133 * math.pow(sav_1_ft, 0.55))
     b = 0.02526 * math.pow(sav_1_ft, 0.54)
     e = 0.715 * math.exp(-3.59e-4 * sav_1_ft)
@@ -115,12 +119,12 @@ def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, 
 
 
 def slope_coefficient(packing: float) -> float:
-    """5.275 β^-0.3 of the slope factor, no unit (Rothermel 1972, eq. 51)."""
+    """Return 5.275 β^-0.3 of the slope factor (Rothermel 1972, eq. 51)."""
     return 5.275 * math.pow(packing, -0.3)
 
 
 def cured_fraction(live_herb_moisture: float) -> float:
-    """Fraction of a dynamic model's herbaceous load that is dead; moisture is a fraction.
+    """Return the dead fraction of a dynamic model's herbaceous load; moisture is a fraction.
 
     It is 1 below 30 % and 0 above 120 % (Scott & Burgan 2005), with a line between as rounded in
     `behave`: at exactly 120 % it is 0.001.
@@ -131,7 +135,7 @@ def cured_fraction(live_herb_moisture: float) -> float:
 
 
 def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, Floats]:
-    """Loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, ``DEAD`` before ``LIVE``.
+    """Return loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, dead before live.
 
     Cured herbaceous fuel is a separate dead class with the SAV of the live herbaceous fuel and the
     moisture of the 1-h fuel (Andrews 2018; Burgan 1979, INT-226).
@@ -145,7 +149,7 @@ def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, F
 
 
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
-    """M_x of the live fuel, a fraction (Albini 1976, p. 16; Andrews 2018).
+    """Return M_x of the live fuel as a fraction (Albini 1976, p. 16; Andrews 2018).
 
     It decreases with the moisture of the dead fuel and is at least M_x of the dead fuel.
     """
@@ -161,7 +165,7 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """g_ij, no unit: the weight of a class is the area of all classes of its size.
+    """Return g_ij: the weight of a class is the area of all classes of its size.
 
     ``shares`` are the classes' fractions of the surface area of the dead, or of the live, fuel
     (Albini 1976, p. 15).
@@ -175,7 +179,7 @@ def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
 def reaction_part_lb_ft2(
     loads_lb_ft2: Floats, savs_1_ft: Floats, shares: Floats, moistures: Floats, extinction: float
 ) -> float:
-    """w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
+    """Return w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
 
     Multiplied by Γ' and the heat content this is that fuel's part of the reaction intensity.
     """
@@ -185,7 +189,7 @@ def reaction_part_lb_ft2(
 
 
 def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> float:
-    """Σ f_ij ε Q_ig of the dead, or of the live, fuel in Btu/lb (Rothermel 1972, eq. 77)."""
+    """Return Σ f_ij ε Q_ig of the dead, or live, fuel in Btu/lb (Rothermel 1972, eq. 77)."""
     return sum(
         float(share) * effective_heating_number(float(sav)) * heat_of_preignition_btu_lb(float(wet))
         for share, sav, wet in zip(shares, savs_1_ft, moistures, strict=True)
@@ -193,7 +197,7 @@ def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> fl
 
 
 def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
-    """The spread equations' terms for one fuel model at one moisture (Rothermel 1972, eq. 52)."""
+    """Return the coefficients of one fuel model at one moisture (Rothermel 1972, eq. 52)."""
     loads, savs, moistures = size_classes(fuel, moisture)
     areas = savs * loads / PARTICLE_DENSITY_LB_FT3
     extinctions = (fuel.extinction_moisture, live_extinction_moisture(fuel, moisture))
@@ -220,17 +224,17 @@ def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
 
 
 def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:
-    """φ_w, no unit, from the midflame wind (Rothermel 1972, eq. 47)."""
+    """Return the wind factor φ_w from the midflame wind (Rothermel 1972, eq. 47)."""
     return bed.wind_c * np.power(wind_ft_min, bed.wind_b)
 
 
 def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
-    """The effective wind above which the spread rate no longer grows (Rothermel 1972, eq. 87)."""
+    """Return the effective wind that limits the spread rate (Rothermel 1972, eq. 87)."""
     return 0.9 * reaction_intensity_btu_ft2_min
 
 
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
-    """φ_s, no unit (Rothermel 1972, eq. 51).
+    """Return the slope factor φ_s (Rothermel 1972, eq. 51).
 
     It is at most the number of the wind limit in ft/min, as in `behave`. This matters only on steep
     slopes with fuel near its extinction moisture.
@@ -240,12 +244,12 @@ def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
 
 
 def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
-    """The wind without slope that has this combined wind and slope factor (Albini 1976, p. 88)."""
+    """Return the wind without slope with a given combined factor (Albini 1976, p. 88)."""
     return np.power(np.asarray(factor) / bed.wind_c, 1.0 / bed.wind_b) / FT_MIN_PER_M_S
 
 
 def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
-    """Length-to-width ratio of the ellipse (Anderson 1983, INT-305), at most 8 as in `behave`.
+    """Return the length-to-width ratio of the ellipse (Anderson 1983, INT-305), at most 8.
 
     Anderson's 0.2566 and 0.1548 per m/s are rounded as in `behave` to 0.1147 and 0.0692 per mph.
     """
@@ -255,30 +259,23 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
-    """Eccentricity e of an ellipse with this length-to-width ratio."""
+    """Return the eccentricity e of an ellipse with this length-to-width ratio."""
     return np.sqrt(np.square(length_to_breadth) - 1.0) / length_to_breadth
 
 
-def rate_towards(
-    largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float | Floats
-) -> float | Floats:
-    """R(γ) = R_max (1 - e)/(1 - e cos γ), with γ measured from the direction of fastest spread."""
-    return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * np.cos(off_heading_rad))
-
-
 def heat_per_area_btu_ft2(bed: FuelBed) -> float:
-    """Heat per unit area: reaction intensity times residence time 384/σ (Anderson 1969)."""
+    """Return reaction intensity times residence time 384/σ (Anderson 1969)."""
     return bed.reaction_intensity_btu_ft2_min * 384.0 / bed.sav_1_ft
 
 
 def fireline_intensity_kw_m(bed: FuelBed, rate_m_s: float | Floats) -> float | Floats:
-    """Byram's fireline intensity in kW/m from the spread rate (Andrews 2018)."""
+    """Return Byram's fireline intensity in kW/m from the spread rate (Andrews 2018)."""
     rate_ft_s = np.asarray(rate_m_s) / M_PER_FT
     return heat_per_area_btu_ft2(bed) * rate_ft_s * KW_M_PER_BTU_FT_S
 
 
 def flame_length_m(intensity_kw_m: float | Floats) -> float | Floats:
-    """Flame length in metres (Byram 1959): 0.45 I^0.46 in feet and Btu/ft/s."""
+    """Return the flame length in metres (Byram 1959): 0.45 I^0.46 in feet and Btu/ft/s."""
     return 0.45 * np.power(np.asarray(intensity_kw_m) / KW_M_PER_BTU_FT_S, 0.46) * M_PER_FT
 
 
@@ -290,7 +287,7 @@ def fastest_spread(
     upslope_deg: Floats,
     wind_limit: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Fastest spread, with the factors of wind and slope added as vectors (Andrews 2018).
+    """Return the fastest spread, with wind and slope added as vectors (Andrews 2018).
 
     Arrays have one shape (the wind may be a scalar); directions are clockwise from north. With
     ``wind_limit`` the effective wind, and thereby the rate, is limited to ``wind_limit_ft_min``.

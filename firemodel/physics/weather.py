@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.physics.rothermel import M_PER_FT, Floats, Moisture
+from firemodel.physics.rothermel import M_PER_FT, Moisture
 
 WIND_10M_OVER_20FT = 1.15
 Numbers = float | NDArray[np.floating]
@@ -19,8 +20,8 @@ Numbers = float | NDArray[np.floating]
 class Weather:
     """Conditions from ``at_s`` on.
 
-    Wind is 6.1 m (20 ft) above the vegetation; its direction is the one it comes from, in degrees
-    clockwise from north. Moistures are percent of the oven-dry weight.
+    The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
+    blows, in degrees clockwise from north. Moistures are percent of the oven-dry weight.
     """
 
     at_s: float
@@ -55,43 +56,43 @@ class WeatherStream:
             _check(number, entry)
             if number and not entry.at_s > entries[number - 1].at_s:
                 raise FireModelError(
-                    f"weather entry {number}: at_s = {entry.at_s} is not later than the one "
-                    f"before ({entries[number - 1].at_s}); sort the entries by time"
+                    f"weather entry {number}: at_s = {entry.at_s} is not later than the previous "
+                    f"entry ({entries[number - 1].at_s}); sort the entries by time"
                 )
         if entries[0].at_s > 0.0:
             raise FireModelError(
-                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is unknown; "
+                f"weather entry 0: at_s = {entries[0].at_s}, so the weather before it is missing; "
                 "the first entry must be at 0 s or earlier"
             )
         self.entries = tuple(entries)
         self._times = [entry.at_s for entry in entries]
 
     def index_at(self, time_s: float) -> int:
-        """Index of the entry in effect at a time."""
+        """Return the index of the entry in effect at a time."""
         return max(bisect.bisect_right(self._times, time_s) - 1, 0)
 
     def at(self, time_s: float) -> Weather:
-        """The entry in effect at a time."""
+        """Return the entry in effect at a time."""
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
-        """The stream with this wind from ``at_s`` on; all later entries are dropped."""
+        """Return the stream with this wind from ``at_s`` on, without later entries."""
         entry = replace(
             self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
         )
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":
-        """The stream from a time on; the entry in effect then is extended back to 0 s."""
+        """Return the stream from a time on, with the entry then in effect extended back to 0 s."""
         first, *later = self.entries[self.index_at(time_s) :]
         return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
 
     def change_times(self) -> tuple[float, ...]:
-        """Times in seconds of all entries but the first."""
+        """Return the times in seconds of all entries except the first."""
         return tuple(self._times[1:])
 
     def changes(self) -> tuple[Weather, ...]:
-        """The first entry and each entry that differs from the one before."""
+        """Return the first entry and each entry that differs from its predecessor."""
         pairs = zip(self.entries[1:], self.entries[:-1], strict=True)
         others = [new for new, old in pairs if replace(new, at_s=0.0) != replace(old, at_s=0.0)]
         return (self.entries[0], *others)
@@ -114,7 +115,7 @@ def _check(number: int, entry: Weather) -> None:
 
 
 def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
-    """Wind 20 ft (6.1 m) above the vegetation from the wind 10 m above it, in the same unit.
+    """Convert wind 10 m above the vegetation to wind 20 ft (6.1 m) above it, in the same unit.
 
     Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
     """
@@ -122,7 +123,7 @@ def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
 
 
 def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> Floats:
-    """Crown ratio (crown length over tree height), a fraction; 0 where there are no trees."""
+    """Return the crown ratio (crown length over tree height); 0 where there are no trees."""
     height_m = np.asarray(canopy_height_m, dtype=np.float64)
     some = np.where(height_m > 0.0, height_m, 1.0)
     ratio = np.where(height_m > 0.0, 1.0 - np.asarray(canopy_base_m) / some, 0.0)
@@ -130,17 +131,19 @@ def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> F
 
 
 def unsheltered_factor(depth_ft: Floats) -> Floats:
-    """Wind adjustment factor of fuel that is not under trees; 0 where there is no fuel.
+    """Return the wind adjustment factor of fuel that is not under trees; 0 without fuel.
 
-    It is that of the mean wind between the top of the fuel and twice its depth (Andrews 2012, after
-    Albini & Baughman 1979, INT-221).
+    The factor is that of the mean wind between the top of the fuel and twice its depth (Andrews
+    2012, after Albini & Baughman 1979, INT-221).
     """
     some = np.where(depth_ft > 0.0, depth_ft, 1.0)
     return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)
 
 
 def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
-    """Wind adjustment factor below a canopy (Andrews 2012, after Albini & Baughman 1979).
+    """Return the wind adjustment factor below a canopy (Andrews 2012).
+
+    After Albini & Baughman 1979.
 
     ``crown_fill`` is the fraction of the volume below the tree tops that is filled by crowns.
     """
@@ -154,7 +157,7 @@ def wind_adjustment_factor(
     canopy_height_m: Numbers = 0.0,
     crown_ratio: Numbers = 0.0,
 ) -> float | Floats:
-    """Ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
+    """Return the ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
     Fuel depth in ft; canopy cover and crown ratio are fractions. Numbers, or arrays of one shape.
     Fuel is sheltered where crowns (cones: cover times crown ratio over 3) fill at least 5 % of the

@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import burn_until
@@ -28,10 +28,8 @@ from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea
 from firemodel.spread.heap import push
 from firemodel.spread.labels import ActivePaths, Heap, Labels, empty_paths
 from firemodel.spread.local_spread import perturbed
-from firemodel.spread.rerate_kernels import paths_from, set_out, under_way
-from firemodel.spread.travel_time import forget, ground_of
-
-Floats = NDArray[np.float64]
+from firemodel.spread.rerate_kernels import active_paths, paths_from, start_paths
+from firemodel.spread.travel_time import clear_slowness, ground_of
 
 
 class AnyAngleFire(Fire):
@@ -65,7 +63,7 @@ class AnyAngleFire(Fire):
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # time at which the paths begin
-        # In reverse order: the next ignition is the last element.
+        # The order is reversed, so that the next ignition is the last element.
         self._ignitions = sorted(((t, row * cols + col) for row, col, t in ignitions), reverse=True)
         if burning:
             burned = np.isfinite(burning.arrival_s.ravel())
@@ -74,7 +72,7 @@ class AnyAngleFire(Fire):
             self._labels.source[burned] = burned.nonzero()[0]
             paths = paths_from(burning.front, self._labels.best_s, landscape.shape)
             targets = np.unique(paths.target)
-            self._set_out(paths, ActivePaths(targets, np.full((targets.size, 2), np.nan)))
+            self._start_paths(paths, ActivePaths(targets, np.full((targets.size, 2), np.nan)))
         self.advance(self.time_s)
 
     def _light(self, ignition: Ignition) -> None:
@@ -89,9 +87,7 @@ class AnyAngleFire(Fire):
         found.arrival_time_s = found._labels.arrival_s.reshape(self.landscape.shape)
         slowness = self._ground.slowness.copy()
         found._ground = self._ground._replace(
-            slowness=slowness,
-            rise=slowness.view(np.float32),
-            learned=self._ground.learned.copy(),
+            slowness=slowness, rise=slowness.view(np.float32), computed=self._ground.computed.copy()
         )
         found._heap = Heap(self._heap.times.copy(), self._heap.cells.copy(), self._heap.size)
         found._points = self._points.copy()
@@ -149,7 +145,7 @@ class AnyAngleFire(Fire):
     def _change_weather(self, at_s: float) -> None:
         room = self._paths.target.size + 16 * self._heap.size
         paths, tips = empty_paths(room), empty_paths(self._heap.size)
-        counts = under_way(
+        counts = active_paths(
             at_s,
             self._since_s,
             self._heap,
@@ -161,19 +157,19 @@ class AnyAngleFire(Fire):
             paths,
             tips,
         )
-        forget(self._ground)
+        clear_slowness(self._ground)
         self._entry += 1
         self._since_s = at_s
-        self._set_out(paths.first(counts[0]), tips.first(counts[1]))
+        self._start_paths(paths.first(counts[0]), tips.first(counts[1]))
 
-    def _set_out(self, paths: ActivePaths, tips: ActivePaths) -> None:
+    def _start_paths(self, paths: ActivePaths, tips: ActivePaths) -> None:
         """Start the fire on these paths at ``_since_s``, dropping all other paths."""
         self._paths = paths
         count = tips.target.size
         while self._points.shape[0] < self._used + count:
             self._points = np.resize(self._points, (2 * (self._used + count), 3))
         heap = _empty_heap(count + 1024)
-        self._used, size = set_out(
+        self._used, size = start_paths(
             self._since_s,
             paths,
             tips,
@@ -188,7 +184,7 @@ class AnyAngleFire(Fire):
         self._heap = Heap(heap.times, heap.cells, size)
 
     def arrival_vectors(self) -> Floats:
-        """Vectors (2, y, x) in metres north and east from each cell's source; 0 where lit."""
+        """Return vectors (2, y, x) in m north and east from each cell's source; 0 where lit."""
         labels, (rows, cols) = self._labels, self.landscape.shape
         n, burned = rows * cols, np.isfinite(labels.arrival_s)
         centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)

@@ -4,8 +4,15 @@ import numpy as np
 
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
-from firemodel.spread.labels import place_of, squeezes
-from firemodel.spread.travel_time import STEP_COL, STEP_ROW, cell_at, crossing_s, from_piece, travel
+from firemodel.spread.labels import blocked_diagonal, place_of
+from firemodel.spread.travel_time import (
+    STEP_COL,
+    STEP_ROW,
+    cell_at,
+    crossing_s,
+    from_segment,
+    travel,
+)
 
 MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
 KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
@@ -42,7 +49,7 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
             if not (0 <= to_row < rows and 0 <= to_col < cols):
                 continue
             target = to_row * cols + to_col
-            if best_s[target] <= now or squeezes(row, col, to_row, to_col, best_s, cols):
+            if best_s[target] <= now or blocked_diagonal(row, col, to_row, to_col, best_s, cols):
                 continue
             best, via = best_s[target], sources[target]
             length = max(abs(to_row - from_row), abs(to_col - from_col))
@@ -56,7 +63,7 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
                     best, via = max(from_s + path_s, now), source
                 if other >= n and source >= n and points[other - n, 2] == from_s:
                     # Both sources are on the same front: try a source between them.
-                    time, at_row, at_col = from_piece(
+                    time, at_row, at_col = from_segment(
                         from_row,
                         from_col,
                         points[other - n, 0],
@@ -85,8 +92,8 @@ def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entr
                 best_s[target] = best
                 sources[target] = via if via >= 0 else cell
                 size = push(times, cells, size, best, target)
-        # A cell that becomes the source of most cells ahead also tries the knight's moves: with
-        # only eight directions a narrow ellipse would be late between two of them.
+        # A cell that becomes the source of most cells ahead also tries the knight's moves: in only
+        # eight directions the arrival between two directions of a narrow ellipse would be late.
         if source != cell and max(abs(row - from_row), abs(col - from_col)) + 1.0 <= reachable:
             continue
         for side in range(8):

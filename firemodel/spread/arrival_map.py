@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 
-Floats = NDArray[np.float64]
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
 MAX_ISOCHRONES = 12
 MIN_SCALE_H = 1 / 60  # minimum range of the colour scale in hours
@@ -21,7 +20,7 @@ def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None
     Args:
         path: The file to write.
         land: The landscape.
-        arrival_s: Arrival times in seconds (y, x), infinity where fire has not come.
+        arrival_s: Arrival times in seconds (y, x), infinity where unburned.
         title: The map's title.
     """
     figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
@@ -32,7 +31,7 @@ def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None
 def start_map(
     land: Landscape, arrival_s: Floats, frame: Frame, *, isochrones: bool = False
 ) -> tuple[Any, Any]:
-    """A figure and its axes with the base map and the fire; axes in km from the SW corner."""
+    """Return a figure and its axes with base map and fire; axes in km from the SW corner."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
     from matplotlib.figure import Figure
@@ -69,7 +68,7 @@ def start_map(
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
-    """A square frame around the fire and further points (k, 2), with a margin.
+    """Return a square frame around the fire and further points (k, 2), with a margin.
 
     Points that are not finite (too far away for the projection) are ignored.
     """
@@ -87,7 +86,7 @@ def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = 
 
 
 def _window(land: Landscape, frame: Frame) -> tuple[tuple[slice, slice], Frame]:
-    """The rows and columns within a frame, and their extent in km."""
+    """Return the rows and columns within a frame, and their extent in km."""
     rows, cols = land.shape
     size = land.cell_size_m / 1e3
     left, right = max(math.floor(frame[0] / size), 0), min(math.ceil(frame[1] / size), cols)
@@ -122,7 +121,7 @@ def _draw_scale(axes: Any, frame: Frame) -> None:
 
 
 def _round_step(span: float, most: int) -> float:
-    """The smallest of ..., 1, 2, 5, 10, ... that divides a span into at most ``most`` steps."""
+    """Return the smallest of ..., 1, 2, 5, 10, ... that makes at most ``most`` steps of a span."""
     if span <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(span / most))

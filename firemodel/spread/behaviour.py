@@ -18,8 +18,6 @@ from firemodel.spread.local_spread import (
     terrain_of,
 )
 
-Floats = NDArray[np.float64]
-
 
 class Behaviour(NamedTuple):
     """Behaviour of the front at its arrival in each cell, float32 (y, x), NaN where unburned."""
@@ -31,7 +29,7 @@ class Behaviour(NamedTuple):
 
 
 def behaviour_of(fire: Fire) -> Behaviour:
-    """Fire behaviour at the arrival of the front in each cell.
+    """Return the fire behaviour at the arrival of the front in each cell.
 
     Rates are normal to the front, from the cell's ellipse (Rothermel 1972; Anderson 1983, INT-305)
     and the direction from which fire came; in ignition cells they are those of the head. Intensity
@@ -42,7 +40,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
     Returns:
         Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m),
-        each float32 (y, x), NaN where fire has not come.
+        each float32 (y, x), NaN where unburned.
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
@@ -53,16 +51,15 @@ def behaviour_of(fire: Fire) -> Behaviour:
             heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
-    way = fire.arrival_vectors().reshape(2, -1)
-    rate, toward_deg, intensity = _behaviour(arrival_s, way, began_s, heat, terrain, tables)
+    paths = fire.arrival_vectors().reshape(2, -1)
+    rate, toward_deg, intensity = _behaviour(arrival_s, paths, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)
-    flame_m = rothermel.flame_length_m(intensity)
-    found = (rate, toward_deg, intensity, flame_m)
+    found = (rate, toward_deg, intensity, rothermel.flame_length_m(intensity))
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))
 
 
 @compiled
-def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
+def _behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:
@@ -75,7 +72,7 @@ def _behaviour(arrival_s, way, began_s, heat, terrain, tables):  # type: ignore[
             continue
         rise_north = np.float64(terrain.gradient[0, cell])
         rise_east = np.float64(terrain.gradient[1, cell])
-        north, east = way[0, cell], way[1, cell]
+        north, east = paths[0, cell], paths[1, cell]
         if north == 0.0 and east == 0.0:
             rate, north, east, _ = head_of(cell, entry, terrain, tables)
         else:

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
@@ -14,15 +14,15 @@ from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
 APART_CELLS = 0.5  # maximum distance of points on a front
-EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is no front
-
-Floats = NDArray[np.float64]
+EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is not a front
 
 
 def burning_from_perimeter(
     polygons: Iterable[BaseGeometry], landscape: Landscape, at_s: float
 ) -> Burning:
-    """The fire whose burned area at ``at_s`` is given by polygons in the landscape's CRS.
+    """Return the fire whose burned area at ``at_s`` is given by polygons.
+
+    The polygons are in the landscape's CRS.
 
     Cells (y, x) whose centre is inside burn at that time; a polygon that contains no centre burns
     one cell. The front is on all outlines on the grid, including those of unburned islands, but not
@@ -41,7 +41,7 @@ def burning_from_perimeter(
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
-    """The state of a fire at ``at_s`` from its arrival times (y, x), infinity where unburned.
+    """Return the state of a fire at ``at_s`` from arrival times (y, x), infinity where unburned.
 
     Later arrivals are used only to locate the front between two cells (``front.front_polygons``).
     Raises FireModelError if no cell had burned by then, or all cells.
@@ -64,7 +64,7 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
-    """Points (k, 2) on the outlines of an area that lie on the grid, as float (row, column)."""
+    """Return points (k, 2) on the outlines of an area on the grid, as float (row, column)."""
     rings = shapely.get_parts(area.boundary)
     drawn = shapely.length(rings) > 0.0  # the others are points: cells that have just ignited
     rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)

@@ -6,8 +6,9 @@ The remaining distance is kept for each direction, so that a change of weather c
 keeps the progress. The next event is always the earliest arrival on the landscape.
 
 Spread in only eight directions burns less than the ellipse. On uniform ground it burns the octagon
-with its corners on the ellipse: 78 % of its area at a length-to-width ratio of 1.43 and 60 % at
-2.21 if the wind blows along one of the directions, and up to 5 percentage points less between two.
+with its corners on the ellipse. If the wind blows along one of the directions, the octagon has 78 %
+of the ellipse's area at a length-to-width ratio of 1.43 and 60 % at 2.21. If the wind blows between
+two directions, the area is up to 5 percentage points smaller.
 """
 
 import copy
@@ -18,6 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import FUEL_MODELS
@@ -33,7 +35,7 @@ from firemodel.spread.devs8_kernels import (
     Halted,
     burn_until,
     change_rates,
-    set_out,
+    start_paths,
 )
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
@@ -42,8 +44,6 @@ from firemodel.spread.local_spread import burnable_codes, perturbed, tables_of, 
 
 # The papers give no value; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
-
-Floats = NDArray[np.float64]
 
 
 class Devs8Fire(Fire):
@@ -59,7 +59,7 @@ class Devs8Fire(Fire):
         wind_limit: bool = False,
         ignition_intensity_kw_m: float = IGNITION_INTENSITY_KW_M,
     ) -> None:
-        """A cell ignites if its own fireline intensity exceeds a threshold when fire reaches it.
+        """Create the fire; a cell ignites if its fireline intensity exceeds a threshold.
 
         The intensity is Byram's, at the head. A cell below the threshold ignites when weather
         raises its intensity above it (in des-fire, when fire comes from another neighbour). A
@@ -89,8 +89,7 @@ class Devs8Fire(Fire):
         for ignition in ignitions:
             self._light(ignition)
         self._make_room(8 * edge.size)
-        sizes = set_out(edge, self.time_s, self._arrival_s, *self._state())
-        self._keep(*sizes)
+        self._keep(*start_paths(edge, self.time_s, self._arrival_s, *self._state()))
         self.advance(self.time_s)
 
     def _take_over(self, burning: Burning) -> NDArray[np.int64]:
@@ -181,7 +180,7 @@ class Devs8Fire(Fire):
 
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
-    """Rate (entries, fuels) in m/s at which each fuel has this intensity under each entry."""
+    """Return the rate (entries, fuels) in m/s at which each fuel has a given intensity."""
     fuels = [FUEL_MODELS[code] for code in burnable_codes(landscape)]
     beds = [fuel_bed(fuel, entry.moisture) for entry in entries for fuel in fuels]
     per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])

@@ -6,18 +6,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.local_spread import Tables, Terrain, head_of
 
-# An event's key is 9 cell + side: fire comes from the cell to its neighbour on that side (north,
-# north-east, east, ...), or is lit in the cell itself.
+# An event's key is 9 cell + side: fire reaches the cell's neighbour on that side (north,
+# north-east, east, ...), or, with the side LIT, the cell itself is lit.
 SIDES, LIT = 9, 8
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1, 0])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1, 0])
-WAY_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
-
-Floats = NDArray[np.float64]
+STEP_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
 
 
 class Ground(NamedTuple):
@@ -39,7 +38,7 @@ class EventHeap(NamedTuple):
 
 
 class Halted(NamedTuple):
-    """Paths on which fire stands still under the present weather, and their remaining distances."""
+    """Paths without spread under the present weather, and their remaining distances."""
 
     keys: NDArray[np.int64]
     left_m: Floats
@@ -55,14 +54,14 @@ def _passes(cell, rate, ground, entry):  # type: ignore[no-untyped-def]
 def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
     """Spread rate on the map towards a neighbour (m/s): along the slope, then projected."""
     rate, head_north, head_east, e = head
-    north, east = -STEP_ROW[side] / WAY_CELLS[side], STEP_COL[side] / WAY_CELLS[side]
+    north, east = -STEP_ROW[side] / STEP_CELLS[side], STEP_COL[side] / STEP_CELLS[side]
     along = rate * (1.0 - e) / (1.0 - e * (head_north * north + head_east * east))
     rise = terrain.gradient[0, cell] * north + terrain.gradient[1, cell] * east
     return along / math.sqrt(1.0 + rise * rise)
 
 
 @kernel
-def _go(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
+def _queue_path(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
     """Put a path into the heap, or among the halted ones; returns the new sizes of both."""
     cell, side = key // SIDES, key % SIDES
     if not _passes(cell, head[0], ground, entry):
@@ -83,16 +82,16 @@ def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, gr
             continue
         target = to_row * cols + to_col
         if fuel[target] >= 0 and arrival_s[target] == np.inf:
-            key, left_m = cell * SIDES + side, ground.cell_m * WAY_CELLS[side]
-            heap_size, halted_size = _go(
+            key, left_m = cell * SIDES + side, ground.cell_m * STEP_CELLS[side]
+            heap_size, halted_size = _queue_path(
                 key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry
             )
     return heap_size, halted_size
 
 
 @kernel
-def set_out(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """``_spread`` from several cells; returns as ``_go``."""
+def start_paths(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
+    """Start paths from several cells; returns as ``_go``."""
     heap_size, halted_size = heap.size, halted.size
     for cell in cells:
         head = head_of(cell, entry, ground.terrain, ground.tables)
@@ -129,29 +128,29 @@ def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: igno
 
 
 @kernel
-def change_rates(now, before, stood, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
+def change_rates(now, before, halted_before, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
     """Put all paths, moving and halted, on the heap at the rates of the next weather entry.
 
     The distance already covered is kept. Returns as ``_go``.
     """
     terrain, tables = ground.terrain, ground.tables
     heap_size, halted_size = 0, 0
-    for place in range(before.size + stood.size):
-        under_way = place < before.size
-        key = before.keys[place] if under_way else stood.keys[place - before.size]
+    for place in range(before.size + halted_before.size):
+        moving = place < before.size
+        key = before.keys[place] if moving else halted_before.keys[place - before.size]
         cell, side = key // SIDES, key % SIDES
         if arrival_s[cell + STEP_ROW[side] * ground.cols + STEP_COL[side]] < np.inf:
             continue
         if side == LIT:
             heap_size = push(heap.times, heap.keys, heap_size, before.times[place], key)
             continue
-        if under_way:
+        if moving:
             head = head_of(cell, entry, terrain, tables)
             left_m = (before.times[place] - now) * _rate_towards(cell, side, head, terrain)
         else:
-            left_m = stood.left_m[place - before.size]
+            left_m = halted_before.left_m[place - before.size]
         head = head_of(cell, entry + 1, terrain, tables)
-        heap_size, halted_size = _go(
+        heap_size, halted_size = _queue_path(
             key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry + 1
         )
     return heap_size, halted_size

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -15,7 +16,6 @@ from firemodel.spread.front import earliest_neighbour, front_polygons, multipoly
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
 
-Floats = NDArray[np.float64]
 Ignition = tuple[int, int, float]  # row, column, time in s
 
 
@@ -24,8 +24,8 @@ class Burning(NamedTuple):
 
     at_s: float
     arrival_s: Floats  # (y, x) infinity where it has not burned
-    front: Floats  # (k, 2) points on the front as float (row, column), no further apart than a cell
-    area: Any = None  # burned area if known better than by cells; shapely, landscape's CRS
+    front: Floats  # (k, 2) points on the front as float (row, column), at most a cell apart
+    area: Any = None  # mapped burned area, if there is one; shapely, landscape's CRS
 
 
 class StartArea(NamedTuple):
@@ -36,10 +36,10 @@ class StartArea(NamedTuple):
 
 
 class Fire(ABC):
-    """One burning fire. Time is in seconds and only goes forward.
+    """One burning fire. Time is in seconds and only increases.
 
     ``arrival_time_s`` is float64 (y, x): the ignition time of each cell, infinity where unburned.
-    It is the fire's own array, not a copy: do not write to it.
+    It is the internal array of the fire, not a copy. Callers must not write to it.
     """
 
     landscape: Landscape
@@ -74,8 +74,8 @@ class Fire(ABC):
         """Burn until ``to_time_s``; the cost is proportional to the newly burned area."""
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
-                f"the fire is at {self.time_s} s and cannot go to {to_time_s} s; "
-                "it only goes forward"
+                f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
+                "give a later, finite time"
             )
         self._burn_until(float(to_time_s))
         self.time_s = float(to_time_s)
@@ -94,13 +94,13 @@ class Fire(ABC):
 
     @abstractmethod
     def copy(self) -> Self:
-        """An independent copy of this fire; data that never changes is shared.
+        """Return an independent copy of this fire; data that never changes is shared.
 
         Takes a few ms with 500 x 500 cells.
         """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """As ``copy``: a plain ``deepcopy`` would separate arrays that share memory."""
+        """Return ``copy()``; a plain ``deepcopy`` would separate arrays that share memory."""
         return self.copy()
 
     @abstractmethod
@@ -111,18 +111,18 @@ class Fire(ABC):
         ``turn_deg``, and the spread rate multiplied by ``spread_factor``.
         """
 
-    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most leave nothing
+    def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """Arrival times (y, x) of burned cells, and expected times of cells next to the fire.
+        """Return arrival times (y, x) of burned cells, and expected times next to the fire.
 
-        Infinity elsewhere. ``front`` is drawn from these times.
+        Other cells have infinity. ``front`` is computed from these times.
         """
         return self._expected_s().copy()
 
     def burned(self) -> NDArray[np.bool_]:
-        """Mask (y, x) of the cells that have ignited by now."""
+        """Return the mask (y, x) of the cells that have ignited by now."""
         return self.arrival_time_s <= self.time_s
 
     @property
@@ -132,7 +132,7 @@ class Fire(ABC):
         return cells * self.landscape.cell_size_m**2 / 1e4
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """State of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
+        """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
         A cell is BURNING as long as one of its eight neighbours can still burn. Raises
         FireModelError for a time after the fire's.
@@ -145,7 +145,7 @@ class Fire(ABC):
         return np.where(cannot & ~burned, CANNOT_BURN, state).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """Burned area at a time as a shapely MultiPolygon in the landscape's CRS.
+        """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
         Its edge is interpolated between the cells' centres. Raises FireModelError for a time after
         the fire's.
@@ -155,7 +155,7 @@ class Fire(ABC):
         return with_start(found, self.start_area, time_s)
 
     def arrival_vectors(self) -> Floats:
-        """Vectors (2, y, x) in metres north and east of the last straight path to each cell.
+        """Return vectors (2, y, x) in m north and east of the last straight path to each cell.
 
         By default from the neighbour that burned first; 0 where the fire was lit.
         """
@@ -163,16 +163,18 @@ class Fire(ABC):
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
-        """Arrival times (y, x), with expected times of unburned cells where they are known."""
+        """Return arrival times (y, x), with the expected times of unburned cells if computed."""
         return self.arrival_time_s
 
     def _check_past(self, time_s: float) -> None:
         if time_s > self.time_s:
-            raise FireModelError(f"the fire is at {self.time_s} s; it is not known at {time_s} s")
+            raise FireModelError(
+                f"the fire is at {self.time_s} s; its state at {time_s} s is not computed yet"
+            )
 
 
 def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
-    """A burned area at a time, united with the area of an initial fire from its time on."""
+    """Unite a burned area with the area of an initial fire, from the time of that fire on."""
     if start is None or time_s < start.at_s:
         return area
     return multipolygon(area.union(start.area))

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 
 MIN_S = 1e-6  # minimum time assumed beyond a front that has just reached a cell
-Floats = NDArray[np.float64]
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
 
 def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The largest burned region (y, x) whose cells are connected by sides or corners."""
+    """Return the largest burned region (y, x) whose cells are connected by sides or corners."""
     from scipy import ndimage
 
     labels, count = ndimage.label(burned, structure=np.ones((3, 3)))
@@ -25,11 +25,11 @@ def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Outer boundary cells of the largest burned region, (n, 2) as (row, col).
+    """Return the outer boundary cells of the largest burned region, (n, 2) as (row, col).
 
-    The loop is closed and anticlockwise on a north-up map; consecutive cells are neighbours (8),
-    and a branch one cell wide is passed in both directions. Moore tracing, which ends when it would
-    repeat the first step (Jacob's criterion).
+    The loop is closed and anticlockwise on a north-up map. Consecutive cells are neighbours (8). A
+    branch one cell wide is passed in both directions. The method is Moore tracing, which ends
+    before it repeats the first step (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
     if not region.any():
@@ -53,15 +53,14 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
         loop.append((row, col))
         # Continue from the empty cell that was examined last, relative to the new cell.
         before = _AROUND[(side - 1) % 8]
-        back = (before[0] - step[0], before[1] - step[1])
-        came_from = _AROUND.index(back)
+        came_from = _AROUND.index((before[0] - step[0], before[1] - step[1]))
     if len(loop) > 1:
-        loop.pop()  # the start again
+        loop.pop()  # the start, which is repeated at the end
     return np.array(loop[::-1], dtype=np.int32) - 1
 
 
 def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (y, x) of the cells with at least one of ``cells`` among their eight neighbours."""
+    """Return the mask (y, x) of cells with at least one of ``cells`` as one of eight neighbours."""
     padded = np.pad(cells, 1)
     rows, cols = cells.shape
     found = np.zeros_like(cells)
@@ -71,22 +70,22 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
-    """Steps (rows, columns), each (y, x), to the one of eight neighbours that burned first.
+    """Return steps (rows, columns), each (y, x), to the neighbour that burned first.
 
-    (0, 0) where no neighbour burned before the cell itself.
+    The step is (0, 0) where no neighbour burned before the cell itself.
     """
     padded = np.pad(arrival_s, 1, constant_values=np.inf)
     rows, cols = arrival_s.shape
     first, step_row, step_col = arrival_s.copy(), np.zeros((rows, cols)), np.zeros((rows, cols))
     for row, col in _AROUND:
-        beside = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
-        earlier = beside < first
-        first[earlier], step_row[earlier], step_col[earlier] = beside[earlier], row, col
+        neighbour_s = padded[1 + row : 1 + row + rows, 1 + col : 1 + col + cols]
+        earlier = neighbour_s < first
+        first[earlier], step_row[earlier], step_col[earlier] = neighbour_s[earlier], row, col
     return step_row, step_col
 
 
 def multipolygon(area: Any) -> Any:
-    """The polygons of a shapely geometry as one MultiPolygon."""
+    """Return the polygons of a shapely geometry as one MultiPolygon."""
     from shapely import get_parts
     from shapely.geometry import MultiPolygon
 
@@ -94,7 +93,7 @@ def multipolygon(area: Any) -> Any:
 
 
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
-    """Burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
+    """Return the burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
 
     The edge is interpolated linearly between the centres of cells. It is at most halfway to a cell
     that fire does not reach, or to the edge of the landscape.
@@ -118,7 +117,7 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
 
 
 def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floats:
-    """Arrival times minus ``time_s`` in a window and the cells around it.
+    """Return arrival times minus ``time_s`` in a window and the cells around it.
 
     A cell that fire never reaches has the largest time since arrival among its neighbours, so that
     the interpolated edge is at most halfway to it.
@@ -130,6 +129,6 @@ def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floa
     rows, cols = ahead_s.shape
     longest_s = np.full((rows, cols), MIN_S)
     for row, col in _AROUND:
-        beside = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
-        np.maximum(longest_s, ago_s[beside], out=longest_s)
+        shifted = slice(1 + row, 1 + row + rows), slice(1 + col, 1 + col + cols)
+        np.maximum(longest_s, ago_s[shifted], out=longest_s)
     return np.where(np.isfinite(ahead_s), ahead_s, longest_s)

@@ -1,14 +1,14 @@
-"""Outward speed of a fire front: the spread of its straight pieces along their normals."""
+"""Outward speed of a fire front: the spread of its straight segments along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.local_spread import Tables, slowness_of, tables_of, terrain_of
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
@@ -26,16 +26,16 @@ class FrontRates:
     def at(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
-        """Horizontal speed in m/s (n,) at which the front in each cell moves along its normal.
+        """Return the speed in m/s (n,) at which the front in each cell moves along its normal.
 
         Args:
-            rows, cols: the cells (n).
-            north, east: outward normals of the front there (n), unit vectors on the grid.
-            at_s: the time of the weather.
+            rows, cols: The cells (n).
+            north, east: Outward normals of the front in these cells (n), unit vectors on the grid.
+            at_s: The time of the weather.
 
-        0 where nothing burns. The speed is the support of the ellipse A |v| - B v = 1 in the
-        direction (north, east), with |v| measured on the slope (Huygens; A and B are those of
-        ``local_spread``).
+        The speed is 0 where fire does not spread. It is the support function of the ellipse A |v| -
+        B v = 1 in the direction (north, east), with |v| measured on the slope (Huygens; A and B are
+        those of ``local_spread``).
         """
         entry = self._weather.index_at(at_s)
         return self._of(self._tables, entry, rows, cols, north, east)
@@ -49,7 +49,7 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """As ``at``, but under a given wind (speed at 20 ft in m/s, direction from in degrees)."""
+        """Return speeds as ``at``, under a wind (m/s at 20 ft, direction from in degrees)."""
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])

@@ -1,4 +1,4 @@
-"""A compiled binary heap of (time, key) in two arrays. Equal times are ordered by key."""
+"""A compiled binary heap of times and keys in two arrays; equal times are ordered by key."""
 
 from firemodel.compiled import kernel
 

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
-
-Floats = NDArray[np.float64]
 
 
 class Labels(NamedTuple):
@@ -33,17 +32,18 @@ class ActivePaths(NamedTuple):
     at: Floats  # (k, 2) position of the fire: row, column
 
     def first(self, count: int) -> "ActivePaths":
+        """Return a copy of the first ``count`` paths."""
         return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
 def empty_paths(room: int) -> ActivePaths:
-    """Uninitialised arrays for ``room`` paths."""
+    """Return uninitialised arrays for ``room`` paths."""
     return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
 
 
 @kernel
 def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
-    """Row, column and time of a source."""
+    """Return Row, column and time of a source."""
     n = labels.source.size
     if source < n:
         return float(source // cols), float(source % cols), labels.arrival_s[source]
@@ -51,8 +51,8 @@ def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def squeezes(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
-    """True if a diagonal step passes between two cells that cannot burn."""
+def blocked_diagonal(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
+    """Return True if a diagonal step passes between two cells that cannot burn."""
     return (
         row != to_row
         and col != to_col

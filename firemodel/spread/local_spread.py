@@ -11,14 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
-
-Floats = NDArray[np.float64]
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
 _eccentricity = kernel(rothermel.eccentricity)
@@ -40,7 +39,7 @@ class Tables(NamedTuple):
 
 
 def terrain_of(landscape: Landscape) -> Terrain:
-    """The flattened cells of a landscape."""
+    """Return the flattened cells of a landscape."""
     codes = burnable_codes(landscape)
     place = np.full(int(landscape.fuel_model.max()) + 1, -1, dtype=np.int16)
     place[codes] = np.arange(len(codes))
@@ -50,7 +49,7 @@ def terrain_of(landscape: Landscape) -> Terrain:
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
-    """Ratio (y, x) of the midflame wind to the wind at 20 ft, sheltered where there are trees."""
+    """Return the ratio (y, x) of the midflame wind to the wind at 20 ft, with shelter by trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
     depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
@@ -69,13 +68,13 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
 
 
 def burnable_codes(landscape: Landscape) -> list[int]:
-    """Codes of the landscape's burnable fuels, in ascending order."""
+    """Return the codes of the landscape's burnable fuels, in ascending order."""
     present = np.bincount(landscape.fuel_model.ravel()).nonzero()[0]
     return [int(code) for code in present if int(code) in FUEL_MODELS]
 
 
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
-    """The terms of the landscape's fuels under each entry; ``wind_limit`` as in ``rothermel``.
+    """Return the terms of the landscape's fuels for each entry; ``wind_limit`` as in ``rothermel``.
 
     Wind directions are converted from true north to grid north.
     """
@@ -102,10 +101,10 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 def perturbed(
     tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
 ) -> Tables:
-    """Tables in which an entry is split: its second part and all later entries are perturbed.
+    """Return tables with an entry split into two; the second part and later entries change.
 
-    The wind speed is multiplied by ``wind_factor`` and its direction turned clockwise by
-    ``turn_deg``; the spread rate is multiplied by ``spread_factor``.
+    Their wind speed is multiplied by ``wind_factor`` and their wind direction turned clockwise by
+    ``turn_deg``. Their spread rate is multiplied by ``spread_factor``.
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
@@ -120,7 +119,7 @@ def perturbed(
 
 @kernel
 def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """Fastest spread from a cell: (rate m/s along the slope, north, east (unit), eccentricity).
+    """Compute the fastest spread: (rate m/s along the slope, north, east (unit), eccentricity).
 
     Wind and slope are added as vectors (``rothermel.fastest_spread``).
     """
@@ -150,7 +149,7 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 @kernel
 def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """(A, B north, B east) in s/m: the time along a horizontal vector v is A |v| - B v.
+    """Compute (A, B north, B east) in s/m: the time along a horizontal vector v is A |v| - B v.
 
     |v| is the length on the sloping plane, B is horizontal. In that plane the ellipse with the
     ignition in a focus gives A = 1/(R (1 - e)) and B = e A towards the fastest spread R; here B is

@@ -42,16 +42,14 @@ from firemodel.spread.fire_scheme import (
 from firemodel.spread.front import front_polygons
 from firemodel.spread.probabilistic_kernels import update
 
-Floats = NDArray[np.float64]
-
 
 class ProbabilisticFire(Fire):
     """The automaton described in the module's docstring.
 
     ``burned_out_s`` (y, x) is the time at which each cell stopped burning, infinity before. Updates
     are every ``update_s`` after the start; a cell lit between two updates, or at the time of one,
-    spreads from the next one on. Random numbers are drawn only for burning cells, in an order that
-    does not depend on the steps of ``advance``.
+    spreads from the next one on. Random numbers are generated only for burning cells, in an order
+    that does not depend on the steps of ``advance``.
     """
 
     def __init__(
@@ -66,7 +64,9 @@ class ProbabilisticFire(Fire):
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
-        """``burning_steps`` is the number of updates a cell burns; None: until neighbours burned.
+        """Create the fire; ``burning_steps`` is the number of updates for which a cell burns.
+
+        None: a cell burns until all its neighbours have burned.
 
         Cells of an initial fire burn for the remaining updates, counted from their arrival times.
         Raises FireModelError for an ignition on a cell that cannot burn, or an invalid number.
@@ -93,13 +93,13 @@ class ProbabilisticFire(Fire):
         lasted = np.zeros(burned.shape, dtype=np.int64)
         lasted[burned] = (self.time_s - burning.arrival_s[burned]) // self._every_s
         fresh = np.pad(self._can_burn & ~burned, 1)
-        goes_on = burned & self._can_burn
+        continues = burned & self._can_burn
         if self._burning_steps:
-            goes_on &= lasted < self._burning_steps
+            continues &= lasted < self._burning_steps
         else:
-            goes_on &= fresh[:-2, 1:-1] | fresh[2:, 1:-1] | fresh[1:-1, :-2] | fresh[1:-1, 2:]
-        self.burned_out_s[burned & ~goes_on] = self.time_s
-        self._cells = np.flatnonzero(goes_on)
+            continues &= fresh[:-2, 1:-1] | fresh[2:, 1:-1] | fresh[1:-1, :-2] | fresh[1:-1, 2:]
+        self.burned_out_s[burned & ~continues] = self.time_s
+        self._cells = np.flatnonzero(continues)
         self._lasted = lasted.ravel()[self._cells]
 
     def _light(self, ignition: Ignition) -> None:
@@ -108,7 +108,7 @@ class ProbabilisticFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        """As in ``Fire``, with the state of the generator: both fires then burn identically."""
+        """Copy the fire with the state of its generator, so that both fires burn identically."""
         found = copy.copy(self)
         found.arrival_time_s = self.arrival_time_s.copy()
         found.burned_out_s = self.burned_out_s.copy()
@@ -118,7 +118,7 @@ class ProbabilisticFire(Fire):
         return found
 
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """As in ``Fire``: ``spread_factor`` multiplies p_spread; wind has no effect here."""
+        """Multiply p_spread by ``spread_factor``; the changes of wind have no effect."""
         self._p_spread = min(self._p_spread * spread_factor, 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
@@ -161,14 +161,14 @@ class ProbabilisticFire(Fire):
         self._cells, self._lasted = cells[:size], lasted[:size]
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """As in ``Fire``, but a cell is BURNING until the automaton marks it burned out."""
+        """Return states as in ``Fire``; a cell is BURNING until it is marked burned out."""
         self._check_past(time_s)
         state = np.where(self.burned_out_s <= time_s, BURNED, BURNING)
         unburned = np.where(self._can_burn, UNBURNED, CANNOT_BURN)
         return np.where(self.arrival_time_s <= time_s, state, unburned).astype(np.int8)
 
     def front(self, time_s: float) -> Any:
-        """As in ``Fire``, but the edge is always halfway between cells."""
+        """Return the burned area as in ``Fire``, with its edge always halfway between cells."""
         self._check_past(time_s)
         ago_s = np.where(self.arrival_time_s <= time_s, 1.0, -np.inf)
         return front_polygons(-ago_s, 0.0, self.landscape)

@@ -11,7 +11,7 @@ STEP_COL = np.array([0, 1, 0, -1])
 
 @kernel
 def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyped-def]
-    """The neighbour on a side if it is unburned and can burn, else -1."""
+    """Return the neighbour on a side if it is unburned and can burn, else -1."""
     row, col = cell // cols + STEP_ROW[side], cell % cols + STEP_COL[side]
     if not (0 <= row < arrival_s.size // cols and 0 <= col < cols):
         return -1
@@ -37,11 +37,11 @@ def update(  # type: ignore[no-untyped-def]
         cell = cells[k]
         if k < count:
             lasted[k] += 1
-            goes_on = lasted[k] < burning_steps
+            continues = lasted[k] < burning_steps
             for side in range(4):
                 if burning_steps == 0 and _can_spread(cell, side, arrival_s, can_burn, cols) >= 0:
-                    goes_on = True
-            if not goes_on:
+                    continues = True
+            if not continues:
                 burned_out_s[cell] = at_s
                 continue
         cells[kept], lasted[kept] = cell, lasted[k]

@@ -1,27 +1,24 @@
-"""Restarts an any-angle fire when the weather changes.
+"""Restart an any-angle fire when the weather changes.
 
-Each line under way is cut at the position of the fire. The cuts on the best lines to neighbouring
-cells are joined where they are close together: fire then spreads from the whole front (Huygens),
-not only from single points. Without this a fire would lose its shape if the weather changes often
-compared with its spread.
+Each active line is cut at the position of the fire. The cuts on the best lines to neighbouring
+cells are joined where they are close together, so that fire spreads from the whole front (Huygens)
+and not only from single points. Otherwise frequent changes of the weather would distort the fire.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.spread.heap import push
-from firemodel.spread.labels import ActivePaths, place_of, squeezes
-from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_piece, travel
+from firemodel.spread.labels import ActivePaths, blocked_diagonal, place_of
+from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel
 
 NEAR_FRONT_CELLS = 2  # distance up to which an initial front has paths to cells
-WINDOW_CELLS = 3  # maximum distance of a cell from the piece of front that ignites it
-
-Floats = NDArray[np.float64]
+WINDOW_CELLS = 3  # maximum distance of a cell from the segment of the front that ignites it
 
 
 def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
-    """Paths from the points (k, 2) of a front to the unburned cells around each."""
+    """Return paths from the points (k, 2) of a front to the unburned cells around each."""
     rows, cols = shape
     around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
     cell = np.floor(front + 0.5).astype(np.int64)
@@ -29,13 +26,13 @@ def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActiveP
     col = (cell[:, 1, None, None] + around).repeat(around.size, axis=1)
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
     target = np.where(inside, row * cols + col, 0)
-    wanted = inside & (best_s[target] == np.inf)
-    point = np.nonzero(wanted)[0]
-    return ActivePaths(target[wanted].astype(np.int32), front[point])
+    reachable = inside & (best_s[target] == np.inf)
+    point = np.nonzero(reachable)[0]
+    return ActivePaths(target[reachable].astype(np.int32), front[point])
 
 
 @kernel
-def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
+def active_paths(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
     """Find every line along which fire is moving at a time; returns the numbers (found, tips).
 
     ``found`` receives the paths of the last change that are not completed, and those from cells
@@ -80,7 +77,7 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
             cell = row * cols + col
             if not since_s <= arrival_s[cell] < np.inf:
                 continue
-            if squeezes(row, col, to_row, to_col, best_s, cols):
+            if blocked_diagonal(row, col, to_row, to_col, best_s, cols):
                 continue
             for own in range(2):
                 source = np.int64(sources[cell]) if own == 0 else cell
@@ -92,10 +89,10 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
                 )
                 at_row = from_row + part * (to_row - from_row)
                 at_col = from_col + part * (to_col - from_col)
-                known = False  # True if another neighbour gave the same source
+                duplicate = False  # True if another neighbour gave the same source
                 for other in range(first, count):
-                    known |= found.at[other, 0] == at_row and found.at[other, 1] == at_col
-                if not known:
+                    duplicate |= found.at[other, 0] == at_row and found.at[other, 1] == at_col
+                if not duplicate:
                     found.target[count] = target
                     found.at[count, 0], found.at[count, 1] = at_row, at_col
                     count += 1
@@ -104,7 +101,7 @@ def under_way(at_s, since_s, heap, paths, points, labels, ground, entry, found, 
 
 @kernel
 def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyped-def]
-    """Row and column on the joined front from which fire is estimated to reach a cell first.
+    """Return the place on the joined front from which fire is estimated to reach a cell first.
 
     NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
     """
@@ -124,7 +121,7 @@ def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyp
                 other = -2 - sources[other_row * cols + other_col]
                 if other < 0:
                     continue
-                time, at_row, at_col = from_piece(
+                time, at_row, at_col = from_segment(
                     tips.at[tip, 0],
                     tips.at[tip, 1],
                     tips.at[other, 0],
@@ -151,7 +148,7 @@ def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-
 
 
 @kernel
-def set_out(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
+def start_paths(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
     """Restart the fire from paths and tips: sets the labels, the heap and the source points.
 
     ``best`` (tips, 3) is a work array. Returns the number of points in use and the heap's size.

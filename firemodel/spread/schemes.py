@@ -1,7 +1,7 @@
-"""The spread schemes: name, class and settings. A new scheme needs one module and one entry here.
+"""Table of spread schemes: name, class and settings. A new scheme needs a module and an entry.
 
-Scenario files, experiments and the command line look up schemes here. A scheme's module is imported
-only when a fire is created, since it compiles kernels.
+Scenario files, experiments and the command line use this table. The module of a scheme is imported
+only when a fire is created, because the module imports Numba.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class Scheme(NamedTuple):
 
     module: str
     fire: str  # the name of the class
-    settings: tuple[str, ...]  # keyword arguments; a scenario has them in its table [fire]
+    settings: tuple[str, ...]  # keyword arguments, and keys of a scenario's table [fire]
     random: bool = False  # takes a random generator, ``rng``
 
 
@@ -53,13 +53,13 @@ def new_fire(
         ignitions: (row, column, time in s) of each cell that is lit.
         burning: An initial fire that the model continues.
         seed: Seed of the random generator, for schemes that draw from one.
-        settings: The scheme's ``settings``, by name; those left out have their defaults.
+        settings: The scheme's ``settings``, by name; omitted settings have their defaults.
 
     Returns:
         The fire, at 0 s or at the time of ``burning``.
 
     Raises:
-        FireModelError: Nothing can burn at an ignition, or a setting is out of range.
+        FireModelError: The cell of an ignition cannot burn, or a setting is out of range.
         TypeError: The scheme has no setting of that name, or needs one that is not given.
     """
     import numpy as np

@@ -7,18 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import compiled, kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
-MAX_PIECE_CELLS = 2.0
+MAX_SEGMENT_CELLS = 2.0
 TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
 # North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
-
-Floats = NDArray[np.float64]
 
 
 class Ground(NamedTuple):
@@ -29,16 +28,16 @@ class Ground(NamedTuple):
     terrain: Terrain
     tables: Tables
     reach: NDArray[np.int16]  # (n) distance in cells within which all cells are like this one
-    # One record of 32 bytes per cell, read in one memory access: A, B north, B east in float64
-    # (indices 0 to 2; A is NaN if not yet computed, 0 if nothing spreads), and the rise towards
-    # north and east in float32 (indices 6 and 7).
+    # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
+    # (indices 0 to 2; A is NaN if not yet computed, 0 if fire does not spread), and the rise
+    # towards north and east in float32 (indices 6 and 7).
     slowness: Floats  # (n, 4)
     rise: NDArray[np.float32]  # (n, 8), the same memory
-    learned: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
+    computed: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
 
 
 def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool) -> Ground:
-    """The ``Ground`` of a landscape; slownesses are computed later, cell by cell as needed."""
+    """Return the ``Ground`` of a landscape; slownesses are computed later, when needed."""
     terrain = terrain_of(landscape)
     n, cols = terrain.fuel.size, landscape.shape[1]
     slowness = np.full((n, 4), np.nan)
@@ -56,7 +55,10 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
-    """Chessboard distance to the next cell with an unlike neighbour (Rosenfeld & Pfaltz 1966)."""
+    """Return chessboard distances to the next cell with an unlike neighbour.
+
+    By the two-pass algorithm of Rosenfeld & Pfaltz 1966.
+    """
     fuel, gradient, midflame = terrain
     n = fuel.size
     rows = n // cols
@@ -75,7 +77,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
                 ):
                     reach[cell] = 0
                     break
-    # Down with the four neighbours already passed, then up with the other four.
+    # Two passes: downwards with the four neighbours already visited, upwards with the other four.
     for sides, cells in (((7, 0, 1, 6), range(n)), ((5, 4, 3, 2), range(n - 1, -1, -1))):
         for cell in cells:
             row, col = cell // cols, cell % cols
@@ -87,32 +89,32 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _learn(cell, ground, entry):  # type: ignore[no-untyped-def]
+def _compute_slowness(cell, ground, entry):  # type: ignore[no-untyped-def]
     a, north, east = slowness_of(cell, entry, ground.terrain, ground.tables)
     ground.slowness[cell, 0], ground.slowness[cell, 1], ground.slowness[cell, 2] = a, north, east
     ground.rise[cell, 6] = ground.terrain.gradient[0, cell]
     ground.rise[cell, 7] = ground.terrain.gradient[1, cell]
-    ground.learned[0] += 1
-    ground.learned[ground.learned[0]] = cell
+    ground.computed[0] += 1
+    ground.computed[ground.computed[0]] = cell
 
 
 @kernel
-def forget(ground):  # type: ignore[no-untyped-def]
+def clear_slowness(ground):  # type: ignore[no-untyped-def]
     """Clear the computed slownesses; required before another weather entry is used."""
-    for place in range(1, ground.learned[0] + 1):
-        ground.slowness[ground.learned[place], 0] = np.nan
-    ground.learned[0] = 0
+    for place in range(1, ground.computed[0] + 1):
+        ground.slowness[ground.computed[place], 0] = np.nan
+    ground.computed[0] = 0
 
 
 @kernel
 def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
-    """Time in seconds along a horizontal vector in metres, at the slowness of one cell.
+    """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
     ``length2`` is the squared length of the vector. 0 if fire does not spread in the cell.
     """
     slowness, rise = ground.slowness, ground.rise
     if slowness[cell, 0] != slowness[cell, 0]:
-        _learn(cell, ground, entry)
+        _compute_slowness(cell, ground, entry)
     up = rise[cell, 6] * north + rise[cell, 7] * east
     return (
         slowness[cell, 0] * math.sqrt(length2 + up * up)
@@ -123,7 +125,7 @@ def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-un
 
 @kernel
 def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
-    """The cell in which a float position lies."""
+    """Return the cell in which a float position lies."""
     return math.floor(row + 0.5) * cols + math.floor(col + 0.5)
 
 
@@ -173,19 +175,21 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
 
 
 @kernel
-def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
-    """The point of a piece of front from which fire reaches a cell first: (time, row, col).
+def from_segment(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
+    """Find the point of a segment of a front from which fire first reaches a cell.
 
-    The slowness of the target cell is used for the whole path. With w the vector from one end of
-    the piece to the cell and d the piece, the time A |w - s d| - B (w - s d) is least where its
-    derivative by s is 0. The time is in s/m times cells; it is infinite if the two ends are too far
-    apart to be one piece, or if fire does not spread in the cell.
+    Returns (time, row, col).
+
+    The slowness of the target cell is used for the whole path. Let d be the segment and w the
+    vector from one end of it to the cell. The time A |w - s d| - B (w - s d) has its minimum where
+    its derivative by s is 0. The time is in s/m times cells. It is infinite if the ends are too far
+    apart for one segment, or if fire does not spread in the cell.
     """
     d_north, d_east = row - other_row, other_col - col
     d2 = d_north * d_north + d_east * d_east
     crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # computes the slowness of the cell
     a = ground.slowness[target, 0]
-    if not 0.0 < d2 <= MAX_PIECE_CELLS * MAX_PIECE_CELLS or a == 0.0:
+    if not 0.0 < d2 <= MAX_SEGMENT_CELLS * MAX_SEGMENT_CELLS or a == 0.0:
         return np.inf, row, col
     b_north, b_east = ground.slowness[target, 1], ground.slowness[target, 2]
     g_north, g_east = ground.rise[target, 6], ground.rise[target, 7]
@@ -195,8 +199,8 @@ def from_piece(row, col, other_row, other_col, target, ground, entry):  # type: 
     dw = d_north * w_north + d_east * w_east + d_up * w_up
     ww = w_north * w_north + w_east * w_east + w_up * w_up
     k = (b_north * d_north + b_east * d_east) / (a * math.sqrt(dd))
-    beside = math.sqrt(max(ww - dw * dw / dd, 0.0))
-    share = (dw - k * beside * math.sqrt(dd) / math.sqrt(1.0 - k * k)) / dd
+    perpendicular = math.sqrt(max(ww - dw * dw / dd, 0.0))
+    share = (dw - k * perpendicular * math.sqrt(dd) / math.sqrt(1.0 - k * k)) / dd
     share = min(max(share, 0.0), 1.0)
     time = a * math.sqrt(max(ww - 2.0 * share * dw + share * share * dd, 0.0))
     time -= b_north * (w_north - share * d_north) + b_east * (w_east - share * d_east)

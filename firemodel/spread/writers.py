@@ -1,4 +1,4 @@
-"""Writes results as GeoTIFF and GeoJSON files."""
+"""Write results as GeoTIFF and GeoJSON files."""
 
 import json
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def write_geotiff(
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
-    """Polygons in the landscape's CRS as a MultiPolygon of RFC 7946.
+    """Convert polygons in the landscape's CRS to a MultiPolygon of RFC 7946.
 
     Coordinates are WGS84 [lon, lat], rounded to a centimetre; outer rings are anticlockwise.
     """
@@ -69,11 +69,11 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 def fronts_geojson(
     fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> dict[str, Any]:
-    """Burned area at each time as a MultiPolygon (RFC 7946: WGS84, outer rings anticlockwise).
+    """Return the burned area at each time as a MultiPolygon feature of RFC 7946 (WGS84).
 
     Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
     the status is that of a perimeter that is not approved. ``time_zero`` is the calendar time of
-    0 s, if known. Raises FireModelError for a time after the fire's.
+    0 s, if there is one. Raises FireModelError for a time after the fire's.
     """
     features = []
     for time_s in times_s:
@@ -95,11 +95,7 @@ def fronts_geojson(
 
 
 def write_fronts(
-    path: Path,
-    fire: Fire,
-    times_s: Sequence[float],
-    name: str,
-    time_zero: datetime | None = None,
+    path: Path, fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> None:
     """Write burned areas as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
@@ -108,7 +104,7 @@ def write_fronts(
         fire: A fire, advanced at least to the last of the times.
         times_s: Times in seconds, one feature for each.
         name: The incident's name.
-        time_zero: The calendar time of 0 s, if known.
+        time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
         FireModelError: One of the times is after the fire's.
@@ -127,7 +123,7 @@ def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m. Values are float32, -1 where fire has not come.
+        fireline_intensity_kw_m. Values are float32, -1 where unburned.
 
     Raises:
         OSError: A file cannot be written.

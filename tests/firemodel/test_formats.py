@@ -93,7 +93,7 @@ def test_other_ways_to_have_something_fetched(tmp_path: Path, server: Counted) -
     alg = {"type": "gdal_streamed_alg", "command_line": f"gdal vector pipeline ! read {url}"}
     for number, (content, words) in enumerate(
         [
-            ({**point, "crs": link}, "its crs member is not understood"),
+            ({**point, "crs": link}, "its crs member is not supported"),
             (alg, "is JSON but no GeoJSON"),
             ({"type": "Topology", "objects": {}}, "is JSON but no GeoJSON"),
         ]

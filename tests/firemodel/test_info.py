@@ -100,11 +100,14 @@ def test_a_stack_is_described_by_its_band_names(tmp_path: Path) -> None:
     found = describe(stack(tmp_path / "a.tif", ("LC22_F40_230", "LC20_Elev_220", "LC20_SlpP_220")))
     layers = [(band["layer"], band["unit"]) for band in found["bands"]]
     assert layers == [("fuel", ""), ("elevation", "m"), ("slope", "percent")]
-    assert any("slope and aspect belong together" in problem for problem in found["problems"])
+    assert any("only one of slope and aspect" in problem for problem in found["problems"])
     assert any("band 3: slope is -9999 at" in problem for problem in found["problems"])
     unnamed = describe(stack(tmp_path / "b.tif", ()))
     assert "no band's description names a layer" in unnamed["problems"][0]
-    assert "b.tif band 3: -9999 at row 0, column 0 (8 such cells) looks" in unnamed["problems"][1]
+    assert (
+        "b.tif band 3: -9999 at row 0, column 0 (8 such cells) is probably no data"
+        in unnamed["problems"][1]
+    )
     assert len(describe(tmp_path / "b.tif", nodata=-9999)["problems"]) == 1
 
 

@@ -144,7 +144,7 @@ def test_impossible_landscapes_are_refused() -> None:
         ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be positive"),
         (("EPSG:4326", 0.0, 0.0, 30.0, codes, heights), "EPSG:4326 is not a projection in metres"),
         (("EPSG:2264", 0.0, 0.0, 30.0, codes, heights), "EPSG:2264 is not a projection in metres"),
-        (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is not known"),
+        (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is invalid"),
         ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
         ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
         ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel is \(3,\) cells; it must be"),

@@ -188,7 +188,7 @@ def test_a_stack_is_read_by_its_band_descriptions_or_by_numbers(tmp_path: Path) 
     with pytest.raises(FireModelError, match=r"bare.tif: no band's description names a layer"):
         read_landscape(bare)
     twice = write_raster(tmp_path / "twice.tif", STACK[:2], ("LC22_F40_230", "LC22_F13_230"))
-    with pytest.raises(FireModelError, match=r"bands 1 and 2 are both fuel; say which"):
+    with pytest.raises(FireModelError, match=r"bands 1 and 2 are both fuel; select one"):
         read_landscape(twice)
 
 
@@ -291,7 +291,7 @@ def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> 
     assert read_landscape(files).digest() == expected
     with pytest.raises(FireModelError, match=r"CRS EPSG:32616 is not the EPSG:32633 given as crs"):
         read_landscape(files, crs="EPSG:32633")
-    with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is not known"):
+    with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is invalid"):
         read_landscape(files, crs="nowhere")
     broken = ascii_grid(tmp_path / "fuel.asc", FUEL + 0.5)
     with pytest.raises(FireModelError, match=r"fuel code 1.5 at row 0, column 0 .* whole number"):
@@ -365,7 +365,7 @@ def test_a_mask_inside_the_file_counts_as_no_data(tmp_path: Path) -> None:
         ("canopy_cover", 5, "class", "canopy_cover is 5 at row 1, column 2 .* from 0 to 4"),
         ("canopy_height", 150, "m", "canopy_height is 150 .* from 0 to 120: .* another unit"),
         ("canopy_base", 400, "ft", "canopy_base is 400 at row 1, column 2 .* 0 to 393.7"),
-        ("slope", 3, "gradians", "unit 'gradians' of slope is not known; .* degrees, percent"),
+        ("slope", 3, "gradians", "unit 'gradians' of slope is unknown; .* degrees, percent"),
     ],
 )
 def test_values_that_cannot_be_are_refused(
@@ -391,10 +391,10 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
     with rasterio.open(scaled, "r+") as file:
         file.scales = (0.1,)
     cases: list[tuple[Mapping[str, Any], str]] = [
-        ({"fuel": fuel, "dem": dem}, "layer 'dem' is not known; known are fuel, elevation"),
+        ({"fuel": fuel, "dem": dem}, "layer 'dem' is unknown; the layers are fuel, elevation"),
         ({"elevation": dem}, "no fuel layer"),
         ({"fuel": fuel}, "no elevation, nor slope and aspect"),
-        ({"fuel": fuel, "slope": dem}, "slope and aspect belong together"),
+        ({"fuel": fuel, "slope": dem}, "only one of slope and aspect"),
         ({"fuel": (fuel, 2), "elevation": dem}, "fuel.tif: has no band 2; its bands are 1 to 1"),
         ({"fuel": fuel, "elevation": scaled}, "scaled.tif: values have scale 0.1 and offset 0.0"),
     ]

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firemodel.arrays import Floats
 from firemodel.physics import rothermel
 from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE, check_codes
 from firemodel.physics.rothermel import Moisture, fastest_spread, fuel_bed
@@ -19,11 +20,16 @@ M_S_PER_CHAIN_H = 20.1168 / 3600.0
 DRY = Moisture(0.06, 0.07, 0.08, 0.60, 0.90)
 
 
+def rate_towards(
+    largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float
+) -> float | Floats:
+    """R(γ) = R_max (1 - e)/(1 - e cos γ), with γ measured from the direction of fastest spread."""
+    return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * math.cos(off_heading_rad))
+
+
 def flanking_rate(largest_rate: float, length_to_breadth: float) -> float:
     """Speed at which the ellipse widens to one side: half its width per time."""
-    backing = rothermel.rate_towards(
-        largest_rate, rothermel.eccentricity(length_to_breadth), math.pi
-    )
+    backing = rate_towards(largest_rate, rothermel.eccentricity(length_to_breadth), math.pi)
     return float((largest_rate + backing) / (2.0 * length_to_breadth))
 
 
@@ -43,7 +49,7 @@ def spread(
     rate, effective = float(rates[0]), float(winds[0])
     ratio = float(rothermel.length_to_breadth(effective))
     intensity = rothermel.fireline_intensity_kw_m(bed, rate)
-    backing = rothermel.rate_towards(rate, rothermel.eccentricity(ratio), math.pi)
+    backing = rate_towards(rate, rothermel.eccentricity(ratio), math.pi)
     return {
         "ros_ch_h": rate / M_S_PER_CHAIN_H,
         "fli_kW_m": float(intensity),
@@ -122,8 +128,8 @@ def test_length_to_breadth_is_one_without_wind_and_at_most_eight() -> None:
 def test_the_ellipse_has_its_length_and_width() -> None:
     """Head plus back over both flanks is length over breadth."""
     e = rothermel.eccentricity(2.5)
-    head_and_back = 1.0 + rothermel.rate_towards(1.0, e, math.pi)
-    assert rothermel.rate_towards(1.0, e, 0.0) == 1.0
+    head_and_back = 1.0 + rate_towards(1.0, e, math.pi)
+    assert rate_towards(1.0, e, 0.0) == 1.0
     assert head_and_back / (2.0 * flanking_rate(1.0, 2.5)) == pytest.approx(2.5)
 
 

@@ -79,7 +79,7 @@ def test_geojson_of_older_kind_keeps_its_crs(tmp_path: Path) -> None:
     assert read_shapes(path, LAND)[0].coords[0] == pytest.approx((X_M, Y_M), abs=1e-3)
     for crs in (named("EPSG:999999"), None, {"type": "link", "properties": {"href": "x"}}):
         path = geojson(tmp_path / "c.json", mapping(Point(LON, LAT)), crs=crs)
-        with pytest.raises(FireModelError, match=r"c.json: its crs member is not understood \("):
+        with pytest.raises(FireModelError, match=r"c.json: its crs member is not supported \("):
             read_shapes(path, LAND)
 
 
@@ -118,13 +118,13 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"a.shp: CRS EPSG:32616 is not the EPSG:32617 given"):
         read_shapes(path, LAND, crs="EPSG:32617")
     (tmp_path / "a.prj").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file .* or give it as crs"):
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or give it as crs"):
         read_shapes(path, LAND)
     assert same(read_shapes(path, LAND, crs=CRS)[0])
-    with pytest.raises(FireModelError, match=r"a.shp: CRS 'nowhere' is not known"):
+    with pytest.raises(FireModelError, match=r"a.shp: CRS 'nowhere' is invalid"):
         read_shapes(path, LAND, crs="nowhere")
     (tmp_path / "a.shx").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: the .shx file that belongs to it is missing"):
+    with pytest.raises(FireModelError, match=r"a.shp: the .shx file of the Shapefile is missing"):
         read_shapes(path, LAND, crs=CRS)
 
 
@@ -145,7 +145,7 @@ POINT = mapping(Point(LON, LAT))
             mapping(Point(LON + 1, LAT)),
             r"feature 2 .* lies outside the landscape \(around .*; remove",
         ),
-        (mapping(Point(LON + 90, -LAT)), r"feature 2 .* (lies outside|too far off)"),
+        (mapping(Point(LON + 90, -LAT)), r"feature 2 .* (lies outside|too far away)"),
     ],
 )
 def test_features_that_cannot_be_used_are_refused(

@@ -35,7 +35,7 @@ def test_each_entry_holds_until_the_next() -> None:
         ([weather(math.nan)], "entry 0: wind_speed_m_s = nan is not a number"),
         ([weather(1.0, 400.0)], "entry 0: wind_from_deg = 400.0 must be 0 to 360"),
         ([replace(weather(), live_woody_pct=-5.0)], "entry 0: live_woody_pct = -5.0"),
-        ([weather(at_s=60.0)], "entry 0: at_s = 60.0, so the weather before it is unknown"),
+        ([weather(at_s=60.0)], "entry 0: at_s = 60.0, so the weather before it is missing"),
         ([weather(), weather(at_s=9.0), weather(at_s=9.0)], "entry 2: at_s = 9.0 is not later"),
     ],
 )

@@ -310,7 +310,7 @@ def refused(scenario: Path, *options: str) -> str:
     ("landscape", "words"),
     [
         ("rows = 50", 'landscape: rows has no effect with source = "files"'),
-        ('units = {slop = "percent"}', "units: layer 'slop' is not known"),
+        ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
         ('units = {slope = "percent"}', "units: slope has one, but no band is that layer"),
         ('units = {fuel = "m"}', "units: fuel has none"),
         ("nodata = inf", "landscape.nodata"),
@@ -394,7 +394,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
         assert message in result.stderr
     unused = call("fire", "info", fuel, "--unit", "slop=percent")
     assert unused.exit_code == 1
-    assert "problem: units: layer 'slop' is not known" in unused.stdout
+    assert "problem: units: layer 'slop' is unknown" in unused.stdout
     none.write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
     empty = call("fire", "info", str(none))
     assert "none.geojson: has no features" in empty.stdout

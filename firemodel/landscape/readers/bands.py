@@ -1,8 +1,9 @@
-"""One band of a raster file: its header, its values and the problems of both."""
+"""One band of a raster file: its header, its values, and checks of both."""
 
 import math
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Description of how another grid differs; empty if it does not (to 1/1000 of a cell)."""
+        """Describe how another grid differs; empty if it does not (to 1/1000 of a cell)."""
         if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
             return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -50,7 +51,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The header of one band as it stands in the file, not checked."""
+    """The unchecked header of one band of a file."""
 
     path: Path
     number: int  # from 1
@@ -82,39 +83,49 @@ def check_file(path: Path) -> None:
 
 
 def bands_of(path: Path) -> tuple[Band, ...]:
-    """The bands of a raster file. Raises FireModelError if it cannot be read as one."""
-    import rasterio
+    """Return the bands of a raster file. Raises FireModelError if it is not a raster."""
     from rasterio.enums import MaskFlags
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    from rasterio.errors import NotGeoreferencedWarning
 
     check_file(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
-            with rasterio.Env(**OFFLINE), rasterio.open(path, driver=raster_driver(path)) as file:
-                crs = file.crs.to_string() if file.crs else None  # slow: looks for a code
-                return tuple(
-                    Band(
-                        path,
-                        number,
-                        file.count,
-                        file.driver,
-                        file.descriptions[number - 1] or "",
-                        file.dtypes[number - 1],
-                        file.shape,
-                        crs,
-                        file.transform,
-                        _nodata(file.driver, file.nodatavals[number - 1]),
-                        MaskFlags.per_dataset in file.mask_flag_enums[number - 1],
-                        _unit(file.units[number - 1], file.tags(number)),
-                        file.scales[number - 1],
-                        file.offsets[number - 1],
-                        {**file.tags(), **file.tags(number)},
-                    )
-                    for number in file.indexes
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
+        with _opened(path, raster_driver(path)) as file:
+            crs = file.crs.to_string() if file.crs else None  # slow: searches for a code
+            return tuple(
+                Band(
+                    path,
+                    number,
+                    file.count,
+                    file.driver,
+                    file.descriptions[number - 1] or "",
+                    file.dtypes[number - 1],
+                    file.shape,
+                    crs,
+                    file.transform,
+                    _nodata(file.driver, file.nodatavals[number - 1]),
+                    MaskFlags.per_dataset in file.mask_flag_enums[number - 1],
+                    _unit(file.units[number - 1], file.tags(number)),
+                    file.scales[number - 1],
+                    file.offsets[number - 1],
+                    {**file.tags(), **file.tags(number)},
                 )
+                for number in file.indexes
+            )
+
+
+@contextmanager
+def _opened(path: Path, driver: str) -> Iterator[Any]:
+    """Open a raster file without network access. Raises FireModelError if GDAL cannot read it."""
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    try:
+        with rasterio.Env(**OFFLINE), rasterio.open(path, driver=driver) as file:
+            yield file
     except RasterioError as error:
-        raise FireModelError(f"{path}: cannot be read as a raster ({_line(error)})") from None
+        line = " ".join(str(error).split())
+        raise FireModelError(f"{path}: cannot be read as a raster ({line})") from None
 
 
 def _nodata(driver: str, declared: float | None) -> float | None:
@@ -122,17 +133,13 @@ def _nodata(driver: str, declared: float | None) -> float | None:
 
 
 def _unit(declared: str | None, tags: dict[str, str]) -> str:
-    """The band's unit from GDAL: the declared one, or the one in the header of an .lcp."""
+    """Return the band's unit: the one declared to GDAL, or the one in the header of an .lcp."""
     named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
     return declared or next(named, "")
 
 
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
 def band_of(source: Path | tuple[Path, int]) -> Band:
-    """The band of a file with one band, or of (file, number from 1).
+    """Return the band of a file with one band, or of (file, number from 1).
 
     Raises FireModelError if there is no such band.
     """
@@ -148,22 +155,14 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Values (y, x) of a band in the file's type. Raises FireModelError if the file is damaged."""
-    import rasterio
-    from rasterio.errors import RasterioError
-
-    try:
-        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
-            values: NDArray[Any] = file.read(band.number)
-    except RasterioError as error:
-        raise FireModelError(f"{band.path}: cannot be read as a raster ({_line(error)})") from None
+    """Read the values (y, x) of a band, in its type. Raises FireModelError for a damaged file."""
+    with _opened(band.path, band.driver) as file:
+        values: NDArray[Any] = file.read(band.number)
     return values
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
-    """Cells (y, x) without a value: NaN, the file's nodata value or mask, or ``nodata``."""
-    import rasterio
-
+    """Return the mask (y, x) of cells with NaN, the file's nodata value or mask, or ``nodata``."""
     if np.issubdtype(values.dtype, np.floating):
         missing: Mask = ~np.isfinite(values)
     else:
@@ -172,13 +171,13 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
         if value is not None and not math.isnan(value):
             missing |= values == values.dtype.type(value) if _fits(value, values) else False
     if band.masked:
-        with rasterio.Env(**OFFLINE), rasterio.open(band.path, driver=band.driver) as file:
+        with _opened(band.path, band.driver) as file:
             missing |= file.read_masks(band.number) == 0
     return missing
 
 
 def _fits(value: float, values: NDArray[Any]) -> bool:
-    """True if the array's type can hold a value, with rounding if it is a float type."""
+    """Return True if the array's type can hold a value, with rounding if it is a float type."""
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)
@@ -186,13 +185,13 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Text that names the first of the bad cells (value, row, column) and their number."""
+    """Return text with value, row and column of the first bad cell, and the number of bad cells."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 
 
 def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
-    """The reasons why a band is not a north-up grid of square cells in metres, one line each.
+    """Yield the reasons why a band is not a north-up grid of square cells in metres.
 
     ``crs`` is the CRS of files without one.
     """
@@ -231,14 +230,14 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
 
 
 def grid_of(band: Band, crs: str | None = None) -> Grid:
-    """The grid of a band. Raises FireModelError with the first of ``grid_problems``."""
+    """Return the grid of a band. Raises FireModelError with the first of ``grid_problems``."""
     refuse(grid_problems(band, crs))
     west_m, north_m = band.transform.c, band.transform.f
     return Grid(str(band.crs or crs), band.shape, west_m, north_m, band.transform.a)
 
 
 def grid_of_landscape(land: Landscape) -> Grid:
-    """The grid of a landscape."""
+    """Return the grid of a landscape."""
     return Grid(land.crs, land.shape, land.west_m, land.north_m, land.cell_size_m)
 
 

@@ -1,8 +1,8 @@
-"""Recognises a file's format by its content before GDAL opens it.
+"""Detect a file's format by its content before GDAL opens it.
 
-GDAL also goes by content, and some of its formats (VRT, OGR-VRT, GDALG, web services) contain names
-of files and URLs that GDAL then opens, whatever the file's extension. Therefore only the few
-formats checked here are accepted.
+GDAL also detects formats by content. Some of its formats (VRT, OGR-VRT, GDALG, web services)
+contain names of files and URLs, which GDAL opens for any extension of the file. Therefore only the
+few formats that this module checks are accepted.
 """
 
 import json
@@ -11,6 +11,9 @@ import zipfile
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+
+from pyproj import CRS
+from pyproj.exceptions import CRSError
 
 from firemodel.errors import FireModelError
 
@@ -28,7 +31,7 @@ IN_ARCHIVES = (
     *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
     *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
 )
-OFFLINE = {  # GDAL's options against network access, should an accepted file name an address
+OFFLINE = {  # GDAL's options against network access, in case an accepted file contains an address
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": "{none}",
     "CPL_CURL_ENABLE_VSIMEM": "NO",
     "GDAL_HTTP_MAX_RETRY": "0",
@@ -37,7 +40,7 @@ OFFLINE = {  # GDAL's options against network access, should an accepted file na
 
 
 def raster_driver(path: Path) -> str:
-    """GDAL's name of a raster's format. Raises FireModelError for one that is not accepted."""
+    """Return GDAL's name of a raster's format. Raises FireModelError for other formats."""
     start = _start(path)
     if start.startswith(TIFF):
         return "GTiff"
@@ -89,10 +92,19 @@ def _check_geojson(path: Path) -> None:
     for part in (content, *_objects(content.get("features"))):
         crs = part.get("crs")
         if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
-            raise FireModelError(
-                f"{path}: its crs member is not understood ({json.dumps(crs)[:80]}); write the "
-                "file in longitude and latitude, without that member (RFC 7946)"
-            )
+            raise _crs_error(path, crs)
+    if "crs" in content:  # GDAL would read a file with an invalid one as longitude and latitude
+        try:
+            CRS.from_user_input(content["crs"]["properties"]["name"])
+        except (TypeError, KeyError, CRSError):
+            raise _crs_error(path, content["crs"]) from None
+
+
+def _crs_error(path: Path, crs: Any) -> FireModelError:
+    return FireModelError(
+        f"{path}: its crs member is not supported ({json.dumps(crs)[:80]}); write the file in "
+        "longitude and latitude, without that member (RFC 7946)"
+    )
 
 
 def _objects(features: Any) -> list[dict[str, Any]]:

@@ -15,14 +15,7 @@ from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
 from firemodel.physics.fuels import check_codes
 
 # Each unit in metres, or as a fraction.
-FACTORS = {
-    "m": 1.0,
-    "m*10": 0.1,
-    "ft": 0.3048,
-    "ft*10": 0.03048,
-    "percent": 0.01,
-    "fraction": 1.0,
-}
+FACTORS = {"m": 1.0, "m*10": 0.1, "ft": 0.3048, "ft*10": 0.03048, "percent": 0.01, "fraction": 1.0}
 _HEIGHTS = ("m", "m*10", "ft", "ft*10")
 UNITS = {
     "fuel": (),
@@ -53,11 +46,7 @@ _WRITTEN_UNITS = {
     "azimuth degrees": "degrees",
     "categories (0-4)": "class",
 }
-_DESCRIPTIONS = {
-    "fuel models": "fuel",
-    "fuel model": "fuel",
-    "canopy base height": "canopy_base",
-}
+_DESCRIPTIONS = {"fuel models": "fuel", "fuel model": "fuel", "canopy base height": "canopy_base"}
 # Each of LANDFIRE's layer names implies a unit (its data dictionary).
 _LANDFIRE = {
     "f13": ("fuel", ""),
@@ -77,21 +66,21 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 
 
 def layer_of(description: str) -> tuple[str, str]:
-    """The (layer, unit) in a band's description, each empty if it is not named.
+    """Return the (layer, unit) in a band's description, each empty if it is not named.
 
-    Recognised are the names in .lcp files, those of this package, and LANDFIRE's layer names
-    (``LC20_SlpD_220``), which imply a unit.
+    The function recognises the names in .lcp files, those of this package, and LANDFIRE's layer
+    names (``LC20_SlpD_220``), which imply a unit.
     """
     words = description.strip().lower()
-    known = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
-    if known in LAYERS:
-        return known, ""
+    layer = _DESCRIPTIONS.get(words, words.replace(" ", "_"))
+    if layer in LAYERS:
+        return layer, ""
     found = _LANDFIRE_NAME.search(words.replace(" ", "_"))
     return _LANDFIRE[found[1]] if found else ("", "")
 
 
 def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
-    """The (file, band) of each layer in a file, by the bands' descriptions.
+    """Return the (file, band) of each layer in a file, by the bands' descriptions.
 
     Raises FireModelError if no description names a layer, or two name the same layer.
     """
@@ -101,24 +90,24 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
         layer, _ = layer_of(band.description)
         if layer in found:
             raise FireModelError(
-                f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; say which "
-                f"to take by numbers of bands ({layer} = {band.number}, ...)"
+                f"{path}: bands {found[layer][1]} and {band.number} are both {layer}; select one "
+                f"by numbers of bands ({layer} = {band.number}, ...)"
             )
         if layer:
             found[layer] = (path, band.number)
     if not found:
         raise FireModelError(
-            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); say which band "
-            "is which by numbers of bands (fuel = 1, ...)"
+            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); give the layers "
+            "by numbers of bands (fuel = 1, ...)"
         )
     return found
 
 
 def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
-    """Errors for units given for unknown or missing layers, or layers without a unit."""
+    """Yield an error for each unit given for an unknown or missing layer, or one without units."""
     for layer in units:
         if layer not in LAYERS:
-            yield f"units: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+            yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
         elif layer not in layers:
             yield f"units: {layer} has one, but no band is that layer; leave it out"
         elif not UNITS[layer]:
@@ -126,7 +115,7 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """The unit of a layer's values: as given, else as in the file, else one of ``USUAL_UNITS``.
+    """Return the unit of a layer: as given, else as in the file, else one of ``USUAL_UNITS``.
 
     Raises FireModelError if the unit is unknown or not one of ``UNITS``.
     """
@@ -138,14 +127,14 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
     unit = _WRITTEN_UNITS.get(words, words) or USUAL_UNITS.get(layer, "")
     if unit in choices:
         return unit
-    what = f"unit {written!r} of {layer} is not known" if written else f"unit of {layer} unknown"
+    problem = f"unit {written!r} of {layer} is unknown" if written else f"unit of {layer} unknown"
     raise FireModelError(
-        f"{band.name}: {what}; give it in units ({layer} = ...), one of {', '.join(choices)}"
+        f"{band.name}: {problem}; give it in units ({layer} = ...), one of {', '.join(choices)}"
     )
 
 
 def limits(layer: str, unit: str) -> tuple[float, float]:
-    """Minimum and maximum of valid values, in the unit of the file."""
+    """Return the minimum and maximum of valid values, in the unit of the file."""
     if unit == "degrees":
         return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
     if unit == "class":
@@ -161,7 +150,7 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
 def value_problems(
     layer: str, unit: str, band: Band, values: NDArray[Any], missing: Mask
 ) -> Iterator[str]:
-    """The problems of a layer's values (y, x) in the unit of the file, one line each."""
+    """Yield the problems of a layer's values (y, x) in the unit of the file, one line each."""
     if layer == "fuel":
         yield from _fuel_problems(band, values, missing)
         return
@@ -180,13 +169,13 @@ def value_problems(
 def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[str]:
     if int(band.tags.get("FUEL_MODEL_OPTION", 0)) >= 2:
         yield (
-            f"{band.name}: its header says that a conversion file belongs to its fuel codes; "
-            "write the converted codes"
+            f"{band.name}: its header requires a conversion file for its fuel codes; write the "
+            "converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):
         if band.driver != "AAIGrid":  # an ASCII grid has no types
             yield (
-                f"{band.name}: fuel codes must be integers, the file holds {values.dtype}; "
+                f"{band.name}: fuel codes must be integers, the file has {values.dtype}; "
                 "write it as int16"
             )
             return
@@ -200,7 +189,7 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
     try:
         check_codes(np.where(missing, values.dtype.type(99), values), band.name)
     except FireModelError as error:
-        yield f"{error}; a code that stands for no data can be given as nodata"
+        yield f"{error}; give a code that means no data as nodata"
 
 
 def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:
@@ -222,7 +211,7 @@ def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDAr
 def to_gradient(
     slope_tan: NDArray[np.float32], aspect_deg: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
+    """Compute the rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
 
     Aspect is the direction in which the ground falls, clockwise from north; -1 is level ground (as
     in LANDFIRE).

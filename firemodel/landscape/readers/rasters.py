@@ -58,10 +58,10 @@ def read_landscape(
         units: The unit of a layer (``layers.UNITS``), instead of the one in the file. Without
             either, elevation is in metres, aspect in degrees clockwise from north, and slope and
             canopy are refused.
-        missing: Cells without a value in a layer are refused, or become bare ground (99) without
-            slope and trees; a missing elevation becomes that of the nearest cell.
+        missing: Cells without a value in a layer are rejected ("refuse"), or become bare ground
+            (99) without slope and trees; a missing elevation becomes that of the nearest cell.
         crs: The CRS of files that have none.
-        nodata: A value that stands for no data, besides those that the files declare.
+        nodata: A value that means no data, in addition to those that the files declare.
 
     Returns:
         The landscape, its arrays (rows, columns).
@@ -79,7 +79,7 @@ def read_landscape(
     kinds = {layer: unit_of(layer, band, units or {}) for layer, band in bands.items()}
 
     layers: dict[str, NDArray[Any]] = {}
-    gone: Mask = np.zeros(grid.shape, dtype=np.bool_)
+    incomplete: Mask = np.zeros(grid.shape, dtype=np.bool_)
     for layer, band in bands.items():
         values = values_of(band)
         without = missing_in(band, values, nodata)
@@ -92,12 +92,12 @@ def read_landscape(
             layers[layer] = to_layer(layer, kinds[layer], values, without)
         if layer == "elevation" and without.any():
             layers[layer] = _filled(band, layers[layer], without)
-        gone |= without
-    if gone.all():
+        incomplete |= without
+    if incomplete.all():
         raise FireModelError(f"{bands['fuel'].path}: no cell has a value in every layer")
     for layer, values in layers.items():
         if layer not in ("elevation", "aspect"):
-            values[gone] = NO_DATA_FUEL if layer == "fuel" else 0
+            values[incomplete] = NO_DATA_FUEL if layer == "fuel" else 0
     gradient = None
     if "slope" in layers:
         gradient = to_gradient(layers.pop("slope"), layers.pop("aspect"))
@@ -116,7 +116,7 @@ def read_landscape(
 
 
 def bands_for(files: Sources) -> dict[str, Band]:
-    """The band of each layer, in the order of ``layers.LAYERS``.
+    """Return the band of each layer, in the order of ``layers.LAYERS``.
 
     Raises FireModelError if a layer is unknown or a required one is missing.
     """
@@ -125,13 +125,13 @@ def bands_for(files: Sources) -> dict[str, Band]:
     for layer in sources:
         if layer not in LAYERS:
             raise FireModelError(
-                f"{where}: layer {layer!r} is not known; known are {', '.join(LAYERS)}"
+                f"{where}: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
             )
     if "fuel" not in sources:
         raise FireModelError(f"{where}: no fuel layer; give one")
     if ("slope" in sources) != ("aspect" in sources):
         raise FireModelError(
-            f"{where}: slope and aspect belong together; give both, or elevation alone"
+            f"{where}: only one of slope and aspect; give both, or elevation alone"
         )
     if "slope" not in sources and "elevation" not in sources:
         raise FireModelError(f"{where}: no elevation, nor slope and aspect; give them")
@@ -139,23 +139,23 @@ def bands_for(files: Sources) -> dict[str, Band]:
 
 
 def misfits(band: Band, grid: Grid, other: Grid, name: str) -> Iterator[str]:
-    """A problem if the grid of a band differs from another file's grid."""
+    """Yield a problem if the grid of a band differs from another file's grid."""
     differs = other.difference(grid)
     if differs:
         yield f"{band.path}: {differs} of {name}; bring both rasters onto one grid"
 
 
 def gaps(band: Band, values: NDArray[Any], without: Mask) -> Iterator[str]:
-    """A problem if a band has cells without a value."""
+    """Yield a problem if a band has cells without a value."""
     if without.any():
         yield (
             f"{band.name}: no data: value {cells_with(without, values)}; fill or crop them, or "
-            'take them as bare ground (missing = "unburnable")'
+            'read them as bare ground (missing = "unburnable")'
         )
 
 
 def _filled(band: Band, heights_m: NDArray[Any], without: Mask) -> NDArray[Any]:
-    """Elevation (y, x) with missing cells set to the elevation of the nearest cell with a value."""
+    """Fill missing cells of elevation (y, x) from the nearest cell with a value."""
     from scipy import ndimage
 
     if without.all():
@@ -188,8 +188,8 @@ def read_arrival(
     bad = (values < 0) & ~unburned
     if bad.any():
         raise FireModelError(
-            f"{band.name}: arrival is {cells_with(bad, values)}; it must be 0 or later: if that "
-            "stands for unburned, declare it as nodata"
+            f"{band.name}: arrival is {cells_with(bad, values)}; it must be 0 or later: if the "
+            "value means unburned, declare it as nodata"
         )
     if unburned.all():
         raise FireModelError(f"{band.name}: no cell has a value, so nothing burns; check the band")

@@ -1,6 +1,5 @@
 """Points, lines and polygons from GeoJSON, KML and Shapefiles, in a landscape's CRS."""
 
-import json
 import math
 import warnings
 from collections.abc import Iterator
@@ -55,19 +54,19 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
-    """The geometries of all layers of a file, unchanged, and their CRS.
+    """Read the geometries of all layers of a file, unchanged, and their CRS.
 
-    A feature without geometry gives an empty one. Raises FireModelError if the file cannot be read
+    A feature without geometry has an empty one. Raises FireModelError if the file cannot be read
     as shapes.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 
     check_file(path)
-    if path.suffix.lower() == ".shp" and not _beside(path, ".shx"):
+    if path.suffix.lower() == ".shp" and not _has_companion(path, ".shx"):
         raise FireModelError(
-            f"{path}: the .shx file that belongs to it is missing; copy all files of the "
-            "Shapefile (.shp, .shx, .dbf, .prj) into one folder"
+            f"{path}: the .shx file of the Shapefile is missing; copy all its files (.shp, .shx, "
+            ".dbf, .prj) into one folder"
         )
     check_shapes(path)
     pyogrio.set_gdal_config_options(OFFLINE)
@@ -75,10 +74,8 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     names: set[str | None] = set()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries refused below
+            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries rejected below
             for layer, _ in pyogrio.list_layers(path):
-                if pyogrio.read_info(path, layer=layer)["driver"] == "GeoJSON":
-                    _check_crs_member(path)
                 meta, _, geometries, _ = pyogrio.raw.read(
                     path, layer=layer, columns=[], force_2d=True
                 )
@@ -95,9 +92,9 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 
 
 def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Geometries, CRS and attributes of a zipped Shapefile in memory.
+    """Read geometries, CRS and attributes of a zipped Shapefile in memory.
 
-    There is a geometry and a record of attributes for each feature; dates are numpy.datetime64.
+    Each feature has a geometry and a record of attributes; dates are numpy.datetime64.
     Raises FireModelError if the file cannot be read.
     """
     import pyogrio
@@ -136,43 +133,25 @@ def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
 
 
 def _first_line(error: Exception) -> str:
-    """The text of an error without pyogrio's advice on drivers."""
+    """Return the text of an error without pyogrio's advice on drivers."""
     return " ".join(str(error).split(".;")[0].split())
 
 
-def _beside(path: Path, suffix: str) -> bool:
+def _has_companion(path: Path, suffix: str) -> bool:
     return any(path.with_suffix(end).is_file() for end in (suffix, suffix.upper()))
 
 
-def _check_crs_member(path: Path) -> None:
-    """Refuse a GeoJSON with an unknown ``crs``, which GDAL would read as longitude and latitude."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
-    if "crs" not in content:
-        return
-    member = content["crs"]
-    try:
-        CRS.from_user_input(member["properties"]["name"])
-    except (TypeError, KeyError, CRSError):
-        raise FireModelError(
-            f"{path}: its crs member is not understood ({json.dumps(member)[:80]}); write the "
-            "file in longitude and latitude, without that member (RFC 7946)"
-        ) from None
-
-
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
-    """The problems of a file's CRS, or of the CRS given for it, one line each."""
+    """Yield the problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
-        lost = "has no .prj file beside it" if path.suffix.lower() == ".shp" else "has no CRS"
+        lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
         yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
         return
     for name in (found, given):
         try:
             CRS.from_user_input(name or "EPSG:4326")
         except CRSError as error:
-            yield f"{path}: CRS {name!r} is not known: {error}"
+            yield f"{path}: CRS {name!r} is invalid: {error}"
             return
     if found and given and CRS.from_user_input(found) != CRS.from_user_input(given):
         yield (
@@ -182,7 +161,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
-    """The problems of one feature's geometry, apart from its place, one line each."""
+    """Yield the problems of one feature's geometry, apart from its place, one line each."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
         yield f"{where} is empty; delete or draw it"
@@ -208,9 +187,9 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
 def place_problems(
     path: Path, number: int, shape: BaseGeometry, landscape: Landscape
 ) -> Iterator[str]:
-    """A problem if a geometry in the landscape's CRS does not touch the landscape."""
+    """Yield a problem if a geometry in the landscape's CRS does not touch the landscape."""
     if not all(map(math.isfinite, shape.bounds)):
-        yield f"{path}: feature {number} is too far off to be projected onto the landscape"
+        yield f"{path}: feature {number} is too far away to be projected onto the landscape"
     elif not shape.intersects(box_of(landscape)):
         x_m, y_m = shape.representative_point().coords[0]
         lat, lon = landscape.lat_lon_of(x_m, y_m)
@@ -218,13 +197,13 @@ def place_problems(
         mid_lat, mid_lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2, (cols - 1) / 2))
         yield (
             f"{path}: feature {number} (at lat {lat:.4f}, lon {lon:.4f}) lies outside the "
-            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or take a "
+            f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or give a "
             "larger landscape"
         )
 
 
 def box_of(landscape: Landscape) -> BaseGeometry:
-    """The landscape's outline in its CRS."""
+    """Return the landscape's outline in its CRS."""
     rows, cols = landscape.shape
     west_m, north_m, cell_m = landscape.west_m, landscape.north_m, landscape.cell_size_m
     return shapely.box(west_m, north_m - rows * cell_m, west_m + cols * cell_m, north_m)

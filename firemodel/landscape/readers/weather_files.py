@@ -7,20 +7,19 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
 
-Floats = NDArray[np.float64]
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file: the field it ``gives`` is ``value * scale + offset``.
+    """A column of a file; the value of the field it ``gives`` is ``value * scale + offset``.
 
     Values in the file must be from ``low`` to ``high``.
     """
@@ -86,7 +85,7 @@ def read_weather(
     Args:
         path: The file.
         start: The time of the stream's 0 s, by default that of the first record. It must lie within
-            the file; records that end before it are left out. For .raws and .wxs it has no UTC
+            the file; records that end before it are ignored. For .raws and .wxs it has no UTC
             offset.
         moisture: Fuel moistures (fractions) for classes that have no column in the file.
         conditioned: The dead moistures begin with ``moisture`` at the file's first record and then
@@ -153,7 +152,10 @@ def _csv_rows(path: Path) -> Rows:
 
 
 def _raws_rows(path: Path) -> Rows:
-    """The records with CSV's column names; the count in the line RAWS: is often wrong, not used."""
+    """Return the records, with the column names of the CSV format.
+
+    The count in the line RAWS: is often wrong and is not used.
+    """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
     units = ""
@@ -195,28 +197,28 @@ def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) 
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> None:
-    """Refuse unknown columns, two columns of one quantity, and a missing time or wind."""
+    """Reject unknown columns, two columns of one quantity, and a missing time or wind."""
     given: dict[str, str] = {}
     for name in names:
         if name not in COLUMNS and name not in TIMES:
             raise FireModelError(
-                f"{path}: column {name!r} is not known; known are {', '.join([*TIMES, *COLUMNS])}"
+                f"{path}: column {name!r} is unknown; columns are {', '.join([*TIMES, *COLUMNS])}"
             )
         gives = COLUMNS[name].gives if name in COLUMNS else "time"
         if gives in given:
             raise FireModelError(f"{path}: {given[gives]} and {name} both given; remove one")
         given[gives] = name
-    for gives, wanted in (
+    for gives, columns in (
         ("time", "time or at_s"),
         ("wind_speed_m_s", "wind speed, such as wind_speed_m_s"),
         ("wind_from_deg", "wind_from_deg or wind_toward_deg"),
     ):
         if gives not in given:
-            raise FireModelError(f"{path}: no column of {wanted}; add one")
+            raise FireModelError(f"{path}: no column of {columns}; add one")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
-    """One value of a column, in the unit of the field that the column gives."""
+    """Return one value of a column, in the unit of the field that the column gives."""
     column = COLUMNS[name]
     value = _float(path, line, name, text)
     if not column.low <= value <= column.high:
@@ -237,7 +239,7 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 
 
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
-    """Time of each record in seconds after the start: finite, increasing, with 0 in the range."""
+    """Return the times of the records in s after the start, which must increase and enclose 0."""
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
         if start is not None:
@@ -258,8 +260,8 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             raise FireModelError(f"{path} line {line}: {name} = {row[name]} is not a time; give s")
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
-                f"{path} line {line}: {name} = {row[name]} is not later than the record before "
-                f"({rows[number - 1][1][name]}); sort the records and remove doubles"
+                f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
+                f"({rows[number - 1][1][name]}); sort the records and remove duplicates"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
@@ -286,7 +288,7 @@ def _moistures_pct(
     moisture: Moisture | None,
     conditioned: bool,
 ) -> Floats:
-    """Moistures of the five classes in percent, (n, 5): from the file, conditioned or constant."""
+    """Return moistures of the five classes in percent, (n, 5), as given or conditioned."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
@@ -307,7 +309,7 @@ def _moistures_pct(
             )
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
-            raise FireModelError(f"{path}: no column {name}, by which to condition; add it")
+            raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
     rain_mm = values.get("rain_mm", np.zeros(at_s.size))
     found[:, :3] = dead_moistures_pct(
         at_s, values["temperature_c"], values["humidity_pct"], rain_mm, (held[0], held[1], held[2])

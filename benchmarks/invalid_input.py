@@ -1,4 +1,4 @@
-"""Rubbish for a daemon's doors, by chance from a generator: MAVLink, HTTP, MQTT."""
+"""Send random invalid input to the interfaces of a daemon: MAVLink, HTTP, MQTT."""
 
 import random
 import socket
@@ -11,11 +11,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Codec
 
 PATHS = ("/", "/healthz", "/api/v1/state", "/api/v1/wind", "/api/v1/live?since=x", "/metrics")
-COMMANDS = ("hold", "status", "wind", "correct", "..", "x" * 200)  # an abort is taken as it comes
+COMMANDS = (
+    "hold",
+    "status",
+    "wind",
+    "correct",
+    "..",
+    "x" * 200,
+)  # without abort, which accepts any payload
 
 
-def mavlink_rubbish(rng: random.Random, ports: Iterable[int]) -> None:
-    """Noise, damaged frames, frames cut off, and true ones of strange content."""
+def send_invalid_mavlink(rng: random.Random, ports: Iterable[int]) -> None:
+    """Send noise, damaged and truncated frames, and valid frames with unusual content."""
     codec = Codec(rng.randrange(1, 255), 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         for port in ports:
@@ -35,7 +42,7 @@ def mavlink_rubbish(rng: random.Random, ports: Iterable[int]) -> None:
 
 
 def _strange(rng: random.Random) -> mavlink.MAVLink_message:
-    """What no autopilot sends."""
+    """Return a message that no autopilot sends."""
     big = rng.randrange(-(1 << 31), 1 << 31)
     match rng.randrange(4):
         case 0:
@@ -48,8 +55,11 @@ def _strange(rng: random.Random) -> mavlink.MAVLink_message:
             return mavlink.MAVLink_statustext_message(6, b"\xff\x00%s%n" * 5, big & 0xFFFF, 3)
 
 
-def http_rubbish(rng: random.Random, port: int) -> None:
-    """Noise, half requests, wrong tokens and lengths, headers without end; nobody reads answers."""
+def send_invalid_http(rng: random.Random, port: int) -> None:
+    """Send noise, incomplete requests, wrong tokens and lengths, and endless headers.
+
+    The responses are discarded.
+    """
     path = rng.choice(PATHS)
     sent = (
         rng.randbytes(rng.randrange(1, 2000)),
@@ -68,8 +78,8 @@ def http_rubbish(rng: random.Random, port: int) -> None:
                 sock.recv(100)
 
 
-def mqtt_rubbish(rng: random.Random, port: int, site: str) -> None:
-    """Payloads that are no commands; silently nothing while there is no broker."""
+def publish_invalid_mqtt(rng: random.Random, port: int, site: str) -> None:
+    """Publish payloads that are not valid commands; has no effect without a broker."""
     for _ in range(5):
         topic = f"mission-service/v1/{site}/cmd/{rng.choice(COMMANDS)}"
         payload = rng.choice(

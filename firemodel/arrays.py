@@ -1,0 +1,6 @@
+"""Array types of this package."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
