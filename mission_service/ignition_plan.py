@@ -54,5 +54,5 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 def plan_hash(plan: IgnitionPlan) -> str:
-    """What names a plan: SHA-256 of its JSON, in hexadecimal. Any other plan has another one."""
+    """Return the hash that identifies a plan: SHA-256 of its JSON, in hexadecimal."""
     return hashlib.sha256(msgspec.json.encode(plan)).hexdigest()

@@ -82,22 +82,22 @@ class Request(
     station: Name
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """The event that it becomes at mission time ``at_us``. Raises RequestError."""
+        """Return the event of the request at mission time ``at_us``. Raises RequestError."""
         own = (getattr(self, name) for name in self.__struct_fields__[len(OPERATOR_FIELDS) :])
         return self.makes(*self.user(at_us), *own)
 
     def user(self, at_us: int) -> tuple[int, str, str]:
-        """The fields with which all events of operators begin."""
+        """Return the first fields of all operator events: time, user and station."""
         return at_us, self.by.strip(), self.station
 
 
 def name_of(kind: type[Request]) -> str:
-    """What ``do`` is for requests of this kind."""
+    """Return the value of ``do`` for requests of this kind."""
     return str(kind.__struct_config__.tag)
 
 
 def summary_of(kind: type[Request]) -> str:
-    """The first line of a request's help text."""
+    """Return the first line of a request's help text."""
     return (kind.__doc__ or "").partition("\n")[0]
 
 
@@ -131,7 +131,7 @@ class Correct(FireRequest, frozen=True):
     ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Corrected``."""
+        """Return the event ``Corrected``."""
         count, least = len(self.points), _MIN_POINTS[self.shape]
         if count < least or (self.shape == "point" and count > 1):
             raise RequestError(f"correct: a {self.shape} of {count} places; it takes {least}")
@@ -156,7 +156,7 @@ class Lit(FireRequest, frozen=True):
     )
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Lit``."""
+        """Return the event ``IgnitionReported``."""
         return events.IgnitionReported(
             *self.user(at_us), self.points, at_us - round(self.ago_s * 1e6)
         )
@@ -173,7 +173,7 @@ class Erase(FireRequest, frozen=True):
     radius_m: Radius
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """As its keys are, but for a radius of 0."""
+        """Return the event ``Erased``; raises RequestError for a radius of 0."""
         if self.radius_m == 0.0:
             raise RequestError("erase: radius_m must be more than 0")
         return super().event(at_us)
@@ -230,7 +230,7 @@ class OrderRequest(Request, frozen=True):
     ] = False
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Ordered``, with the request's name as the order."""
+        """Return the event ``OrderGiven``, with the request's name as the order."""
         order = cast("events.Order", name_of(type(self)))
         return events.OrderGiven(*self.user(at_us), self.vehicle, order, self.confirmed)
 
@@ -329,7 +329,7 @@ class Replay(Request, frozen=True):
     seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """None: only replays accept it, and handle it themselves."""
+        """Raise RequestError: only replays accept this request, and handle it without an event."""
         raise RequestError("replay: this run is not a replay")
 
 

@@ -31,7 +31,7 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 
 
 def is_host(text: str) -> bool:
-    """Whether a name can be resolved; Python raises UnicodeError for some that cannot."""
+    """Return whether a name can be resolved; Python raises UnicodeError for some that cannot."""
     try:
         text.encode("idna")
     except UnicodeError:
@@ -49,10 +49,10 @@ def check_prefix(prefix: str, option: str = "--prefix") -> str:
 
 
 def site_of(scenario_name: str) -> str:
-    """The name of a scenario as one level of a topic."""
+    """Return the name of a scenario as one level of a topic."""
     return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
 
 
 def site_topic(prefix: str, site: str) -> str:
-    """The beginning of all topics of a site."""
+    """Return the beginning of all topics of a site."""
     return f"{prefix}/{VERSION}/{site}"

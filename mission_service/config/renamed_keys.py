@@ -35,7 +35,7 @@ RENAMED_RULES: Mapping[str, str] = {"damped": "islam_hu_damped", "literal": "isl
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Names of version 0.1 in a scenario, each as a line with the present name.
+    """Yield names of version 0.1 in a scenario, each as a line with the present name.
 
     Args:
         data: The scenario as TOML has it.

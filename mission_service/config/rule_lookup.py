@@ -43,26 +43,26 @@ class Way(Protocol):
 
 @cache
 def own_ways() -> Mapping[str, Way]:
-    """The ways of flying of this package, by rule."""
+    """Return the ways of flying of this package, by rule."""
     ways: tuple[Way, ...] = OWN.load()
     return {rule: way for way in ways for rule in way.rules}
 
 
 def rules() -> list[str]:
-    """All rules: those of this package, then those of other packages."""
+    """Return all rules: those of this package, then those of other packages."""
     others = {each.name for each in entry_points(group=GROUP)} - own_ways().keys()
     return [*own_ways(), *sorted(others)]
 
 
 def versions_of_others() -> dict[str, str]:
-    """The versions of the other packages that have rules, by the address of each rule."""
+    """Return the versions of the other packages that have rules, by the address of each rule."""
     points = entry_points(group=GROUP)
     return {each.value: "" if each.dist is None else each.dist.version for each in points}
 
 
 @cache
 def way_named(rule: str) -> Way:
-    """The way of flying of a rule. Raises ValueError if there is none, or it cannot be loaded."""
+    """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
     own = own_ways().get(rule)
     if own is not None:
         return own
@@ -76,7 +76,7 @@ def way_named(rule: str) -> Way:
 
 
 def _of_another_package(point: EntryPoint) -> Way:
-    """The way of flying at an entry point. Raises ValueError."""
+    """Return the way of flying at an entry point. Raises ValueError."""
     where = f"entry point {point.name} = {point.value}"
     if re.fullmatch(NAME, point.name) is None:
         raise ValueError(f"{where}: a rule is named in lower case letters, digits and _")

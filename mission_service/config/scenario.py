@@ -140,13 +140,13 @@ def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
 
 
 def _port(link: str) -> str:
-    """The port or serial device of a link, without its host."""
+    """Return the port or serial device of a link, without its host."""
     kind, _, rest = link.partition(":")
     return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
 
 
 def scenario_path(name: str) -> Path:
-    """The file of a scenario, from its path or the name of a scenario shipped with the package."""
+    """Return the file of a scenario, from its path or the name of a shipped scenario."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -163,7 +163,7 @@ def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
 
 
 def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
-    """As ``load_scenario``, with the daemon's settings from its table [service]."""
+    """Read a scenario as ``load_scenario`` does, and the daemon's settings in [service]."""
     path = scenario_path(name)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """As ``load_run``, from the content of a file or of a journal's header."""
+    """Check a run as ``load_run`` does, from the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
     for renamed in renamed_keys(data):
@@ -199,7 +199,7 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
 
 
 def _with_table_of(planner: Any) -> type[Scenario]:
-    """The model of a scenario, with the own table of the planner's rule."""
+    """Return the model of a scenario, with the own table of the planner's rule."""
     rule = planner.get("rule") if isinstance(planner, dict) else None
     try:
         section = way_named(rule).section if isinstance(rule, str) else None
@@ -210,7 +210,7 @@ def _with_table_of(planner: Any) -> type[Scenario]:
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """The model of a scenario with a further table. Raises ScenarioError if it has that table."""
+    """Return the model of a scenario with a further table. Raises ScenarioError for a duplicate."""
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; name it otherwise")
     needed = any(field.is_required() for field in section.model_fields.values())
@@ -219,7 +219,7 @@ def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """The table with the name of the scenario's rule; with its defaults, if it is missing.
+    """Return the table with the name of the scenario's rule; with its defaults, if it is missing.
 
     Raises ScenarioError if it is missing and has keys without a default.
     """
@@ -232,7 +232,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
-    """The value at these keys of the file."""
+    """Return the value at these keys of the file."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -240,7 +240,7 @@ def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...]
 
 
 def _in_layers(scenario: Scenario) -> Scenario:
-    """The scenario with an altitude layer for each vehicle without ``altitude_agl_m``."""
+    """Return the scenario with an altitude layer for each vehicle without ``altitude_agl_m``."""
     vehicles = tuple(
         vehicle
         if "altitude_agl_m" in vehicle.model_fields_set
@@ -253,7 +253,7 @@ def _in_layers(scenario: Scenario) -> Scenario:
 
 
 def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
-    """A section with its paths made relative to the scenario's folder; the files must exist."""
+    """Return a section with paths resolved in the scenario's folder; the files must exist."""
     if isinstance(section, Path):
         found = (scenario_path.parent / section).resolve()
         if not found.is_file():
@@ -279,7 +279,7 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
 
 
 def with_signing_key(scenario: Scenario, source: str) -> Scenario:
-    """The scenario with one key for all its vehicles. Raises ScenarioError for a bad source."""
+    """Return the scenario with one key for all vehicles. Raises ScenarioError for a bad source."""
     if re.fullmatch(KEY_SOURCE, source) is None:
         raise ScenarioError("signing key: name where it is, as file:PATH or env:NAME")
     vehicles = tuple(
@@ -289,7 +289,7 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
 
 
 def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -> Scenario:
-    """The scenario of a process that flies one vehicle only, or exchanges messages with others.
+    """Return the scenario of a process that flies one vehicle, or exchanges messages with others.
 
     Raises ScenarioError for an unknown vehicle, and for a rule without messages to other processes.
     """
@@ -306,7 +306,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
 
 
 def flying(scenario: Scenario) -> Scenario:
-    """The scenario itself if vehicles can fly in it; else raises ScenarioError with the reason."""
+    """Return the scenario if vehicles can fly in it; else raise ScenarioError with the reason."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
     known = scenario.planner.ignition_known and scenario.burn_flown is None

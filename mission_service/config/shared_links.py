@@ -8,7 +8,7 @@ from mission_service.errors import ScenarioError
 
 
 def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
-    """The vehicles grouped by link; links are in the order of the scenario's vehicles.
+    """Return the vehicles grouped by link; links are in the order of the scenario's vehicles.
 
     Raises ScenarioError, in one line, for vehicles that cannot share their link.
     """
@@ -30,7 +30,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
 
 
 def _place_of(link: str) -> str:
-    """The port or device of a link, which only one link may open."""
+    """Return the port or device of a link, which only one link may open."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"

@@ -27,7 +27,7 @@ LANDED, THRUST = "landed", "thrust"
 
 
 def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-    """Announcements and alarms for an autopilot's report; none for other events."""
+    """Return announcements and alarms for an autopilot's report; none for other events."""
     match event:
         case AutopilotText():
             return _text(vehicle, event)

@@ -130,7 +130,7 @@ class Core:
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:
-        """Whether a command must not be sent: the last check, besides those of the callers.
+        """Return whether a command must not be sent: the last check, besides those of the callers.
 
         A command is withheld if it would change a mode that the autopilot or the pilot selected, or
         if it would start a vehicle without an operator's order. An order that an operator has
@@ -254,7 +254,7 @@ class Core:
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _is_left_alone(self, vehicle: Vehicle) -> bool:
-        """Whether a vehicle that no order concerns flies what it has on board, undecided on."""
+        """Return whether no decision is taken now for a vehicle that is not under an order."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
@@ -281,7 +281,7 @@ class Core:
         return []
 
     def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Whether a start that was refused, or waited for a mission, is to be ordered now."""
+        """Return whether a start that was refused, or waited for a mission, is due now."""
         again_at_s = vehicle.start_again_at_s
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
@@ -299,7 +299,7 @@ class Core:
         return []
 
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Whether a vehicle on the ground may take off now.
+        """Return whether a vehicle on the ground may take off now.
 
         Vehicles of other processes are not visible during their takeoff, so each vehicle has its
         own earliest takeoff time.
@@ -320,7 +320,7 @@ class Core:
         return [self._missions.upload(vehicle, path, items, fix, "fly to the fire")]
 
     def _must_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
+        """Return whether the remaining endurance is needed for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
             return not vehicle.sent_home
@@ -525,7 +525,7 @@ class Core:
         ]
 
     def _may_start_again(self, vehicle: Vehicle) -> bool:
-        """Whether a refused start is repeated.
+        """Return whether a refused start is repeated.
 
         Autopilots refuse to arm until they have a position: on the ground the start is repeated. In
         the air it is repeated only for a vehicle that flies by its mission.
@@ -536,7 +536,7 @@ class Core:
         return self.guidance.in_mission(vehicle.name) or not availability.airborne
 
     def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
-        """Whether a start in flight was announced before, with no refusal, hold or return since."""
+        """Return whether a start in flight was announced before and nothing has ended it since."""
         known = vehicle.start_confirmed and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
             vehicle.start_confirmed = event.command == "start mission"

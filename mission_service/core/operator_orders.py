@@ -95,7 +95,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
-        """The reason why an order cannot be carried out, even if confirmed; empty if it can."""
+        """Return the reason why an order cannot be carried out, even if confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: resume it first"

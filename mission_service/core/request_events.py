@@ -43,7 +43,7 @@ ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
 def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
-    """The requests that a run of this scenario accepts."""
+    """Return the requests that a run of this scenario accepts."""
     return _table(*OF_EVERY_RUN, *way_of(scenario).requests)
 
 
@@ -75,7 +75,7 @@ def event_of(
     scope: RequestScope = ANYWHERE,
     may_approve: bool | None = None,
 ) -> AnyOperatorEvent:
-    """The event that a request stands for.
+    """Return the event of a request.
 
     Args:
         request: The request as JSON has it.
@@ -138,7 +138,7 @@ def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
 
 
 def _places(asked: Request) -> tuple[tuple[float, float], ...]:
-    """All places of a request; raises RequestError if a line through them is too long."""
+    """Return all places of a request; raises RequestError if a line through them is too long."""
     lat_deg, lon_deg = getattr(asked, "lat_deg", None), getattr(asked, "lon_deg", None)
     if lat_deg is not None and lon_deg is not None:
         return ((lat_deg, lon_deg),)
@@ -161,7 +161,7 @@ def _named(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Whether a name in a request is the name that the service uses for its own orders."""
+    """Return whether a name in a request is the name that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

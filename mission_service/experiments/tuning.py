@@ -44,7 +44,7 @@ def tune(
     generations: int = GENERATIONS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """The best constants found, rounded to 3 digits, and the run that found them.
+    """Return the best constants found, rounded to 3 digits, and the settings of the search.
 
     ``history`` has the best and the mean fitness of each generation. Raises MissionServiceError
     without DEAP, or for a population from which nothing can be bred.
@@ -136,7 +136,7 @@ def _seeded(seed: int) -> Iterator[None]:
 
 
 def fitnesses(many: Sequence[Genes], seed: int) -> list[float]:
-    """The task of a worker: the fitness of some chromosomes on the scenarios of a seed."""
+    """Return the fitness of some chromosomes on the scenarios of a seed (a worker's task)."""
     return [fitness(genes, seed) for genes in many]
 
 
@@ -147,7 +147,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Evaluations by so many processes; by this one alone if it is one."""
+    """Yield a function that evaluates in ``workers`` processes; for 1, in this process."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return
@@ -167,7 +167,7 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 
 @contextmanager
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
-    """Evaluations by the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.
+    """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
     Workers need this package. One that is lost is made up for by the others. Raises
     MissionServiceError without Dask, or where no scheduler answers or it has no workers.

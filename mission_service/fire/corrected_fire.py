@@ -50,7 +50,7 @@ class CorrectedFire:
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """The fire and, if there are corrections, the fire without them; both get ignitions."""
+        """Return the fire and, with corrections, also the fire without them; both get ignitions."""
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
@@ -86,7 +86,7 @@ class CorrectedFire:
                 return fire
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """The fire with the corrections in effect; ``base`` itself if they give no observation."""
+        """Return the corrected fire; ``base`` itself if the corrections give no observation."""
         spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
         observations = thinned(observations_held(held, self._landscape, spacing_m))
         if not len(observations):
@@ -102,7 +102,7 @@ class CorrectedFire:
 
 
 def thinned(observations: Floats) -> Floats:
-    """At most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
+    """Return at most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
     These suffice to correct the fire around them; the state of all drawn cells is set exactly by
     ``as_drawn``.
@@ -115,12 +115,12 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning:
-    """The burning state of a fire at its time."""
+    """Return the burning state of a fire at its time."""
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
 
 
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Arrival times (y, x) in which every drawn cell has exactly the state that was drawn.
+    """Return arrival times (y, x) in which every drawn cell has exactly the drawn state.
 
     A fit weighs observations against each other and the model; a drawn cell is certain. Later
     strokes override earlier ones. A burning area sets only the cells on its outline.
@@ -140,7 +140,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
-    """The cells (n, 2) of a stroke without the erased ones."""
+    """Return the cells (n, 2) of a stroke without the erased ones."""
     correction = held.correction
     places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])

@@ -37,7 +37,7 @@ class CorrectionLog:
         self.taken_back: list[Step] = []  # undone steps; the last one is redone first
 
     def apply(self, event: AnyEvent) -> bool:
-        """Process an event; returns whether the set of valid corrections changed."""
+        """Process an event; return whether the set of valid corrections changed."""
         match event:
             case Corrected() | Erased():
                 self.steps.append(event)
@@ -53,7 +53,7 @@ class CorrectionLog:
                 return False
 
     def held(self) -> tuple[Held, ...]:
-        """The corrections in effect in the order of drawing, without erased points."""
+        """Return the corrections in effect in the order of drawing, without erased points."""
         found: list[Held] = []
         erasures: tuple[Erased, ...] = ()
         for step in reversed(self.steps):
@@ -71,7 +71,7 @@ class CorrectionLog:
         return found
 
     def status(self) -> list[dict[str, Any]]:
-        """Each correction in effect: state, shape, operator, station, times."""
+        """Return each correction in effect: state, shape, operator, station, times."""
         return [
             {
                 "state": held.correction.state,
@@ -90,7 +90,7 @@ class CorrectionLog:
 def observations_of_correction(
     correction: Corrected, landscape: Landscape, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a correction.
+    """Return observations (n, 4) x, y, at_s, state of a correction.
 
     Raises FireModelError for a shape that cannot be used.
     """
@@ -100,7 +100,7 @@ def observations_of_correction(
 
 
 def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
-    """Observations (n, 4) of all corrections in effect, without the erased ones."""
+    """Return observations (n, 4) of all corrections in effect, without the erased ones."""
     found = [np.empty((0, 4))]
     for each in held:
         observations = observations_of_correction(each.correction, landscape, spacing_m)
@@ -111,7 +111,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """Mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
+    """Return mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
@@ -119,13 +119,13 @@ def not_erased(
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
-    """True if a place lies within the circle of an erasure."""
+    """Return true if a place lies within the circle of an erasure."""
     middle = (erasure.lat_deg, erasure.lon_deg)
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
 def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """True if a correction is a point that is erased; lines and polygons are always kept."""
+    """Return true if a correction is a point that is erased; lines and polygons are always kept."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

@@ -59,7 +59,7 @@ class Perturbation(NamedTuple):
 
 
 def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
-    """Perturbations by Latin hypercube sampling (McKay et al. 1979).
+    """Return perturbations by Latin hypercube sampling (McKay et al. 1979).
 
     They are the same for the same seed, so that successive forecasts differ only by the fire.
     """
@@ -91,7 +91,7 @@ def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival
 def ensemble_of(
     fire: Fire, until_s: float, version: int, seed: int, go_on: Callable[[], bool] = lambda: True
 ) -> Ensemble:
-    """The ensemble of a fire until a time; the fire is not changed.
+    """Return the ensemble of a fire until a time; the fire is not changed.
 
     It ends with fewer members as soon as ``go_on()`` is False.
     """
@@ -108,7 +108,7 @@ def ensemble_of(
 
 
 def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
-    """Fraction (y, x) of an ensemble's members in which each cell has burned by a time."""
+    """Return the fraction (y, x) of members in which each cell has burned by a time."""
     burned = np.zeros(ensemble.shape)
     for top, left, after_s in ensemble.members:
         rows, cols = after_s.shape
@@ -117,7 +117,7 @@ def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
 
 
 def _cut(arrival_s: Floats, at_s: float) -> Member:
-    """Arrival times as a compact float32 window; cells burned by ``at_s`` stay at 0 s or less."""
+    """Return arrival times as a float32 window; cells burned by ``at_s`` stay at 0 s or less."""
     burned = np.isfinite(arrival_s)
     rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
     if not rows.size:

@@ -74,7 +74,7 @@ class EstimatedFire:
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """Arrival time of fire at a place in seconds, including fire from spheres in ``held``."""
+        """Return the arrival time of fire (s) at a place, with fire from spheres in ``held``."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
@@ -87,7 +87,7 @@ class EstimatedFire:
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """A fire from sources (n, 3) x, y, at_s alone, with the burn's fuel and weather."""
+        """Return a fire from sources (n, 3) x, y, at_s alone, with the burn's fuel and weather."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             fuel = self._burn.fuel_model
@@ -164,7 +164,7 @@ class EstimatedFire:
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
-        """The weather entry in effect at a time."""
+        """Return the weather entry in effect at a time."""
         return WeatherStream(tuple(self._entries)).at(at_s)
 
     def _mark(self) -> None:
@@ -192,6 +192,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """A wind (direction from, relative to true north) as a velocity x, y on the grid in m/s."""
+    """Return a wind (from, relative to true north) as a velocity x, y on the grid in m/s."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

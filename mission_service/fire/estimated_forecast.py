@@ -38,17 +38,17 @@ class EstimatedForecasts:
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Arrival times by the current estimate."""
+        """Return arrival times by the current estimate."""
         version, _, arrival_s = await self._arrivals()
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
     async def probability(self, at_s: float) -> Floats:
-        """Probability (y, x) that fire has reached each cell by a time."""
+        """Return probability (y, x) that fire has reached each cell by a time."""
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
     def close(self) -> None:
-        """Has no effect; present as in ``Forecasts``."""
+        """Do nothing; the method exists as in ``Forecasts``."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
         estimate = self._estimate_of()

@@ -68,7 +68,7 @@ class Forecasts:
         )
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Arrival times until ``until_s`` or later; for a past time those of the present fire.
+        """Return arrival times until ``until_s`` or later; for a past time, of the present fire.
 
         Raises FireModelError for a time more than LONGEST_S from now, or not a number.
         """
@@ -80,7 +80,7 @@ class Forecasts:
         return await self._fresh(self._arrivals, until_s)
 
     async def probability(self, at_s: float) -> Floats:
-        """Probability (y, x) that each cell has burned by a time (0 or 1 for a past time).
+        """Return the probability (y, x) that each cell has burned by a time (0 or 1 in the past).
 
         Raises FireModelError as ``arrival``.
         """

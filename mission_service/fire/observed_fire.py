@@ -46,21 +46,21 @@ class ObservedFire:
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def camera_observation(self, fix: Telemetry) -> Observed | None:
-        """The observation of a vehicle's camera at a position, if an image is due.
+        """Return the observation of a vehicle's camera at a position, if an image is due.
 
         None while the vehicle's position is not measured: the image would be placed wrongly.
         """
         return self.seen_from(fix) if self._is_due(fix) else None
 
     def _is_due(self, fix: Telemetry) -> bool:
-        """True if an image is due; the next one is then due one period later."""
+        """Return true if an image is due; the next one is then due one period later."""
         if self._lacking[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
 
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """The observation from this position, with the footprint widened by ``wider_cells``."""
+        """Return the observation from a position; the footprint is widened by ``wider_cells``."""
         return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
@@ -109,7 +109,7 @@ class ObservedFire:
         return found
 
     def on_command(self, command: AnyCommand) -> None:
-        """Note the place of a sphere until the drop is confirmed."""
+        """Record the predicted landing of a sphere until its drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place

@@ -31,7 +31,7 @@ LASTING_S = 3600.0  # time that the last weather record may hold without a note
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
-    """The landscape of a scenario, with its barriers."""
+    """Return the landscape of a scenario, with its barriers."""
     section = scenario.landscape
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
@@ -52,7 +52,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
 
 
 def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
-    """A vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
+    """Return a vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
     place = (section.home_lat_deg, section.home_lon_deg)
     return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
 
@@ -75,7 +75,7 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
-    """The weather of a scenario, from its entries or its weather file."""
+    """Return the weather of a scenario, from its entries or its weather file."""
     if scenario.weather_file is not None:
         return _from_file(scenario.weather_file)
     return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
@@ -97,7 +97,7 @@ def _from_file(section: WeatherFile) -> WeatherStream:
 
 
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
-    """The cells (row, column) that a scenario's ignition lights."""
+    """Return the cells (row, column) that a scenario's ignition lights."""
     if ignition.file is not None:
         return cells_of_file(ignition.file, landscape)
     assert ignition.lat_deg is not None
@@ -106,14 +106,14 @@ def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[in
 
 
 def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
-    """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
+    """Return the burnable cells (row, column) of a point or a line (lat, lon)."""
     places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
     return burnable_cells([shape], landscape)
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """The initial fire of a scenario, or None."""
+    """Return the initial fire of a scenario, or None."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -136,7 +136,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
-    """An initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
+    """Return an initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
     from firemodel.spread.burning import burning_from_arrival
 
     fire = new_fire(
@@ -177,7 +177,7 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 
 
 def notes_on(scenario: Scenario) -> list[str]:
-    """Notes on settings that are valid but possibly not intended."""
+    """Return notes on settings that are valid but possibly not intended."""
     if scenario.weather_file is None:
         return []
     entries = weather_of(scenario).entries
@@ -192,7 +192,7 @@ def notes_on(scenario: Scenario) -> list[str]:
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
-    """The fire of a scenario at its start."""
+    """Return the fire of a scenario at its start."""
     ignitions = _ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
@@ -211,7 +211,7 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
 def begun_again(
     scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
 ) -> Fire:
-    """The fire of a scenario restarted from a burning state, with the later ignitions."""
+    """Return the fire of a scenario restarted from a burning state, with the later ignitions."""
     later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
     return _fire(scenario, landscape, weather, later, burning)
 
@@ -246,7 +246,7 @@ def _fire(
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """The reported position of the fire (x, y): the ignition, or a point reported inside the fire.
+    """Return the reported position of the fire (x, y): its ignition or a point inside it.
 
     In a burn it is the position of the firing boss.
     """

@@ -34,7 +34,7 @@ class Window(NamedTuple):
 
 
 def window_of_change(before: Fire, after: Fire) -> Window | None:
-    """The window around the cells that have burned in only one of two fires, or None."""
+    """Return the window around the cells that have burned in only one of two fires, or None."""
     burned = after.burned()
     rows, cols = np.nonzero(burned != before.burned())
     if not rows.size:
@@ -46,7 +46,7 @@ def window_of_change(before: Fire, after: Fire) -> Window | None:
 
 
 def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
-    """Character codes (y, x) as one string for each row."""
+    """Return character codes (y, x) as one string for each row."""
     text = codes.astype(np.uint8).tobytes().decode("ascii")
     width = codes.shape[1]
     return tuple(text[start : start + width] for start in range(0, len(text), width))
@@ -58,7 +58,7 @@ class SimulatedFire:
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """``corrected`` applies operators' reports, if reports change this fire."""
+        """Set the fire; ``corrected`` applies operators' reports, if they change this fire."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
@@ -88,13 +88,13 @@ class SimulatedFire:
         return None if self.fire is before else window_of_change(before, self.fire)
 
     def corrections(self) -> list[dict[str, Any]]:
-        """Status of the corrections in effect."""
+        """Return the status of the corrections in effect."""
         return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(
         self, telemetry: Telemetry, camera: Camera, wider_cells: float = 0.0
     ) -> Observed | None:
-        """The observation of a vehicle's camera at its position; None outside the landscape.
+        """Return the observation of a vehicle's camera at its position; None outside the landscape.
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
@@ -134,7 +134,7 @@ class SimulatedFire:
 
 
 def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
-    """The fire of a scenario, corrected by operators.
+    """Return the fire of a scenario, corrected by operators.
 
     In a burn it is the simulated truth: reports change the estimate, not this fire.
     """

@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
-    """The strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
+    """Return the strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
     text = np.frombuffer("".join(cells).encode("ascii"), dtype=np.uint8)
     return CODES[text].reshape(len(cells), -1)
 
@@ -43,7 +43,7 @@ def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
 def polar(
     rows: Floats, cols: Floats, centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Whole-degree bearing and distance in cells of cells seen from the centre."""
+    """Return the whole-degree bearing and the distance in cells of cells from the centre."""
     north = centre_row - rows
     east = cols - centre_col
     bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
@@ -54,7 +54,7 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Each cell's bearing, its distance, and how many bearings it spans to either side (y, x).
+    """Return bearing, distance and the bearings spanned to either side of each cell (y, x).
 
     A cell near the centre spans many bearings. Maps with the same centre share these arrays.
     """
@@ -66,7 +66,7 @@ def _grid_around(
 
 @compiled
 def front_in_window(window):  # type: ignore[no-untyped-def]
-    """Burned cells (y, x) with an unburned one beside them (4 neighbours) in the same window."""
+    """Return the mask (y, x) of burned cells with an unburned 4-neighbour in the same window."""
     rows, cols = window.shape
     front = np.zeros((rows, cols), dtype=np.bool_)
     for row in range(rows):
@@ -113,7 +113,7 @@ class FireMap:
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without the arrays that follow from the centre, which are most of it."""
+        """Return the state without the arrays that follow from the centre, which are most of it."""
         return {name: value for name, value in vars(self).items() if name != "_grid"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -160,19 +160,19 @@ class FireMap:
         self.outer_at_s[in_view] = at_s
 
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
-        """Eq. 1 for every bearing, not negative; optionally the mean over ± ``smoothing_deg``."""
+        """Return eq. 1 by bearing, not negative; optionally averaged over ± ``smoothing_deg``."""
         rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
 
     def filled_outer(self) -> tuple[Floats, Floats]:
-        """Outer distance and time for every bearing, unseen bearings interpolated."""
+        """Return outer distance and time for every bearing, interpolated for unseen bearings."""
         return fill_circular(self.outer), fill_circular(self.outer_at_s)
 
 
 def taken_back(
     row: int, col: int, window: NDArray[np.uint8], centre: tuple[float, float], burned: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Bearings whose outermost burned ground is unburned in a window, and the distance left.
+    """Return bearings whose outermost burned ground is unburned in a window, and the remainder.
 
     ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
     """
@@ -195,7 +195,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Moving mean over ± half_width neighbours on the circle."""
+    """Return the moving mean over ± half_width neighbours on the circle."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -217,7 +217,7 @@ def fill_circular(values: Floats) -> Floats:
 
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
-    """Distance of the front on each bearing, and whether it is in view; updates ``burned``."""
+    """Return the distance of the front by bearing, and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
     beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
@@ -255,7 +255,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Bearings between two neighbouring front cells are seen too: the front joins the two."""
+    """Mark the bearings between two neighbouring front cells as seen: the front joins the two."""
     known = np.flatnonzero(in_view)
     for place in range(known.size if known.size > 1 else 0):
         start, end = known[place], known[(place + 1) % known.size]

@@ -86,14 +86,14 @@ class Planner(Steered, Protocol):
         """The number of reversals so far."""
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """The planner's estimated front: distances in cells on 360 bearings."""
+        """Return the planner's estimated front: distances in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """The command that publishes and records a vehicle's decision."""
+    """Return the command that publishes and records a vehicle's decision."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -145,55 +145,55 @@ class Guidance(ABC):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Announcements at a position."""
+        """Return announcements for a new position."""
         return []
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Commands for a vehicle that flies and has flight time left."""
+        """Return commands for a vehicle that flies and has endurance left."""
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Commands for a vehicle at the end of its flight time; None: its autopilot flies home."""
+        """Return commands for a vehicle at the end of its endurance, or None for a plain return."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """The path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
+        """Return the path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission that flies a path and loiters at its end."""
+        """Return the mission that flies a path and loiters at its end."""
 
     def in_mission(self, name: str) -> bool:
-        """Whether the vehicle, in the air, flies the mission on board."""
+        """Return whether the vehicle, in the air, flies the mission on board."""
         return True
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Further commands after an event, given the commands ``leaving`` that it caused."""
+        """Return further commands after an event, given the commands ``leaving`` that it caused."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """The state for interfaces; ``complete``: ending the run now loses nothing."""
+        """Return the state for interfaces; ``complete``: ending the run now loses nothing."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission that a renewal would send now, without side effects; None: there is none."""
+        """Return the mission that a renewal would send now, or None; without side effects."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """The importances that its planner compares at a position; None if it compares none."""
+        """Return the importances that a planner compares at a position, or None."""
         return None
 
     def settings(self) -> dict[str, float]:
-        """The present values of settings that may change in flight."""
+        """Return the present values of settings that may change in flight."""
         return {}
 
     def awaited(self) -> Awaited:
-        """The operator input that the guidance awaits."""
+        """Return the operator input that the guidance awaits."""
         return Awaited("", False)
 
     @property
@@ -212,10 +212,10 @@ class Lock(Protocol):
         """Apply the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why a drop must not be ordered now; None if it may."""
+        """Return the reason why a drop must not be ordered now; None if it may."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether an item of a mission may switch an output."""
+        """Return whether an item of a mission may switch an output."""
 
     def status(self) -> dict[str, Any]:
-        """The lock's state, for interfaces."""
+        """Return the lock's state, for interfaces."""

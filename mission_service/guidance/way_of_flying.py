@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def later(address: str) -> Callable[..., Any]:
-    """The function at ``module:name``, imported when it is called for the first time."""
+    """Return the function at ``module:name``, imported when it is called for the first time."""
     return lambda *given: resolve_name(address)(*given)
 
 

@@ -29,12 +29,12 @@ LeastAltitude = Callable[[Floats], Floats]
 
 
 def no_least(points_m: Floats) -> Floats:
-    """No minimum altitude besides the terrain at points (n, 2)."""
+    """Return no minimum altitude (-inf) at points (n, 2): only the terrain counts."""
     return np.full(len(points_m), -np.inf)
 
 
 def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
-    """A path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
+    """Return a path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
 
     Simplified to ``tolerance_m``; a point nearer to the last one than ``min_leg_m``, or than a
     fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
@@ -69,7 +69,7 @@ def leg_altitudes_m(
     around_last_m: float,
     min_at: LeastAltitude = no_least,
 ) -> list[float]:
-    """Altitude above sea level for each point so that all legs clear the terrain under them.
+    """Return altitude above sea level for each point so that all legs clear the terrain under them.
 
     The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
     ``min_at`` gives the minimum altitude at points (n, 2), independent of the terrain.
@@ -105,7 +105,7 @@ def mission_along(
     min_at: LeastAltitude = no_least,
     start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
-    """The items that fly a path (x, y in metres), with an unlimited loiter at its end.
+    """Return the items that fly a path (x, y in metres), with an unlimited loiter at its end.
 
     Each mission sets the speed first (after a takeoff): autopilots reset it on a mode change.
     ``landing`` follows the loiter, for autopilots that require one; ``start_m`` is the vehicle's

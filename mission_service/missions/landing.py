@@ -27,7 +27,7 @@ COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
 
 def needs_landing(section: VehicleSection) -> bool:
-    """Whether missions of this vehicle must end with a landing."""
+    """Return whether missions of this vehicle must end with a landing."""
     return section.landing and (section.stack, section.kind) == ("px4", "plane")
 
 
@@ -44,7 +44,7 @@ class Landing:
         self.at(scenario.start_s)
 
     def at(self, at_s: float) -> tuple[MissionItem, ...]:
-        """The items of a landing into the wind at a mission time; () if none is needed."""
+        """Return the items of a landing into the wind at a mission time; () if none is needed."""
         if self._weather is None:
             return ()
         wind_from_deg = self._weather.at(at_s).wind_from_deg
@@ -57,7 +57,7 @@ class Landing:
 def landing_of(
     section: VehicleSection, landscape: Landscape, wind_from_deg: float
 ) -> tuple[MissionItem, ...]:
-    """DO_LAND_START, a loiter down to the approach's height, and a landing at home.
+    """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
     Its course is ``landing_course_deg``, or else as close to the wind as terrain permits with
     ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as required for touchdown.
@@ -89,7 +89,7 @@ def _glide_m(height_m: float) -> float:
 
 
 def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
-    """The centre of a clockwise loiter whose exit along the course is the glide's upper end."""
+    """Return the centre of a clockwise loiter whose exit on the course is the glide's upper end."""
     ahead = _forward(course_deg)
     right = np.array([ahead[1], -ahead[0]])
     return np.asarray(home_m - _glide_m(height_m) * ahead + radius_m * right)
@@ -103,7 +103,7 @@ def _is_clear(
     section: VehicleSection,
     landscape: Landscape,
 ) -> bool:
-    """Whether the loiter and the glide down to it stay clear of the terrain."""
+    """Return whether the loiter and the glide down to it stay clear of the terrain."""
     if landscape.elevation_m is None:
         return True
     home_altitude_m = float(landscape.elevation_at(*home_m))

@@ -32,7 +32,7 @@ def figures_of(
     section: VehicleSection,
     start_m: tuple[float, float] | None,
 ) -> Figures:
-    """The figures of a mission, flown from ``start_m`` (x, y) if the vehicle is in the air."""
+    """Return the figures of a mission; ``start_m`` (x, y) is the position of a flying vehicle."""
     track = track_of(items, landscape, section.loiter_radius_m, start_m)
     x_m, y_m = track.points_m.T
     lowest_m = track.lowest_m - np.asarray(landscape.elevation_at(x_m, y_m))

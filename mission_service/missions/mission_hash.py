@@ -9,5 +9,5 @@ from autopilot_bridge.items import MissionItem
 
 
 def mission_hash(items: Iterable[MissionItem]) -> str:
-    """SHA-256 of a mission's items; an acceptance names the mission by it."""
+    """Return SHA-256 of a mission's items; an acceptance names the mission by it."""
     return hashlib.sha256(msgspec.json.encode(tuple(items))).hexdigest()

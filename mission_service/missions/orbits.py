@@ -35,7 +35,7 @@ class Circle:
 
 
 def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: float) -> float:
-    """The highest cell within a distance of the line between two places; beyond the grid its edge.
+    """Return the highest ground within a distance of the line between two places.
 
     Raises FireModelError if the landscape has no elevation.
     """
@@ -67,7 +67,7 @@ def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: f
 def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
-    """The altitude that clears all terrain within the circle and on the way to it."""
+    """Return the altitude that clears all terrain within the circle and on the way to it."""
     reach_m = WIDER * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
@@ -76,7 +76,7 @@ def altitude_amsl_m(
 
 
 def orbit_of(vehicle: str, landscape: Landscape, circle: Circle, altitude_m: float) -> Orbit:
-    """The command to fly a circle."""
+    """Return the command to fly a circle."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (round(float(lat_deg), 7), round(float(lon_deg), 7))
     return Orbit(vehicle, *place, altitude_m, circle.radius_m)
@@ -88,7 +88,7 @@ def loiter_mission(
     altitude_m: float,
     landing: tuple[MissionItem, ...],
 ) -> tuple[MissionItem, ...]:
-    """The mission that flies a circle without a limit; ``landing`` follows it."""
+    """Return the mission that flies a circle without a limit; ``landing`` follows it."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (float(lat_deg), float(lon_deg))
     return (loiter_unlimited(*place, altitude_m, circle.radius_m), *landing)
@@ -100,7 +100,7 @@ def first_mission(
     section: VehicleSection,
     landing: tuple[MissionItem, ...],
 ) -> tuple[MissionItem, ...]:
-    """The mission to take off, climb clear of all terrain on the way, and fly the circle."""
+    """Return the mission to take off, climb clear of all terrain on the way, and fly the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
     on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, BESIDE_M)
@@ -112,7 +112,7 @@ def first_mission(
 def waiting_place(
     number: int, centre_m: Place, reach_m: float, home_m: Place, apart_m: float
 ) -> Place:
-    """The waiting position of a vehicle, on the side of the fire that faces its home.
+    """Return the waiting position of a vehicle, on the side of the fire that faces its home.
 
     The positions are rows of eight across the line from home, so that no way leads over the fire;
     the first row is ``reach_m`` from its centre.
@@ -128,7 +128,7 @@ def waiting_place(
 
 
 def pushed_out(place_m: Place, centre_m: Place, reach_m: float) -> Place:
-    """A position at least ``reach_m`` from the centre, on the same side of it."""
+    """Return a position at least ``reach_m`` from the centre, on the same side of it."""
     away_m = math.dist(place_m, centre_m)
     if away_m >= reach_m:
         return place_m

@@ -14,7 +14,7 @@ Items = tuple[MissionItem, ...]
 
 
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
-    """A mission as it is sent to an autopilot."""
+    """Return a mission as it is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
         return yaw_left_open(items)  # 0 would turn the vehicle north
     return items
@@ -44,7 +44,7 @@ class MissionsHeld:
                 del known[1 : len(known) + 1 - MOST]  # the first may be the one on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
-        """The number of the mission that was read back, the newest of those it may be; 0: none."""
+        """Return the number of the newest sent mission equal to the one read back; 0: none."""
         for sent in reversed(self._may_hold.get(vehicle, [])):
             due = as_uploaded(sent.items, stack)
             if len(due) == len(read) and all(

@@ -50,7 +50,7 @@ def track_of(
     radius_m: float,
     start_m: tuple[float, float] | None = None,
 ) -> Track:
-    """The track of a mission, up to its unlimited loiter and once around it.
+    """Return the track of a mission, up to its unlimited loiter and once around it.
 
     From ``start_m`` to the first point the vehicle is at that point's altitude, or will be soon.
     """
@@ -76,31 +76,31 @@ def track_of(
 
 
 def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
-    """The part of a track that is still to be flown from a position."""
+    """Return the part of a track that is still to be flown from a position."""
     first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
 def places_of(fixes: list[PositionFix]) -> Track:
-    """The positions of vehicles, at least one, as a track."""
+    """Return the positions of vehicles, at least one, as a track."""
     places = np.array([(fix.x_m, fix.y_m, fix.altitude_m) for fix in fixes])
     return Track(places[:, :2], places[:, 2], places[:, 2])
 
 
 def along(start: Floats, end: Floats) -> Floats:
-    """Points (n, 2) on a leg, its ends included."""
+    """Return points (n, 2) on a leg, its ends included."""
     count = max(2, math.ceil(np.hypot(*(end - start)) / SPACING_M) + 1)
     return np.asarray(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
 
 
 def box_around(points_m: Floats) -> tuple[float, float, float, float]:
-    """West, south, east and north of points (n, 2), n > 0."""
+    """Return west, south, east and north of points (n, 2), n > 0."""
     (west_m, south_m), (east_m, north_m) = points_m.min(axis=0), points_m.max(axis=0)
     return float(west_m), float(south_m), float(east_m), float(north_m)
 
 
 def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
-    """For each point (n, 2) the highest altitude of the tracks near it; -inf if none is near."""
+    """Return the highest altitude of the tracks near each point (n, 2); -inf if none is near."""
     found = np.full(len(points_m), -np.inf)
     if not len(points_m):
         return found
@@ -121,14 +121,14 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Whether a mission comes nearer than the separation to the tracks under it."""
+    """Return whether a mission comes nearer than the separation to the tracks under it."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
 def is_near(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether two vehicles at about one altitude are close, or will be before one can turn away."""
+    """Return whether two vehicles at similar altitude are, or will soon be, close to each other."""
     if abs(own.altitude_m - other.altitude_m) >= separation_m:
         return False
     near_m = separation_m + 2.0 * turn_radius_m
@@ -145,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Of two near vehicles the one that gives way: the one behind, else the later in order."""
+    """Return whether ``own`` gives way: it flies behind, or else comes later in order."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0
@@ -155,7 +155,7 @@ def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bo
 def has_passed(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether a vehicle that gave way may go on; altitudes change too fast to be considered."""
+    """Return whether a vehicle that gave way may continue, by horizontal distance alone."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     distance_m = math.hypot(east_m, north_m)
     leaves = other.east_m_s * east_m + other.north_m_s * north_m >= 0.0
@@ -166,7 +166,7 @@ def has_passed(
 def place_aside(
     own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], aside_m: float
 ) -> Floats:
-    """The waiting position (1, 2): a little ahead and to one side.
+    """Return the waiting position (1, 2): a little ahead and to one side.
 
     The side is the one away from the fire, unless the other vehicle passes on that side.
     """

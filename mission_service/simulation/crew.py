@@ -25,7 +25,7 @@ class SimulatedCrew:
         self._answers_us = 0
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """The crew's events that are due at mission time ``now_us``."""
+        """Return the crew's events that are due at mission time ``now_us``."""
         awaited = core.guidance.awaited()
         events: list[AnyOperatorEvent] = []
         while self._script and self._script[0].at_us <= now_us:

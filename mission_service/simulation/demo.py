@@ -81,7 +81,7 @@ def _mock_process(
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
-    """The vehicle of this name, or the first one if ``name`` is None; raises ScenarioError."""
+    """Return the vehicle of this name, or the first one for None; raises ScenarioError."""
     if name is None:
         return scenario.vehicles[0]
     for section in scenario.vehicles:

@@ -187,7 +187,7 @@ def _of_section(
 
 
 def listening(listen: str) -> str:
-    """The link for ``--listen``: HOST:PORT (UDP), udpin or tcpin. Raises MissionServiceError."""
+    """Return the link for ``--listen`` (HOST:PORT, udpin or tcpin); raises MissionServiceError."""
     kind = listen.partition(":")[0]
     link = listen if kind in ("udpin", "tcpin", "udpout", "tcp", "serial") else f"udpin:{listen}"
     address = parse_link(link)
@@ -199,7 +199,7 @@ def listening(listen: str) -> str:
 
 
 def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
-    """A dictionary for each mock: system id, stack, link, home and wind."""
+    """Return a dictionary for each mock: system id, stack, link, home and wind."""
     return [
         {
             "system_id": mock.system_id,

@@ -31,7 +31,7 @@ Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
-    """One direction of the simulated link."""
+    """Return one direction of the simulated link."""
     return MemoryLink(
         loss=section.loss,
         delay_us=round(section.delay_ms * 1e3),
@@ -42,7 +42,7 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
-    """The mock autopilot of a vehicle, standing at its home."""
+    """Return the mock autopilot of a vehicle, standing at its home."""
     return MockAutopilot(
         stack_named(section.stack, section.kind),
         LocalFrame(*home_of(section, landscape)),
@@ -77,7 +77,7 @@ class SimulatedVehicle:
         self._down = memory_link(scenario.link, seed + 1)
 
     def next_timer(self) -> int:
-        """Time of the next timer of client, mock and links (µs)."""
+        """Return time of the next timer of client, mock and links (µs)."""
         next_us = min(self._mock_due_us, self.client.next_timer())
         for link in (self._up, self._down):
             arrives_us = link.next_timer()
@@ -123,7 +123,7 @@ class Simulation:
         progress: Progress = unshown,
         state_view: StateView | None = None,
     ) -> None:
-        """Without ``crew``, a burn has a simulated crew. ``state_view`` is kept up to date."""
+        """Set up the run. Without ``crew``, a burn has a simulated crew."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 

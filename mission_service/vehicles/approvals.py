@@ -72,7 +72,7 @@ class MissionApprovals:
         return [ProposeMission(vehicle.name, *mission)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Whether a mission differs from a refused one in its path or its reason."""
+        """Return whether a mission differs from a refused one in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -84,7 +84,7 @@ class MissionApprovals:
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """The proposed mission with this hash, to be sent; None if it is not proposed."""
+        """Return the proposed mission with this hash, to be sent; None if it is not proposed."""
         proposal = self._taken(vehicle, named)
         if proposal is None:
             return None

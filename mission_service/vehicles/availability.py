@@ -81,12 +81,12 @@ class VehicleAvailability:
         return counted_on and self.position_good and not self.taken_over
 
     def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
-        """The kinds of commands under way that lead to this mode."""
+        """Return the kinds of commands under way that lead to this mode."""
         kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]
         return {kind for kind in kinds if mode in LEADS_TO[kind]}
 
     def is_expected(self, kind: type[AnyCommand], at_s: float) -> bool:
-        """Whether a command of this kind may still take effect."""
+        """Return whether a command of this kind may still take effect."""
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
     def on_acknowledged(self, kind: type[AnyCommand], at_s: float) -> None:
@@ -109,7 +109,7 @@ class VehicleAvailability:
             setattr(self, each.name, getattr(fresh, each.name))
 
     def needs_confirmation(self, order: Order) -> bool:
-        """Whether an order would end a mode that the vehicle's autopilot or pilot selected."""
+        """Return whether an order would end a mode that the autopilot or pilot selected."""
         if not (self.armed and self.airborne):
             return False
         chosen = self.taken_over or (self.in_failsafe and self.mode in GOING_HOME)

@@ -25,7 +25,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 def recognised(
     vehicle: Vehicle, was: UnconfirmedState, event: MissionReadBack
 ) -> Literal["same", "new", "unknown"]:
-    """Which mission is on board: the accepted one, the one that was being sent, or another.
+    """Return which mission is on board: "same" (accepted), "new" (was being sent) or "unknown".
 
     The vehicle continues the accepted mission, unless a new one is due.
     """
@@ -40,7 +40,7 @@ def recognised(
 
 
 def in_words(event: MissionReadBack) -> str:
-    """The result of a read-back, as a line for the operator."""
+    """Return the result of a read-back as a line for the operator."""
     if event.items is None:
         return "its mission could not be read back: it is sent another"
     if event.mission_id:

@@ -92,12 +92,12 @@ class TrafficManager:
         self._all[name].track = self._all[name].gave_way_to = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:
-        """The least altitude of a new mission at points (n, 2)."""
+        """Return the function that gives the minimum altitude of a new mission at points (n, 2)."""
         tracks = self._tracks_below(name)
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
 
     def comes_too_low(self, name: str) -> bool:
-        """Whether a vehicle in a lower layer has a new mission close below this one's."""
+        """Return whether a vehicle in a lower layer has a new mission close below this one's."""
         own = self._all[name]
         missions = self._missions_below(name)
         if missions == own.compared or own.track is None or own.availability.fix is None:
@@ -107,7 +107,7 @@ class TrafficManager:
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
-        """Tracks and positions of the vehicles in lower layers."""
+        """Return tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
         places = [other.availability.fix for other in below if other.availability.airborne]
@@ -120,7 +120,7 @@ class TrafficManager:
     # Giving way -------------------------------------------------------------------------------
 
     def gave_way_to(self, name: str) -> str | None:
-        """The vehicle that this one waits for, if any."""
+        """Return the vehicle that this one waits for, if any."""
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
@@ -170,7 +170,7 @@ class TrafficManager:
         return cannot or gives_way(fix, there, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
-        """Whether the higher one's missions keep it above the other, and it is there."""
+        """Return whether the higher one's missions keep it above the other, and it is there."""
         fix, there = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
         if fix is None or there is None or not both:
@@ -181,7 +181,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Whether no other vehicle is flying out of this one's way just now."""
+        """Return whether no other vehicle is flying out of this one's way just now."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             there = other.availability.fix
@@ -193,13 +193,13 @@ class TrafficManager:
         return True
 
     def waits_at(self, name: str) -> Floats:
-        """Where the vehicle waits, (1, 2)."""
+        """Return the waiting position of the vehicle, (1, 2)."""
         place = self._all[name].waits_at
         assert place is not None
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Whether its home is clear of other vehicles; if so, record its start."""
+        """Return whether its home is clear of other vehicles; if so, record its start."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
@@ -218,6 +218,6 @@ class TrafficManager:
 
 
 def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
-    """Whether it is airborne by a recent position."""
+    """Return whether it is airborne by a recent position."""
     fix = availability.fix
     return availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S

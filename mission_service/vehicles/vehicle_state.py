@@ -161,5 +161,5 @@ class Vehicle:
 
 
 def announce(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
-    """A line for the operator."""
+    """Return an announcement for the operator."""
     return Announce(vehicle.name, text, "warning" if warning else "info")

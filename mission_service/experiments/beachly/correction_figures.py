@@ -35,7 +35,7 @@ def draw(out: Path, studies: list[Study]) -> None:
 
 
 def usual(studies: list[Study]) -> Study:
-    """The median study by the remaining fraction of the error with the Gaussian process."""
+    """Return the median study by the remaining fraction of the error with the Gaussian process."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))

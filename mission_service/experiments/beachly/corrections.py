@@ -90,7 +90,7 @@ def study(burn: Burn, participants: int) -> list[Study]:
 
 
 def case_of(burn: Burn) -> Case:
-    """The case of one fire, with errors each minute from the begin of the first segment on."""
+    """Return the case of one fire, with errors each minute from the first segment's start on."""
     at_s = np.arange(WATCHING.begins_s[0], END_S + 1.0, MINUTE_S)
     fronts = [front_points(burn.arrival_s, float(time), burn.landscape) for time in at_s]
     fronts = [front[inside(front, unit_box())] for front in fronts]
@@ -100,7 +100,7 @@ def case_of(burn: Burn) -> Case:
 
 
 def observations_of_participant(burn: Burn, participant: int) -> Floats:
-    """The observations (n, 4) of one participant, determined by the fire and the participant."""
+    """Return one participant's observations (n, 4), determined by the fire and the participant."""
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
     return random_observations(
@@ -111,7 +111,7 @@ def observations_of_participant(burn: Burn, participant: int) -> Floats:
 def grid_around(
     box: tuple[float, float, float, float], beyond_m: float, cell_m: float, crs: str
 ) -> Landscape:
-    """A level grid around a box, on which a simulation is evaluated."""
+    """Return a level grid around a box, on which a simulation is evaluated."""
     west, south, east, north = box
     cols, rows = (
         int(np.ceil((size + 2.0 * beyond_m) / cell_m)) for size in (east - west, north - south)
@@ -121,19 +121,19 @@ def grid_around(
 
 
 def cells_of(grid: Landscape) -> Floats:
-    """Centres of all cells (n, 2)."""
+    """Return centres of all cells (n, 2)."""
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
 def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
+    """Return the arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
     fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Front error in metres at each time, from the observations made by then."""
+    """Return the front error in metres at each time, from the observations made by then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
@@ -146,12 +146,12 @@ def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
 
 
 def in_period(at_s: Floats) -> NDArray[np.bool_]:
-    """Mask of the times up to the end of the second segment, as in the paper."""
+    """Return mask of the times up to the end of the second segment, as in the paper."""
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 
 def rows_of(one: Study) -> list[dict[str, Any]]:
-    """The result of a study, one row for each method."""
+    """Return the result of a study, one row for each method."""
     period = in_period(one.case.at_s)
     return [
         {

@@ -60,13 +60,13 @@ class Perimeter(NamedTuple):
 
 
 def folder() -> Path | None:
-    """The folder of the data in or above the repository, or None."""
+    """Return the folder of the data in or above the repository, or None."""
     found = [above / FOLDER for above in Path(__file__).parents if (above / FOLDER).is_dir()]
     return found[0] if found else None
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """The mapped perimeters in order of time, in seconds after the first."""
+    """Return the mapped perimeters in order of time, in seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -90,7 +90,7 @@ def read_perimeters(path: Path) -> list[Perimeter]:
 
 
 def case_of(perimeters: list[Perimeter]) -> Case:
-    """The case with the model from the first perimeter and the others as the truth."""
+    """Return the case with the model from the first perimeter and the others as the truth."""
     bounds = shapely.total_bounds([one.area for one in perimeters])
     box = tuple(float(bound) for bound in bounds)
     grid = grid_around((box[0], box[1], box[2], box[3]), BEYOND_M, CELL_M, CRS)
@@ -114,7 +114,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 
 
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Noisy observations (n, 4) along all perimeters but the last, in order of time.
+    """Return noisy observations (n, 4) along all perimeters but the last, in order of time.
 
     Their times are 1 s after their perimeter, so that they do not correct the error measured there.
     """
@@ -134,7 +134,7 @@ def random_observations(rng: np.random.Generator, count: int, case: Case) -> Flo
 
 
 def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> list[dict[str, Any]]:
-    """A row for each participant and method, as for the random fires; none without the data."""
+    """Return a row for each participant and method, as for random fires; none without the data."""
     data = data or folder()
     if data is None:
         progress(f"Maria is left out: no {FOLDER} beside the repository")

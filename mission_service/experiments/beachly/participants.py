@@ -36,7 +36,7 @@ class Watching(NamedTuple):
 def front_points(
     arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
 ) -> Floats:
-    """Points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
+    """Return points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
     known = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
     lines: Any = contourpy.contour_generator(z=known).lines(at_s)
     found = [np.empty((0, 2))]
@@ -49,14 +49,14 @@ def front_points(
 
 
 def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
-    """Mask of the points (n, 2) in a box."""
+    """Return mask of the points (n, 2) in a box."""
     west, south, east, north = box
     x_m, y_m = points.T
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
 
 
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
-    """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
+    """Return the mean distance from the true front to the closest point of the other (VII.B).
 
     Each distance is at most ``max_m``. Without a second front the result is ``max_m``, without a
     true front NaN.
@@ -78,7 +78,7 @@ def random_observations(
     landscape: Landscape,
     box: Box,
 ) -> Floats:
-    """Observations (n, 4) of one participant in order of time, about ``count`` of them.
+    """Return about ``count`` observations (n, 4) of one participant in order of time.
 
     In each segment they follow a camera that shows a part of the front. Most observations are
     ``burning`` on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it,

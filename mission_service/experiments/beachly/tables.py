@@ -4,7 +4,7 @@ from typing import Any
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as lines of text."""
+    """Return the result as lines of text."""
     lines = [
         "Trajectories: drops, places skipped as unsafe, least time to fire at low height,",
         "drops outside the unit, farthest off its place",

@@ -74,7 +74,7 @@ class Flown:
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
-    """The initial fire lines; corners of the unit are anticlockwise from the south-west."""
+    """Return the initial fire lines; corners of the unit are anticlockwise from the south-west."""
     (south, west), (_, east) = corners[0], corners[1]
     edge = LitLine(points=((south, west), (south, east)))
     if scenario == 2:
@@ -91,7 +91,7 @@ def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
 
 
 def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
-    """A line from the southern edge at 45 degrees to the eastern one."""
+    """Return a line from the southern edge at 45 degrees to the eastern one."""
     (south, west), (_, east) = corners[0], corners[1]
     start = west + 0.55 * (east - west)
     north = south + (east - start) * math.cos(math.radians(south))
@@ -99,7 +99,7 @@ def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
 
 
 def scenario_of(number: int) -> Scenario:
-    """The shipped burn with the fires of one of the paper's scenarios."""
+    """Return the shipped burn with the fires of one of the paper's scenarios."""
     base = load_scenario("burn", (f"duration_s={ENDS_S}", f"deploy_at_s={STARTS_S}"))
     assert base.burn is not None
     assert base.burn.unit is not None
@@ -121,7 +121,7 @@ class RecordingCrew:
         self._told = flown.scenario != 4
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """The crew's events that are due at ``now_us``."""
+        """Return the crew's events that are due at ``now_us``."""
         guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
@@ -166,7 +166,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """The minimum, over all samples at low height, of the time until fire reaches the vehicle.
+    """Return the minimum time, over all samples at low height, until fire reaches the vehicle.
 
     It is from the estimate at the time of the sample, and negative where the place had burned.
     """
@@ -179,7 +179,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 
 def row_of(flown: Flown) -> dict[str, Any]:
-    """The figures of a scenario for the table."""
+    """Return the figures of a scenario for the table."""
     lines = flown.lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)

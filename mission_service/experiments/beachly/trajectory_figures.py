@@ -20,7 +20,7 @@ GRID_M = 2.0
 
 
 def draw_trajectory(path: Path, flown: Flown) -> None:
-    """One scenario: what burns when the first sphere falls and at the end, the way, the drops."""
+    """Draw one scenario: burned area at the first drop and at the end, flown path and drops."""
     figure = Figure(figsize=(8.0, 7.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
@@ -54,7 +54,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
 
 
 def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
-    """Solid where it flew low, dashed at the safe height and on its way there."""
+    """Draw the path: solid at low height, dashed at the safe height and during the climb to it."""
     way = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low = np.array([each.height_m < LOW_SHARE * safe_m for each in flown.samples])

@@ -49,7 +49,7 @@ class Burn:
 
 
 def unit_box() -> tuple[float, float, float, float]:
-    """West, south, east, north of the unit in metres."""
+    """Return west, south, east and north of the unit in metres."""
     return (
         WEST_M + MARGIN_M,
         NORTH_M - MARGIN_M - UNIT_M,
@@ -59,7 +59,7 @@ def unit_box() -> tuple[float, float, float, float]:
 
 
 def random_burn(seed: int) -> Burn:
-    """Burn number ``seed``; the same on every machine.
+    """Return the burn of a seed.
 
     Drawn again until after 80 minutes most of the unit has burned but not all of it, and after 15
     the fire is still small.
@@ -85,7 +85,7 @@ def random_burn(seed: int) -> Burn:
 
 
 def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
-    """Fuels in patches of 30 to 80 m, with some of each cell's own, on gently rolling ground."""
+    """Draw fuels in patches of 30 to 80 m with noise of single cells, on gently rolling ground."""
     patch_cells = rng.uniform(30.0, 80.0) / CELL_M / 2.0
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), patch_cells)
     rough += 0.3 * rough.std() * rng.standard_normal((CELLS, CELLS))
@@ -97,7 +97,7 @@ def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
 
 
 def _weather(rng: np.random.Generator) -> WeatherStream:
-    """Wind that wanders every few minutes around its mean; moistures of one day."""
+    """Draw wind that changes every few minutes around its mean, and constant moistures."""
     speed_m_s, from_deg = rng.uniform(1.0, 5.0), rng.uniform(0.0, 360.0)
     dead_pct, live_pct = rng.uniform(6.0, 14.0), rng.uniform(60.0, 120.0)
     entries = []
@@ -121,7 +121,7 @@ def _entry(
 
 
 def _lit(rng: np.random.Generator, from_deg: float) -> Floats:
-    """Sources (n, 3): a line along a side, then up to three more lines or spots inside."""
+    """Draw sources (n, 3): a line along a side, then one to three lines or spots inside."""
     west, south, east, north = unit_box()
     middle = np.array([(west + east) / 2.0, (south + north) / 2.0])
     # Across the wind on the downwind side, as the first line of a burn is, or anywhere.
@@ -152,7 +152,7 @@ def _ignitions(landscape: Landscape, lit: Floats) -> list[tuple[int, int, float]
 def _misset(
     rng: np.random.Generator, fuels: NDArray[np.int64], weather: WeatherStream, landscape: Landscape
 ) -> tuple[Spread, ...]:
-    """One spread for all: the middling one of the fuels, under a wind and at a rate some way off.
+    """Draw one spread for all cells: the median fuel's, with errors of wind and rate.
 
     By sd the direction is wrong by 30 degrees, the wind's speed and the rates by a third.
     """

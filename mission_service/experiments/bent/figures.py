@@ -26,7 +26,7 @@ def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) 
 
 
 def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: str) -> None:
-    """Figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
+    """Draw figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -61,7 +61,7 @@ def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: 
 
 
 def draw_team_sizes(path: Path, runs: Sequence[Run], every_s: float) -> None:
-    """Figure 5.3: cost over time of teams of different sizes."""
+    """Draw figure 5.3: cost over time of teams of different sizes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 5.0), dpi=120, layout="constrained")

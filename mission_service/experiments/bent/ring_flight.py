@@ -38,18 +38,18 @@ class TeamFlight:
     min_separation_m: float  # closest any two came, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
-        """Mean and standard deviation over time of the "linear" or "exponential" cost."""
+        """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
         cost = self.exponential if importance == "exponential" else self.linear
         return float(cost.mean()), float(cost.std())
 
 
 def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Bent 3.2: metres that the front may have advanced unseen."""
+    """Return importance by Bent 3.2: metres that the front may have advanced unseen."""
     return spread_rate_m_s * age_s
 
 
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Bent 3.2. The spread rate is an exponent, so its unit matters: in m/s, as in the thesis.
+    """Return importance by Bent 3.2, with the spread rate in m/s as exponent, as in the thesis.
 
     Its tables fit no other unit: a linear cost of 64 with an exponential one of 3,000 belongs to
     ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 (300 ** 1.5 = 5,200). In
@@ -60,7 +60,7 @@ def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 
 
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
-    """Cells (count) that part a ring of these steps (n) into equal lengths; the first is cell 0."""
+    """Return ``count`` cells that divide a ring of these steps (n) equally, from cell 0 on."""
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
     wished_m = along_m[-1] * np.arange(count) / count
     after = np.searchsorted(along_m, wished_m)
@@ -159,7 +159,7 @@ class _Team:
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Cells inherit their last visit, vehicles go on to what has become of their cells."""
+        """Replace the ring by the next one: cells inherit their last visit, and goals move."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:
@@ -172,7 +172,7 @@ class _Team:
         self._rule.on_ring_changed(step.place_of)
 
     def join(self, member: int, cell: int) -> None:
-        """A vehicle comes in at a cell, and decides there."""
+        """Add a vehicle at a cell, where it takes its first decision."""
         at = (self._at_s, *self._places[cell])
         track = self.tracks.setdefault(member, [])
         joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
@@ -196,7 +196,7 @@ class _Team:
         )
 
     def fly_until(self, end_s: float) -> None:
-        """From cell to cell; each decides as it arrives, the lower seat first."""
+        """Fly from cell to cell until a time; of equal arrivals the lower member decides first."""
         arrivals_s = [vehicle.arrival_s for vehicle in self._vehicles]
         while arrivals_s:
             at_s = min(arrivals_s)
@@ -223,7 +223,7 @@ class _Team:
 
 
 def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
-    """Position of a vehicle between two cells: time, row, column."""
+    """Return the position of a vehicle between two cells: time, row, column."""
     left_s, row, col = vehicle.left
     share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
     to_row, to_col = vehicle.goal_place
@@ -231,7 +231,7 @@ def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
 
 
 def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -> float:
-    """Closest 3-D distance of any two vehicles, in m; tracks (n, 3) are straight between points.
+    """Return the minimum 3-D distance of two vehicles in m; tracks (n, 3) are polylines.
 
     Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
     """
@@ -253,7 +253,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
 
 
 def _closest_to_origin(points: Floats) -> float:
-    """The least distance of a line through points (n, 2) from (0, 0)."""
+    """Return the least distance of a line through points (n, 2) from (0, 0)."""
     start, along = points[:-1], np.diff(points, axis=0)
     squared = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(-(start * along).sum(axis=1) / squared, 0.0, 1.0)

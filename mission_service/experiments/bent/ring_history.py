@@ -36,7 +36,7 @@ class RingStep:
 
 
 def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
-    """The front from deployment to the end of a fire."""
+    """Return the front from deployment to the end of a fire."""
     return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
 
 
@@ -60,7 +60,7 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 
 
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
-    """The front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
+    """Return the front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
 
     Tails one cell wide, which a walk along the edge passes both ways, are counted on the way out.
     """
@@ -70,7 +70,7 @@ def outer_cells(burned: NDArray[np.bool_]) -> Integers:
 
 
 def facing(cells: Integers) -> tuple[Floats, Floats]:
-    """Outwards (north, east) at each cell of a clockwise ring (n, 2), unit vectors (n)."""
+    """Return outward unit vectors (north, east), each (n), of a clockwise ring (n, 2)."""
     along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
     length = np.maximum(np.hypot(*along.T), 1e-9)
     # Clockwise on a north-up map has the outside on its left.
@@ -78,7 +78,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Places on a ring of ``count`` made to go round once, never backwards."""
+    """Return places on a ring of ``count`` made monotonic, at most once around."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -68,7 +68,7 @@ def run(
     speed_m_s: float = SPEED_M_S,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """The whole result; figures as PNG in ``out``, if given."""
+    """Return the whole result; figures as PNG in ``out``, if given."""
     burn = uneven()
     history = ring_history(burn)
     thesis, later, single = thesis_cases(), later_cases(), team_size_cases()

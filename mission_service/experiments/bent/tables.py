@@ -46,12 +46,12 @@ Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation o
 
 
 def name_of(planner: str, negotiation: str | None) -> str:
-    """A combination as the thesis calls it."""
+    """Return the thesis's name of a combination."""
     return PLANNER_NAMES[planner] + NEGOTIATION_NAMES[negotiation]
 
 
 def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
-    """Costs of the combinations, averaged over numbers of vehicles."""
+    """Return costs of the combinations, averaged over numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
         if run["importance"] == importance and run["uavs"] in sizes:
@@ -64,12 +64,12 @@ def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES)
 
 
 def best(costs: Averages, which: int) -> str:
-    """The combination of lowest mean (0) or standard deviation (1)."""
+    """Return the combination of lowest mean (0) or standard deviation (1)."""
     return min(costs, key=lambda name: costs[name][which])
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as tables of text."""
+    """Return the result as tables of text."""
     from_km, to_km = found["perimeter_km"]
     lines = [
         f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "

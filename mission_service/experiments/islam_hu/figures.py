@@ -53,7 +53,7 @@ def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, li
 
 
 def draw_tracks(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
+    """Draw figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
     columns = 2 if len(flights) in (2, 4) else 3
     rows = -(-len(flights) // columns)
     figure, panels = _new(columns, rows, (4.0 * columns + 0.8, 4.2 * rows + 0.3))
@@ -85,7 +85,7 @@ def _draw_fire(axes: Any, burn: Burn) -> Any:
 
 
 def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
-    """A square around the fire."""
+    """Set the axes to a square around the fire."""
     rows, cols = np.nonzero(burned)
     centre_row, centre_col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
     half = max(np.ptp(rows), np.ptp(cols)) / 2 + MARGIN_CELLS
@@ -98,7 +98,7 @@ def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
 
 
 def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Fig. 16: the maximum distance error over time, and its mean so far (dashed)."""
+    """Draw fig. 16: the maximum distance error over time, and its running mean (thick line)."""
     figure, (axes,) = _new(1, 1, (8.0, 4.0))
     for planner, flight in flights.items():
         hours, colour = flight.at_s / HOUR_S, COLOURS.get(planner, OTHER_COLOUR)
@@ -119,7 +119,7 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 
 
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
-    """Fig. 10: importance of the cells behind and ahead, at two decisions of the damped rule.
+    """Draw fig. 10: importance of the cells behind and ahead at two decisions of the damped rule.
 
     Left the one that speaks most for going on after the fire has changed, right the first turn
     after it, or what comes nearest to one.

@@ -22,7 +22,7 @@ class MeasuredWind:
         self._at_s: float | None = None
 
     def at(self, at_s: float) -> tuple[float, float]:
-        """Speed in m/s at the vehicle's height, and degrees it comes from (true north)."""
+        """Return the wind speed in m/s at the vehicle's height, and the direction it comes from."""
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)
             fresh = math.sqrt(1.0 - kept * kept)

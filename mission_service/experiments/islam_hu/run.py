@@ -80,7 +80,7 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:
-    """Reversals, and the share of time north of the ignition, before and after the change."""
+    """Return reversals and the share of time north of the ignition, before and after the change."""
     at_s = changes_s(burn)
     earlier, turns_earlier = flight.track[:, 0] < at_s, flight.reversals[:, 0] < at_s
     north = flight.track[:, 1] < burn.ignition[0]

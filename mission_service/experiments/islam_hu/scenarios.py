@@ -76,7 +76,7 @@ ISLAM_HU: dict[str, FireScenario] = {
 
 
 def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
-    """One of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
+    """Return one of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
     scenario = ISLAM_HU[name]
     return burn(
         name,
@@ -90,7 +90,7 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 
 def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
-    """The planner of Islam & Hu for a fire whose ignition is known, with a scenario's defaults."""
+    """Return the planner of Islam & Hu for a known ignition, with a scenario's defaults."""
     defaults = PlannerSection()
     settings = PerimeterSettings(
         rule=rule,
@@ -117,7 +117,7 @@ PLANNERS: dict[str, Callable[[Burn], Planner]] = {
 
 
 def changes_s(burn: Burn) -> float:
-    """When a fire changes: other weather, or it comes to the southern fuel; else half-way."""
+    """Return when weather or fuel changes (arrival in the southern fuel); else half-way."""
     fuel = burn.landscape.fuel_model
     if len(burn.weather.entries) > 1:
         return burn.weather.change_times()[0]

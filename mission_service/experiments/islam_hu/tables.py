@@ -11,7 +11,7 @@ from mission_service.experiments.islam_hu.scenarios import (
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as tables of text."""
+    """Return the result as tables of text."""
     return "\n\n".join((_reversals(found), _errors(found), _attention(found)))
 
 

@@ -63,7 +63,7 @@ def _zoom(axes: Any, tracks: Any) -> None:
 
 
 def draw_agents(path: Path, flight: Flight) -> None:
-    """Fig. 6: tracks of the virtual agents, before and after 500 s."""
+    """Draw fig. 6: tracks of the virtual agents before and after 500 s."""
     figure, panels = _figure((11.0, 5.2), 2)
     ends = ((0.0, HALFWAY_S), (HALFWAY_S, flight.track_s[-1]))
     for axes, (from_s, until_s) in zip(panels, ends, strict=True):
@@ -82,7 +82,7 @@ def draw_agents(path: Path, flight: Flight) -> None:
 
 
 def draw_uav(path: Path, flight: Flight) -> None:
-    """Fig. 7: UAV 0 and its virtual agent in the first 500 s."""
+    """Draw fig. 7: UAV 0 and its virtual agent in the first 500 s."""
     figure, (axes,) = _figure((6.4, 6.0))
     chosen = flight.track_s <= HALFWAY_S
     _draw_fire(axes, flight, HALFWAY_S, HALFWAY_S)
@@ -95,7 +95,7 @@ def draw_uav(path: Path, flight: Flight) -> None:
 
 
 def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool) -> None:
-    """Figs. 8 to 11: a metric over time, the mean of the seeds, a line an experiment."""
+    """Draw figs. 8 to 11: a metric over time, averaged over the seeds, one line per experiment."""
     figure, (axes,) = _figure((8.4, 4.4))
     for k, (experiment, runs) in enumerate(flights.items()):
         mean = np.mean([run.series[name] for run in runs], axis=0)
@@ -116,7 +116,7 @@ def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool
 
 
 def draw_safety(path: Path, flights: Flights) -> None:
-    """Fig. 12: conflicts and collisions, the mean of the seeds."""
+    """Draw fig. 12: conflicts and collisions, averaged over the seeds."""
     figure, (axes,) = _figure((8.4, 4.0))
     names = [experiment.name for experiment in EXPERIMENTS if experiment.name in flights]
     places = np.arange(len(names))

@@ -68,7 +68,7 @@ class Flight:
     closest_m: float
 
     def at_end(self, name: str, last_s: float) -> float:
-        """The mean of a metric over the last so many seconds."""
+        """Return the mean of a metric over the last so many seconds."""
         return float(self.series[name][self.series_s >= self.series_s[-1] - last_s].mean())
 
 
@@ -83,7 +83,7 @@ class Radio:
         self._under_way: deque[tuple[float, AnyMessage, list[int]]] = deque()
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
-        """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""
+        """Send a message from UAV ``sender``; ``places_m`` (n, 2) are the positions of all UAVs."""
         receives = self._everybody != sender
         if isinstance(message, State):
             off_m = places_m - places_m[sender]
@@ -95,7 +95,7 @@ class Radio:
         self._under_way.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
-        """Receivers and the messages that reach them now."""
+        """Yield receivers and the messages that reach them now."""
         while self._under_way and self._under_way[0][0] <= at_s + 1e-9:
             _, message, receivers = self._under_way.popleft()
             for receiver in receivers:
@@ -119,7 +119,7 @@ class Safety:
 
     def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, wanted_m_s: Floats,
         heights_m: Floats) -> None:  # fmt: skip
-        """All vehicles, now; rows are vehicles."""
+        """Count the conflicts and collisions that begin now; rows of the arrays are vehicles."""
         conflicts, collisions, closest_m = count_meetings(
             at_s, places_m, velocities_m_s, wanted_m_s, heights_m,
             2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
@@ -136,7 +136,7 @@ class FormationWorld:
     def __init__(
         self, arrival_s: Floats, uavs: int, settings: Settings, rules: Rules, seed: int
     ) -> None:
-        """``arrival_s`` (y, x): when each cell burns, at 0 or before for what burns already.
+        """Set up the world; ``arrival_s`` (y, x) is 0 or less for cells that burn at the start.
 
         The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
         the paper's. All maps begin with what burns at 0 s, as if sent by the ground base.
@@ -171,7 +171,7 @@ class FormationWorld:
         self.seen_s = np.full(arrival_s.shape, -np.inf)
 
     def tick(self) -> None:
-        """A quarter of a second: receive, observe, decide, send, fly."""
+        """Advance by a quarter of a second: receive, observe, decide, send, fly."""
         self.ticks += 1
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)
@@ -197,7 +197,7 @@ class FormationWorld:
         return self.at_s >= self.rules.dead_from_s.get(number, math.inf)
 
     def _send_away(self, number: int, agent: Agent) -> None:
-        """To its base and back again, when it is time."""
+        """Send a UAV to its base, or back to the formation, at the times in ``Rules.away_s``."""
         from_s, until_s = self.rules.away_s.get(number, (math.inf, math.inf))
         if from_s <= self.at_s < until_s and agent.home_m is None:
             agent.go_home(*_start(number))
@@ -211,7 +211,7 @@ class FormationWorld:
         return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
     def view(self, number: int) -> Footprint:
-        """x, y, course, half across, half along of what a camera sees now."""
+        """Return a camera's present footprint: x, y, course, half width and half length."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
@@ -228,7 +228,7 @@ class FormationWorld:
             agent.add_view(burning, unburned, at_us)
 
     def _fly(self) -> None:
-        """All fly on for a tick as they mean to."""
+        """Move all vehicles by one tick along their intended orbits."""
         orbits = np.array(
             [(i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m, i.airspeed_m_s) for i in self.intentions]
         )
@@ -246,11 +246,11 @@ class FormationWorld:
         self.heights_m[:] = self.settings.altitude_agl_m + self.layers_m + climbs_m
 
     def agents_m(self) -> Floats:
-        """Positions (n, 2) of the virtual agents; NaN where there is none."""
+        """Return the positions (n, 2) of the virtual agents; NaN for a UAV without one."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
-        """Conflicts are those of what eqs. 14 and 15 want: to circle the virtual agent."""
+        """Count conflicts of the velocities of eqs. 14 and 15, which circle the virtual agents."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
         orbits = np.array(
             [
@@ -268,7 +268,7 @@ class FormationWorld:
         self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
-        """The paper's avoidance, from the states received from the others."""
+        """Return the paper's avoidance, from the states received from the others."""
         intention = self.intentions[number]
         heading_rad, _ = clear_heading_rad(
             *self.places_m[number],
@@ -284,13 +284,13 @@ class FormationWorld:
 
 
 def world_grid(shape: tuple[int, int]) -> MapGrid:
-    """The paper's cells around the middle of the map."""
+    """Return the paper's cells around the middle of the map."""
     rows, cols = shape
     return MapGrid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:
-    """Where a UAV begins: one behind the other, and queue beside queue."""
+    """Return the start position of a UAV, in queues of eight."""
     queue, place = divmod(number, QUEUE)
     along, across = place * QUEUE_M * math.sqrt(0.5), queue * QUEUE_M * math.sqrt(0.5)
     return BASE_M[0] - along + across, BASE_M[1] - along - across

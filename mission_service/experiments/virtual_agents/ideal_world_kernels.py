@@ -19,7 +19,7 @@ def count_meetings(  # type: ignore[no-untyped-def]
     at_s, places_m, velocities_m_s, wanted_m_s, heights_m, apart_m, neighbourhood_m,
     in_conflict_s, together,
 ):  # fmt: skip
-    """Conflicts and collisions that begin now, and the least distance of any two."""
+    """Return the numbers of conflicts and collisions that begin now, and the minimum distance."""
     conflicts, collisions, closest_m = 0, 0, np.inf
     for a in range(len(places_m)):
         for b in range(a):
@@ -60,7 +60,7 @@ def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, 
 def fly_all(  # type: ignore[no-untyped-def]
     places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
 ):
-    """One step of all: ``motion`` (n, 2) is heading and airspeed."""
+    """Move all vehicles by one step; ``motion`` (n, 2) is heading and airspeed."""
     for k in range(headings_rad.size):
         x_m, y_m, heading_rad, airspeed_m_s = heading_step(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],

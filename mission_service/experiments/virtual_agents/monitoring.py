@@ -80,7 +80,7 @@ class MonitoringArea:
         self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
-        """Share of the priorities within ``coverage_m`` of a virtual agent; ``agents_m`` (n, 2)."""
+        """Return the share of the priorities within ``coverage_m`` of virtual agents (n, 2)."""
         cell_m = self.grid.cell_m
         rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
         cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
@@ -90,12 +90,12 @@ class MonitoringArea:
         return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
-        """Share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x) are times."""
+        """Return the share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x)."""
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
-        """Priorities in all footprints together over the sum of each one's; 1 without any."""
+        """Return the priorities in the union of the footprints over their sum; 1 without any."""
         union = total = 0.0
         self._view += 1
         priorities, views = self.priority.ravel(), self._views.ravel()
@@ -108,7 +108,7 @@ class MonitoringArea:
 
 
 def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bool_]]) -> float:
-    """Mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
+    """Return the mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
     return sum(np.count_nonzero(true_fire != fire) for fire in fires) / len(fires)
 
 
@@ -116,7 +116,7 @@ def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bo
 def _priorities(  # type: ignore[no-untyped-def]
     fire, near_fire, far_fire, window, priority, cells, priorities
 ):
-    """Priorities of a window; fills ``cells`` and ``priorities``, returns how many are above 0."""
+    """Set the priorities of a window; fill ``cells`` and ``priorities``, return their number."""
     rows, cols = fire.shape
     count = 0
     for r in range(max(window[0], 0), min(window[2], rows)):
@@ -157,7 +157,7 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Priorities in a view that are in none with this number yet, and all of them."""
+    """Return the priorities in a view that no view of this number has counted, and all of them."""
     new, total = 0.0, 0.0
     for cell in cells:
         total += priorities[cell]

@@ -46,7 +46,7 @@ def run(
 
 
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
-    """One flight of 20 minutes in the ideal world, and the best coverage for the fire at its end.
+    """Return one flight of 20 minutes and the best coverage for the fire at its end.
 
     Where all is covered in flight nothing is better, and nothing is searched for.
     """

@@ -47,7 +47,7 @@ EXPERIMENTS = (
 
 
 def burned(p_spread: float, first_cells: int, seed: int) -> NDArray[np.float64]:
-    """Arrival times (y, x) in seconds of the experiment, negative for what burns at its start."""
+    """Return arrival times (y, x) in s, not positive for cells that burn at the start."""
     landscape = flat(np.ones((ROWS, COLS), dtype=np.int16), CELL_M)
     fire = ProbabilisticFire(
         landscape,

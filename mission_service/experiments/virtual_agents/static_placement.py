@@ -50,7 +50,7 @@ def add_disc(weights, taken, row, col, radius, sign):  # type: ignore[no-untyped
 
 @kernel
 def covered(weights, taken, places, radius):  # type: ignore[no-untyped-def]
-    """The weight that discs at ``places`` cover together; ``taken`` must be 0 and is again."""
+    """Return the weight that discs at ``places`` cover; ``taken`` is 0 before and after."""
     total = 0.0
     for place in places:
         total += add_disc(weights, taken, place[0], place[1], radius, 1)
@@ -61,7 +61,7 @@ def covered(weights, taken, places, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Where a disc covers most of what is not taken: the allowed cell and that weight.
+    """Return the allowed cell where a disc covers the most free weight, and that weight.
 
     ``sums`` (rows, cols + 1) is room for sums along rows.
     """
@@ -86,7 +86,7 @@ def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped
 
 @kernel
 def settle(weights, taken, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Let each disc in turn go where it adds most, until none gains; returns what they cover.
+    """Move each disc in turn to where it adds most, until none gains; return the covered weight.
 
     ``places`` (n, 2) are changed; those with a negative row are not placed yet.
     """
@@ -113,7 +113,7 @@ def settle(weights, taken, allowed, places, order, radius, sums):  # type: ignor
 
 @kernel
 def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell as long as that gains; returns what they cover."""
+    """Shift discs by parts of a cell while that adds weight; return the covered weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
@@ -144,7 +144,7 @@ def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-
 
 
 def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
-    """The share of all weights (rows, cols) within the radius of any place (n, 2) (row, col).
+    """Return the share of all weights (rows, cols) within the radius of any place (n, 2).
 
     The virtual-agent coverage of section 6.2, for the weights of the monitoring-area map. Nothing
     to cover is all covered.
@@ -167,7 +167,7 @@ def best_placement(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """The best found places of ``count`` discs on ``allowed`` cells for ``weights`` (rows, cols).
+    """Return the best places found for ``count`` discs on ``allowed`` cells (rows, cols).
 
     The same seed gives the same places. Raises MissionServiceError where no cell is allowed.
     """
@@ -218,7 +218,7 @@ def best_around(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """The best found places of ``count`` virtual agents around a fire (y, x), see above."""
+    """Return the best places found for ``count`` virtual agents around a fire (y, x)."""
     maps = AgentMaps(
         grid.shape,
         grid.cell_m,
@@ -239,7 +239,7 @@ def best_around(
 
 
 def weights_of(maps: AgentMaps) -> Floats:
-    """The monitoring-area map (section 3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
+    """Return the monitoring-area map (3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)
 

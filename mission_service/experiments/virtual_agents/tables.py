@@ -15,7 +15,7 @@ PAPER = {
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as a table of text."""
+    """Return the result as a table of text."""
     lines = [
         "Coverage in the last minute, beside that of the best places found offline; the best at",
         "any time; the paper's. Conflicts, collisions, nearest pair of all flights",

@@ -59,7 +59,7 @@ class Scenario:
 
 @lru_cache(maxsize=4)
 def scenarios(seed: int, kinds: tuple[Kind, ...] = KINDS) -> tuple[Scenario, ...]:
-    """One of each kind; the same seed gives the same, on every machine."""
+    """Return one scenario of each kind; they depend only on the seed."""
     rng = np.random.default_rng(seed)
     return tuple(_scenario(kind, rng) for kind in kinds)
 
@@ -93,7 +93,7 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
 
 
 def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Burned cells (y, x): from one to three places near each other until it is large enough."""
+    """Return burned cells (y, x): one to three near ignitions, grown to the required size."""
     cells = kind.cells
     landscape = flat(np.ones((cells, cells), dtype=np.int16), CELL_M)
     middle = rng.integers(int(0.42 * cells), int(0.58 * cells), size=2)
@@ -114,7 +114,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """The final coverage, and for which share of the time virtual agents were too near to fire.
+    """Return the final coverage and the share of time with virtual agents too near to fire.
 
     ``constants`` (8) as in ``constants_array``.
     """
@@ -147,7 +147,7 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:
-    """Mean final coverage over the scenarios of a seed, less the penalties."""
+    """Return the mean final coverage over the scenarios of a seed, less the penalties."""
     constants = np.array(genes, dtype=np.float64)
     results = [flown(scenario, constants) for scenario in scenarios(seed)]
     return sum(covered - PENALTY * too_near for covered, too_near in results) / len(results)

@@ -40,7 +40,7 @@ def append_view(seen: list[CameraView], one: CameraView) -> None:
 def recentred_map(
     fire_map: FireMap, seen: Sequence[CameraView]
 ) -> tuple[FireMap, NDArray[np.bool_]]:
-    """A map of the same views around the fire's centre of area, for an unknown ignition.
+    """Return a map of the same views around the fire's centre of area, for an unknown ignition.
 
     Also returns the bearings (360) that were in the last view.
     """

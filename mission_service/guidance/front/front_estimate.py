@@ -68,7 +68,7 @@ class FrontModel:
 
 
 def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
-    """Distance in cells from a place to the edge of the grid on all bearings."""
+    """Return the distance in cells from a place to the edge of the grid on all bearings."""
     with np.errstate(divide="ignore"):
         rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
         cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
@@ -126,7 +126,7 @@ class FrontEstimate:
         self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
-        """Fuel under a front; 0 everywhere without a landscape."""
+        """Return the fuel under a front; 0 everywhere without a landscape."""
         if self.model is None:
             return np.zeros(BEARINGS, np.int16)
         rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
@@ -137,7 +137,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """An estimate around another centre, with the same model and wind, before any view."""
+        """Return an estimate around another centre, with the same model and wind, without views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -183,27 +183,27 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """Rate of spread over the model's, on all bearings (360)."""
+        """Return the rate of spread over the model's, on all bearings (360)."""
         found = np.empty(BEARINGS)
         interpolate_sectors(self.factor, found)
         return found
 
     def factor_sd(self) -> Floats:
-        """Standard deviation of the factor on all bearings (360)."""
+        """Return the standard deviation of the factor on all bearings (360)."""
         found = np.empty(BEARINGS)
         interpolate_sectors(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
         return found
 
     def slant(self) -> Floats:
-        """Length along each bearing (360) over the length across the front."""
+        """Return the length along each bearing (360) over the length across the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Advance (cells) since each bearing was last in view, with a factor of 1."""
+        """Return the advance (cells) since each bearing was last in view, with a factor of 1."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
-        """Speed outwards in cells/s on all bearings with a factor of 1."""
+        """Return the speed outwards in cells/s on all bearings with a factor of 1."""
         places = (
             self._bearing,
             self._rows,

@@ -33,7 +33,7 @@ SURPRISE = 3.0  # standard deviations
 def front_normals(  # type: ignore[no-untyped-def]
     front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
 ):
-    """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
+    """Compute the front's normals and the cells behind it; arrays of ``PLACES`` * 360.
 
     Returns how many: first one place for each bearing; two more where the front is hollow, with its
     slant to either side; three more where it leaps outwards from one bearing to the next, along the
@@ -80,7 +80,7 @@ def front_normals(  # type: ignore[no-untyped-def]
 
 @compiled
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
-    """Speed along each bearing; where the front is hollow, of the fire from the faster side.
+    """Compute the speed along each bearing; in a hollow, that of the fire from the faster side.
 
     (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
     """
@@ -92,7 +92,7 @@ def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # 
 
 @compiled
 def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
-    """Values of sectors on all bearings, linear between the sectors' middles."""
+    """Interpolate the values of sectors on all bearings, linearly between the sectors' middles."""
     sectors = factor.size
     for i in range(found.size):
         at = (i + 0.5) / PER_SECTOR - 0.5
@@ -105,7 +105,7 @@ def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
 def bounds_in_window(  # type: ignore[no-untyped-def]
     window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from
 ):
-    """Bounds of the front on each bearing from a window of cells (y, x).
+    """Compute the bounds of the front on each bearing from a window of cells (y, x).
 
     ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
     ``unburned_from`` the first sample beyond it on ground known to be unburned (inf: none).
@@ -137,7 +137,7 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 def update_factors(  # type: ignore[no-untyped-def]
     due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
 ):
-    """Kalman updates of the sectors' factors from the bearings that are due.
+    """Update the sectors' factors (Kalman filter) from the bearings that are due.
 
     Observed advance since the anchor = factor x modelled advance + noise.
     """

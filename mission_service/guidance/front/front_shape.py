@@ -67,7 +67,7 @@ def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
 def ring_of_cells(
     outer: Floats, start: int, clockwise: bool
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """The closed ring of perimeter cells, from the vehicle's bearing against its direction.
+    """Return the closed ring of perimeter cells, from the vehicle's bearing against its direction.
 
     Returns (north, east, bearing) of each cell in whole cells relative to the centre; cells
     follow each other without gaps (8 neighbours).
@@ -102,20 +102,20 @@ def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
 
 
 def steps_between(north: Floats, east: Floats) -> Floats:
-    """Distance in cells from each ring cell to the next one, the last to the first."""
+    """Return distance in cells from each ring cell to the next one, the last to the first."""
     steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps
 
 
 def hull_of(shape: Floats) -> Floats:
-    """Section VI.E: the filled convex hull of a shape (360), as distances on 360 bearings."""
+    """Return the convex hull of a shape (360) as distances on 360 bearings (section VI.E)."""
     distance: Floats = _hull_of(shape)
     return distance
 
 
 @compiled
 def _hull_of(shape):  # type: ignore[no-untyped-def]
-    """Andrew's monotone chain over points in order of bearing, begun at the farthest one.
+    """Compute the hull by Andrew's monotone chain over points in order of bearing.
 
     The centre is inside, so that the points' order around it is the hull's as well.
     """

@@ -36,7 +36,7 @@ class Renewal:
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the mission is to be checked now; no upload is under way, and no takeoff."""
+        """Return whether the mission is to be checked now; not called during upload or takeoff."""
         if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
@@ -49,18 +49,18 @@ class Renewal:
         return True
 
     def why_on_approach(self, vehicle: Vehicle) -> str | None:
-        """The reason to send a mission before the front is found; None: there is no reason."""
+        """Return the reason to send a mission before the front is found, or None."""
         if vehicle.flown_line is not None and not vehicle.due:
             return None
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the mission may be renewed so soon after the one before."""
+        """Return whether the mission may be renewed so soon after the one before."""
         since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
-        """The reason to renew the mission by one along a path; None: no renewal.
+        """Return the reason to renew the mission by one along a path; None: no renewal.
 
         ``path_m`` is (n, 2) x, y in metres, the path of a mission made now.
         """

@@ -121,10 +121,10 @@ class PerimeterPlanner:
         return self._decide(row, col, at_s)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Nothing: the paper's rule does not use the wind."""
+        """Do nothing: the paper's rule does not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """Nothing: the planner has one vehicle."""
+        """Do nothing: the planner has one vehicle."""
 
     def _finish_initial_circle(self) -> None:
         """End listing 2; an unknown ignition is replaced by the fire's centre."""
@@ -134,11 +134,11 @@ class PerimeterPlanner:
             self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
-        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
         return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
 
     def importance(self, row: float, col: float, at_s: float) -> Floats:
-        """Importance in cells of each cell of the reconstructed front (n), by listing 3.
+        """Return the importance in cells of each cell of the reconstructed front (n), by listing 3.
 
         Index 0 is the vehicle's cell; the index grows against its flying direction.
         """
@@ -157,7 +157,7 @@ class PerimeterPlanner:
         )
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """The importance and the place of each cell of the front."""
+        """Return the importance and the place of each cell of the front."""
         values = self.importance(row, col, at_s)
         bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
@@ -191,7 +191,7 @@ class PerimeterPlanner:
         )
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
         In view the path follows the front itself, beyond it the reconstructed front; during the
         initial circle it extends the visible front in a straight line.
@@ -204,7 +204,7 @@ class PerimeterPlanner:
 def perimeter_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PerimeterPlanner:
-    """The planner of one vehicle, with the scenario's rule."""
+    """Return the planner of one vehicle, with the scenario's rule."""
     told, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PerimeterSettings(
         rule=cast(Rule, told.rule),

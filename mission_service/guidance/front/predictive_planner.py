@@ -69,7 +69,7 @@ class PredictiveSettings:
 
 
 def model_of(landscape: Landscape, known: Weather) -> FrontModel:
-    """The fire model on board: the landscape and the moistures of one time, no wind."""
+    """Return the fire model on board: the landscape and the moistures of one time, no wind."""
     calm = replace(known, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
     return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
@@ -126,7 +126,7 @@ class PredictivePlanner:
         self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
-        """Nothing: the planner has one vehicle."""
+        """Do nothing: the planner has one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """Set the vehicle's position; returns a decision at each new cell of the grid."""
@@ -197,11 +197,11 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """The estimated front: its distance in cells on 360 bearings (see ``robust_front``)."""
+        """Return the estimated front: distance in cells on 360 bearings (see ``robust_front``)."""
         return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
         The path follows the estimated front; during the initial circle the extrapolated one.
         """
@@ -216,7 +216,7 @@ class PredictivePlanner:
 def predictive_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PredictivePlanner:
-    """The planner of one vehicle, with the landscape and the initial fuel moistures."""
+    """Return the planner of one vehicle, with the landscape and the initial fuel moistures."""
     told, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PredictiveSettings(
         clockwise_first=told.first_direction == "clockwise",

@@ -36,7 +36,7 @@ class CoarseRing(NamedTuple):
 
 
 def _plans() -> Integers:
-    """Legs (m, 3): on; out, back and on; out and back."""
+    """Return the legs (m, 3) of all plans: on; out, back and on; out and back."""
     legs = [(NEVER, 0, 0)]
     for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
         legs += [(out, back, NEVER) for back in (4, 8, 14, 22, 32, 44, 58)]
@@ -92,7 +92,7 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
 
 @compiled
 def costs_of(plans, ring, node, clockwise, delay_s, turn_s, horizon_s, found):  # type: ignore[no-untyped-def]
-    """Cost of each plan (m, legs) into ``found`` (m), flown from a node.
+    """Compute the cost of each plan (m, legs), flown from a node, into ``found`` (m).
 
     The vehicle sets out after ``delay_s`` (it may have to turn first); each turn between legs takes
     ``turn_s``.

@@ -17,13 +17,13 @@ ALARM = "front"
 
 
 def front_map_of(planner: Steered) -> FireMap | None:
-    """The on-board map of a planner that flies along a front; None for all others."""
+    """Return the on-board map of a planner that flies along a front; None for all others."""
     found = getattr(planner, "map", None)
     return found if isinstance(found, FireMap) else None
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """The whole-degree bearings, clockwise, to which no other one is nearer than ``own_deg``.
+    """Return the whole-degree bearings, clockwise, that are nearest to ``own_deg``.
 
     At least one: that of ``own_deg``.
     """
@@ -45,7 +45,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """A part of the front in words: bearings from the fire's centre, and its length."""
+    """Return a part of the front in words: bearings from the fire's centre, and its length."""
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
     steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
@@ -66,13 +66,13 @@ class FrontMonitor:
         self._alarm: RaiseAlarm | None = None  # of the vehicle that left it last
 
     def standing_alarms(self) -> list[AnyCommand]:
-        """The standing alarm, to be sent again after a restart of the service."""
+        """Return the standing alarm, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
     def on_availability(
         self, name: str, watches: bool, availability: Mapping[str, VehicleAvailability]
     ) -> list[AnyCommand]:
-        """Commands after an event of a vehicle: a part of the front left, or monitored again.
+        """Report that a part of the front is no longer monitored, or monitored again.
 
         ``watches``: whether the vehicle follows its planner now.
         """
@@ -96,7 +96,7 @@ class FrontMonitor:
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """The bearings to which the vehicle was nearest of all that share its map."""
+        """Return the bearings to which the vehicle was nearest of all that share its map."""
         places = {
             each: fix
             for each in (name, *sorted(self._watching))

@@ -33,7 +33,7 @@ PLANNERS = {
 
 
 def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None) -> WayOfFlying:
-    """A rule of another package, by which each vehicle flies along the front on its own.
+    """Return a rule of another package, by which each vehicle flies along the front on its own.
 
     Args:
         rule: its name in ``planner.rule``, and the name of its entry point.
@@ -50,7 +50,7 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
 def along_front(
     rules: tuple[str, ...], planners: Planners, section: type[BaseModel] | None = None
 ) -> WayOfFlying:
-    """A way of flying along a front; ``planners`` makes the planners of all vehicles, by name."""
+    """Return a way of flying along a front; ``planners`` makes all vehicles' planners, by name."""
     return WayOfFlying(
         rules,
         guidance=partial(later(f"{FOLDER}.controller:FrontFlight"), planners),

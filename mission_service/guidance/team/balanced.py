@@ -46,7 +46,7 @@ class Balanced:
     """A ``TeamRule`` for any number of vehicles, which may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
-        """``turn_s`` is the duration of turning back."""
+        """Set the importance function and ``turn_s``, the duration of a turn back."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
@@ -69,7 +69,7 @@ class Balanced:
         self._sweeps = np.empty(0, np.bool_)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Whether to fly on clockwise. Tries a few plans of this vehicle, the others' fixed."""
+        """Return whether to fly clockwise next, after a search of this vehicle's plans."""
         if ring is not self._ring:
             self._update_ring(ring, fleet)
         members: list[int] = fleet.member.tolist()
@@ -107,7 +107,7 @@ class Balanced:
         return int(self._step_m.size)
 
     def next_cell(self, member: int) -> int:
-        """The cell that a vehicle is expected to reach next."""
+        """Return the cell that a vehicle is expected to reach next."""
         return int(self._goal[self._members.index(member)])
 
     def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
@@ -128,7 +128,7 @@ class Balanced:
         self._pattern_cost = self._settled(self._pattern, fleet)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
-        """Scale and power of the integrals of importance of nodes of several cells."""
+        """Return scale and power of the integrals of importance of nodes of several cells."""
         if self._linear:
             return rate_sum / 2.0, np.full(rate_sum.size, 2.0)
         power = 2.0 + rate_sum / cells
@@ -207,7 +207,7 @@ class Balanced:
         self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """A vehicle has joined or left: all lap until a better pattern is found."""
+        """Set the members after one has joined or left; all lap until a better pattern is found."""
         before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
         self._members = members
@@ -280,7 +280,7 @@ class Balanced:
 
 
 def _in_parts(of_cells: Floats) -> Floats:
-    """Sums over PARTS equal parts of a ring (n)."""
+    """Return sums over PARTS equal parts of a ring (n)."""
     upto = np.concatenate([[0.0], np.cumsum(of_cells)])
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
@@ -288,6 +288,6 @@ def _in_parts(of_cells: Floats) -> Floats:
 
 
 def balanced(scenario: Scenario) -> Balanced:
-    """The rule for the vehicles of a scenario."""
+    """Return the rule for the vehicles of a scenario."""
     turns_s = [turn_back_s(section) for section in scenario.vehicles]
     return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))

@@ -9,11 +9,11 @@ class Circling:
     """All vehicles fly clockwise."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Clockwise."""
+        """Return True: all vehicles fly clockwise."""
         return True
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Nothing: the rule has no state."""
+        """Do nothing: the rule has no state."""
 
 
 class Bumper:
@@ -50,7 +50,7 @@ class Bumper:
         return self._clockwise[member]
 
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
-        """Cells from one vehicle on to the next; the count nearest to the last one."""
+        """Return the cells from one vehicle to the next; the count nearest to the last one."""
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around
         gap += around * round((self._cells_on.get(rear, gap) - gap) / around)
@@ -58,4 +58,4 @@ class Bumper:
         return gap
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Nothing: cells between neighbours are counted again at the next decision."""
+        """Do nothing: cells between neighbours are counted again at the next decision."""

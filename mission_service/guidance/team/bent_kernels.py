@@ -10,14 +10,14 @@ from firemodel.compiled import compiled
 
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
-    """Bent's linear or exponential importance (3.2)."""
+    """Return Bent's linear or exponential importance (3.2)."""
     age = max(age, 0.0)  # a camera sees ahead of the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
 
 @compiled
 def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore[no-untyped-def]
-    """The cell of highest importance, lifted, other than ``here``; ``here`` if there is none.
+    """Return the lifted cell of highest importance other than ``here``; ``here`` if none.
 
     The vehicle's own cell has no importance (4.1.3). Of equals the nearest in cells, clockwise
     first.
@@ -66,7 +66,7 @@ def best_path(  # type: ignore[no-untyped-def]
 
 @compiled
 def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Importance of a region, summed."""
+    """Return the sum of the importance over a region."""
     n = rate.size
     found = 0.0
     for cell in range(begin, end):
@@ -79,7 +79,7 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 def chunk(  # type: ignore[no-untyped-def]
     rate, visited, first, way, max_cells, offer, at_s, exponential
 ):
-    """Number of cells from ``first`` inwards (way 1 or -1) that are worth no more than an offer."""
+    """Return the number of cells from ``first`` inwards that are worth no more than an offer."""
     n = rate.size
     worth = 0.0
     for count in range(max_cells):
@@ -94,7 +94,7 @@ def chunk(  # type: ignore[no-untyped-def]
 def max_centred(  # type: ignore[no-untyped-def]
     rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
-    """Cells to give at either end so that the centre of importance is most central.
+    """Return the numbers of cells to give at both ends so that the importance is best centred.
 
     Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
     to none, and (0, 0) unless another pair is better (4.2.2).

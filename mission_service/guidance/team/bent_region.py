@@ -36,17 +36,17 @@ CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
-    """A cell of the ring (0 to ``cells`` - 1) as one of ``range(begin, begin + cells)``."""
+    """Return a cell of the ring (0 to ``cells`` - 1) as one of ``range(begin, begin + cells)``."""
     return begin + (cell - begin) % cells
 
 
 def course_to(region: Region, target: int) -> Course:
-    """The course to a target in the region."""
+    """Return the course to a target in the region."""
     return Course(target > region.here, target)
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Whether a course has no target, has reached or passed it, or it left the region.
+    """Return whether a course has no target, has reached or passed it, or it left the region.
 
     A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
     """
@@ -57,7 +57,7 @@ def is_finished(region: Region, course: Course) -> bool:
 
 
 def course_back(region: Region) -> Course:
-    """The shorter course, in cells, into the region of a vehicle that is outside of it."""
+    """Return the shorter course, in cells, into the region of a vehicle that is outside of it."""
     cells = region.ring.step_m.size
     clockwise = region.begin + cells - region.here < region.here - (region.end - 1)
     return Course(clockwise)

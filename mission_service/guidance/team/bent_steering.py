@@ -8,7 +8,7 @@ from mission_service.guidance.team.bent_region import Course, Region, course_to,
 
 
 def back_and_forth(region: Region, course: Course) -> Course:
-    """4.1.1: from one end of the region to the other; back at its last cell."""
+    """Fly from one end of the region to the other and back (4.1.1)."""
     if region.here == region.end - 1:
         return Course(clockwise=False)
     if region.here == region.begin:
@@ -17,7 +17,7 @@ def back_and_forth(region: Region, course: Course) -> Course:
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
-    """4.1.2: to the cell of highest importance now, chosen at every cell."""
+    """Fly to the cell of highest importance now, chosen anew at every cell (4.1.2)."""
     ring = region.ring
     target = highest(
         ring.spread_rate_m_s,
@@ -32,12 +32,12 @@ def highest_dynamic(region: Region, course: Course) -> Course:
 
 
 def highest_static(region: Region, course: Course) -> Course:
-    """4.1.3: to the cell of highest importance; a target is kept until it is reached."""
+    """Fly to the cell of highest importance; a target is kept until it is reached (4.1.3)."""
     return highest_dynamic(region, course) if is_finished(region, course) else course
 
 
 def predictive(region: Region, course: Course) -> Course:
-    """4.1.4: along the straight path of highest mean importance when its cells would be visited.
+    """Fly along the path with the highest mean importance at the time of visit (4.1.4).
 
     The pseudocode keeps the previous target unless a path is better, and so does this. Times are
     those of the flight, for which the thesis has "+ 1, + 2".
@@ -59,5 +59,5 @@ def predictive(region: Region, course: Course) -> Course:
 
 
 def predictive_kept(region: Region, course: Course) -> Course:
-    """6.1 (future work): ``predictive``, but each path is flown to its end."""
+    """Fly as ``predictive``, but each path to its end (6.1, future work)."""
     return predictive(region, course) if is_finished(region, course) else course

@@ -51,7 +51,7 @@ class RegionTeam:
         return self._regions
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """The course of the vehicle's planner, or back into its region if it is outside."""
+        """Return the direction of the vehicle's planner, or back into its region from outside."""
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
@@ -75,7 +75,7 @@ class RegionTeam:
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
-        """The regions after all changes since the last decision."""
+        """Return the regions after all changes since the last decision."""
         cells = ring.step_m.size
         members = fleet.member.tolist()
         regions = self._regions
@@ -107,7 +107,7 @@ class RegionTeam:
     def _negotiated(
         self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
     ) -> Regions:
-        """Each vehicle in turn gives cells to its neighbours by the negotiation (4.2.1)."""
+        """Let each vehicle in turn give cells to its neighbours by the negotiation (4.2.1)."""
         count = len(regions.members)
         if count == 1:
             return regions
@@ -139,7 +139,7 @@ class RegionTeam:
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
-    """Regions with the vehicles that have joined, and without those that have left."""
+    """Return regions with the vehicles that have joined, and without those that have left."""
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))

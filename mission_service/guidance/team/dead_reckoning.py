@@ -22,7 +22,7 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """The fleet at ``at_s``: without reports for too long a vehicle is left out."""
+    """Return the fleet at ``at_s``: without reports for too long a vehicle is left out."""
     here = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
@@ -35,7 +35,7 @@ def dead_reckoned_fleet(
 
 
 def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
-    """The last cell that a vehicle has reached by ``at_s``."""
+    """Return the last cell that a vehicle has reached by ``at_s``."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
     flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]

@@ -70,7 +70,7 @@ class Moves(NamedTuple):
 
 
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
-    """Arrays for roll-outs of this size; zeros, since they are part of a recorded state."""
+    """Return zero arrays for roll-outs of this size; they are part of a recorded state."""
     return Workspace(
         np.zeros(nodes),
         np.zeros(vehicles, np.int64),
@@ -83,7 +83,7 @@ def workspace_for(nodes: int, vehicles: int) -> Workspace:
 
 @kernel
 def _up_to(nodes, place, age_s):  # type: ignore[no-untyped-def]
-    """The integral of a node's importance up to an age."""
+    """Return the integral of a node's importance up to an age."""
     if nodes.linear:
         return nodes.scale[place] * age_s * age_s
     if age_s <= 0.0:
@@ -149,7 +149,7 @@ def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Importance of all nodes, integrated over time, when the plans are flown.
+    """Return the importance of all nodes, integrated over time, when the plans are flown.
 
     ``legs`` (k, LEGS): cells to fly from ``start.node`` before each turn; 0 turns at once. Includes
     a constant: the cost of the ages at the beginning.
@@ -164,7 +164,7 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Mean over the last part of a roll-out of the summed importance of all nodes."""
+    """Return the summed importance of all nodes, averaged over the last part of a roll-out."""
     _begin(nodes, start, legs, room)
     _fly(nodes, start, legs, room, span.late_from_s)
     late = -_standing(nodes, room.visited_s, span.late_from_s)
@@ -175,7 +175,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they are cheaper, copy this vehicle's to ``best`` (LEGS)."""
+    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS)."""
     cost = roll_out(nodes, start, legs, span, room)
     if cost < best_cost:
         for leg in range(LEGS):

@@ -39,13 +39,13 @@ Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int,
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """The first and the last of these cells that are in a region; its middle if none is."""
+    """Return the first and the last of these cells that are in a region; its middle if none is."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 
 
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
-    """Importance to give to the left and to the right neighbour.
+    """Return the importance to give to the left and to the right neighbour.
 
     ``alone``: both neighbours are the same vehicle. It is offered the amount that makes the two
     equal, half of it at either border; the thesis does not define at which border two vehicles
@@ -65,7 +65,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """4.2.1: as many cells as are worth no more than the offer, at either end."""
+    """Give at either end as many cells as are worth no more than the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -82,7 +82,7 @@ def on_importance(
 def on_centre(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """4.2.2: of all chunks within the offers, those that best centre the importance that is left.
+    """Give the chunks within the offers that best centre the remaining importance (4.2.2).
 
     The pseudocode is garbled: it compares signed differences, never refills a chunk that it has
     emptied and tries the first chunk without the second only if there is no second. The text says
@@ -100,7 +100,7 @@ def on_centre(
 def on_arrival(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
+    """Give the cells that the neighbour would reach sooner (6.1, after Ahmadi & Stone).
 
     The neighbour is assumed to fly there at once. All have the same speed, so the nearer one
     arrives first; distances are in cells, since steps are nearly equal.

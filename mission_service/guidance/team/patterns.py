@@ -36,7 +36,7 @@ LAPS = Pattern(0, 0, 0)
 
 
 def candidates(vehicles: int) -> list[Pattern]:
-    """Patterns to try for a number of vehicles."""
+    """Return the patterns to try for a number of vehicles."""
     lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
     arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
     ways = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
@@ -44,14 +44,14 @@ def candidates(vehicles: int) -> list[Pattern]:
 
 
 def repeated(first: int, second: int) -> Integers:
-    """Legs (LEGS) that alternate for ever."""
+    """Return legs (LEGS) that alternate without end."""
     return np.array([first, second] * (LEGS // 2), np.int64)
 
 
 def settled_cost(
     pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
 ) -> float:
-    """Mean over time of the importance of all nodes when a pattern is flown evenly spaced.
+    """Return mean over time of the importance of all nodes when a pattern is flown evenly spaced.
 
     ``nodes`` has PARTS nodes; ``speed_m_s`` (k) of the vehicles; ``turn_s`` of a turn back.
     """

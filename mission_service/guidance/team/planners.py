@@ -12,7 +12,7 @@ from mission_service.guidance.team.way import FOLDER, RULES
 
 
 def members_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
-    """A planner for each vehicle of a scenario, by name: its member of one team."""
+    """Return a planner for each vehicle of a scenario, by name: its member of one team."""
     told, ground = scenario.planner, ground_of(scenario, landscape)
     settings = TeamSettings(
         cell_m=landscape.cell_size_m,

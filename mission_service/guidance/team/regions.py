@@ -60,7 +60,7 @@ class Regions:
 
 
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
-    """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
+    """Return regions of equal size in the vehicles' order, clockwise from the first one's cell.
 
     These are the initial regions of Bent (section 4.2); positions only set the order.
     """
@@ -72,7 +72,7 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """The cells that a vehicle serves, lifted [begin, end): its own by its sides of the borders."""
+    """Return the cells [begin, end), lifted, that a vehicle serves by its sides of the borders."""
     last = index + 1 == len(regions.borders)
     end = regions.borders[0].left.place + regions.cells if last else 0
     return regions.borders[index].right.place, (
@@ -81,7 +81,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
-    """The cells that a vehicle serves and has not offered, lifted [begin, end)."""
+    """Return the cells that a vehicle serves and has not offered, lifted [begin, end)."""
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
     end_place = end.place if end.offered is None else end.offered
@@ -92,14 +92,14 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Where each region begins, lifted: the newer of each border's sides."""
+    """Return where each region begins, lifted: the newer of each border's sides."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
 
 
 def owners(regions: Regions) -> Integers:
-    """The index of the vehicle that owns each cell (n)."""
+    """Return the index of the vehicle that owns each cell (n)."""
     begins = ledger(regions)
     owner = np.full(regions.cells, -1, np.int64)
     for index, begin in enumerate(begins):
@@ -109,13 +109,13 @@ def owners(regions: Regions) -> Integers:
 
 
 def has_turn(border: Border, *, left: bool) -> bool:
-    """Whether this side may offer now."""
+    """Return whether this side may offer now."""
     side = border.left if left else border.right
     return side.offered is None and (side.version % 2 == 0) == left
 
 
 def offering(border: Border, place: int, *, left: bool) -> Border:
-    """One side gives away the cells up to a place, or none and only the turn; raises ValueError."""
+    """Return a border whose side offers the cells up to a place; raises ValueError."""
     side = border.left if left else border.right
     if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
         raise ValueError(f"a border at {side.place} cannot be offered at {place} now")
@@ -124,7 +124,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """The message of one side of a border: its offer, or else its state."""
+    """Return the message of one side of a border: its offer, or else its state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)
@@ -132,7 +132,7 @@ def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
 
 
 def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
-    """The regions after one side of a border has received a message of the other."""
+    """Return the regions after one side of a border has received a message of the other."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
@@ -143,13 +143,13 @@ def with_message(regions: Regions, index: int, message: BorderMessage, *, left: 
 
 
 def with_border(regions: Regions, index: int, border: Border) -> Regions:
-    """The regions with one border changed."""
+    """Return the regions with one border changed."""
     borders = (*regions.borders[:index], border, *regions.borders[index + 1 :])
     return replace(regions, borders=borders)
 
 
 def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
-    """The regions after one side has moved a border, with all messages exchanged."""
+    """Return the regions after one side has moved a border, with all messages exchanged."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
         regions = _given(regions, index, other.place, left=not left)
@@ -164,7 +164,7 @@ def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 
 
 def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
-    """The regions on a new ring of ``cells`` cells: borders move with their cells."""
+    """Return the regions on a new ring of ``cells`` cells: borders move with their cells."""
     first, before = int(place_of[0]), place_of.size
 
     def new(place: int | None) -> int | None:
@@ -181,7 +181,7 @@ def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
 
 
 def without_member(regions: Regions, member: int) -> Regions:
-    """The regions after a vehicle has left: its neighbours share its region. Offers are void.
+    """Return the regions after a vehicle has left: its neighbours share its region.
 
     The last one cannot leave; raises ValueError.
     """
@@ -201,7 +201,7 @@ def without_member(regions: Regions, member: int) -> Regions:
 
 
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """The regions after a vehicle has joined at a cell: it halves the region. Offers are void.
+    """Return the regions after a vehicle has joined at a cell, whose region is halved.
 
     ``cells_of`` are the cells of the others, clockwise; the owner of the region keeps the half that
     it is in.

@@ -84,7 +84,7 @@ class Team:
         }
 
     def member(self, name: str) -> "TeamMember":
-        """The planner of one vehicle."""
+        """Return the planner of one vehicle."""
         return self._members[name]
 
     def add_view(self, observed: Observed) -> NDArray[np.bool_]:
@@ -103,7 +103,7 @@ class Team:
             self._observations.clear()
 
     def ring(self) -> FrontRing:
-        """The front of the map, a cell for each bearing."""
+        """Return the front of the map, a cell for each bearing."""
         cell_m = self.settings.cell_m
         outer, visited_at_s = self.map.filled_outer()
         north, east = outer * NORTH, outer * EAST
@@ -119,7 +119,7 @@ class Team:
         return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
-        """The vehicles that fly the front now.
+        """Return the vehicles that fly the front now.
 
         One without reports is advanced by dead reckoning, and after a while left out.
         """
@@ -183,7 +183,7 @@ class TeamMember:
         self._team.map.correct(observed.row, observed.col, window, observed.at_us / 1e6)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Nothing: the rules of teams do not use the wind."""
+        """Do nothing: the rules of teams do not use the wind."""
 
     def left(self, at_s: float) -> None:
         """Leave the fleet until the vehicle flies and has the front in view again."""
@@ -238,11 +238,11 @@ class TeamMember:
         return Decision(self.clockwise, turn, 0.0, 0.0, BEARINGS)
 
     def shape(self, row: float, col: float) -> Floats:
-        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
         return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
         During the first lap the front is extrapolated where no vehicle has seen it.
         """

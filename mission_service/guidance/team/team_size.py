@@ -27,14 +27,14 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:
-    """Vehicles that must lap so that nothing stays unseen for longer: n >= L / (v T)."""
+    """Return how many vehicles must lap to keep the maximum age T: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * max_revisit_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """Vehicles that must lap to bound the unseen advance: n >= ROS_max L / (v D)."""
+    """Return how many vehicles must lap to bound the unseen advance D: n >= ROS_max L / (v D)."""
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
 
@@ -43,7 +43,7 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """The split and the arc with the smallest worst advance, from the measured spread.
+    """Return the split and the arc with the smallest worst advance, from the measured spread.
 
     Arrays (n) of a ring. All lap unless sweeping is better; of equal splits the one with fewest
     sweeping.
@@ -79,7 +79,7 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
-    """The smallest team that keeps the unseen advance under a limit, and its split."""
+    """Return the smallest team that keeps the unseen advance under a limit, and its split."""
     max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
@@ -101,7 +101,7 @@ class CoverageTargets:
 def team_size_advice(
     ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
 ) -> tuple[bool, str]:
-    """Whether the team (speeds, k) is too small for the targets, and a text for the operator.
+    """Return whether the team (speeds, k) is too small for the targets, and advice as text.
 
     Computed with the team's mean speed; without targets the text has only what the team achieves.
     """
@@ -142,13 +142,13 @@ class TeamSizeAdviser:
         self._next_s = -np.inf
 
     def is_due(self, vehicles: int, at_s: float) -> bool:
-        """Whether to check again: after five minutes, or when the team has changed."""
+        """Return whether to check again: after five minutes, or when the team has changed."""
         return at_s >= self._next_s or (
             self._last_advice is not None and self._last_advice[0] != vehicles
         )
 
     def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
-        """(too few vehicles, text) if the advice has changed, else None."""
+        """Return (too few vehicles, text) if the advice has changed, else None."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
         last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)
