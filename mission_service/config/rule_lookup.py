@@ -1,8 +1,8 @@
-"""The valid values of ``planner.rule``: ways of flying, looked up when a scenario is checked.
+"""The lookup of ways of flying by ``planner.rule``, used when a scenario is checked.
 
 Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by their
-address: this module imports nothing from the packages that fly.
+other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by address,
+so this module imports no planner.
 """
 
 import re
@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package: its table has the same name
+NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package, and of its table
 
 
 class Way(Protocol):
@@ -23,22 +23,22 @@ class Way(Protocol):
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """Its values of ``planner.rule``."""
+        """The values of ``planner.rule`` for this way of flying."""
 
     @property
     def section(self) -> type[BaseModel] | None:
-        """The model of the table that has the rule's name; None: there is no such table."""
+        """The model of the table with the rule's name; None for a rule without a table."""
 
     @property
     def prescribed(self) -> bool:
-        """Whether it burns the unit of the table ``[burn]``."""
+        """Whether its vehicles ignite the unit of the table ``[burn]``."""
 
     @property
     def messages_peers(self) -> bool:
         """Whether its vehicles exchange messages with those of other processes."""
 
     def check(self, scenario: Any) -> None:
-        """Raise ValueError if it cannot fly the scenario's vehicles or tables."""
+        """Raise ValueError if the scenario's vehicles or tables cannot be flown."""
 
 
 @cache
@@ -68,7 +68,7 @@ def way_named(rule: str) -> Way:
         return own
     found = list(entry_points(group=GROUP, name=rule))
     if not found:
-        raise ValueError(f"no such rule; there are {', '.join(rules())}")
+        raise ValueError(f"no such rule; available are {', '.join(rules())}")
     if len(found) > 1:
         where = ", ".join(each.value for each in found)
         raise ValueError(f"{len(found)} packages have a rule of that name: {where}")
@@ -79,7 +79,7 @@ def _of_another_package(point: EntryPoint) -> Way:
     """Return the way of flying at an entry point. Raises ValueError."""
     where = f"entry point {point.name} = {point.value}"
     if re.fullmatch(NAME, point.name) is None:
-        raise ValueError(f"{where}: a rule is named in lower case letters, digits and _")
+        raise ValueError(f"{where}: the name of a rule has only lower-case letters, digits and _")
     try:
         way: Way = point.load()
     except Exception as error:  # an import of another package may raise anything

@@ -1,7 +1,7 @@
 """Reports of an autopilot as announcements and alarms for operators. Pure.
 
 An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
-alarm of a text is cleared ``TEXT_STANDS_S`` after the last text, because a text has no end.
+end of a text's cause is not reported: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
@@ -20,7 +20,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
-# PX4's mission protocol sends these texts as critical after repeated requests; they are not.
+# PX4's mission protocol sends these texts with severity critical after repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LANDED, THRUST = "landed", "thrust"
@@ -50,7 +50,7 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
             return [announce(vehicle, "landing", warning=True)]
         case LandedStateChanged():
             mode = vehicle.availability.mode
-            lands = mode in GOING_HOME  # it is disarmed next
+            lands = mode in GOING_HOME  # the autopilot disarms next
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in mode {mode}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
@@ -59,10 +59,10 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
 
 
 def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
-    """Raise the alarm about a mode that was not ordered."""
+    """Announce a mode that was not ordered, and raise an alarm."""
     mode = vehicle.availability.mode
-    doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
-    until = "nothing is sent to it until it is back in its mission or an operator orders it"
+    doing = {"return": ", returning home", "land": ", landing at its position"}.get(mode, "")
+    until = "no command is sent until it is back in its mission or an operator gives an order"
     words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
     return [announce(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
 
@@ -96,7 +96,5 @@ def _alarm(
     """Raise an alarm and announce it, or clear it."""
     if not raised:
         return [ClearAlarm(vehicle.name, alarm)]
-    return [
-        announce(vehicle, words, warning=True),
-        RaiseAlarm(vehicle.name, alarm, words, severity),
-    ]
+    raised_alarm = RaiseAlarm(vehicle.name, alarm, words, severity)
+    return [announce(vehicle, words, warning=True), raised_alarm]

@@ -1,6 +1,6 @@
-"""From events to decisions: availability of the vehicles and decisions of their planners.
+"""Updates of the vehicles' availability and decisions of their planners, from events.
 
-The core turns decisions into missions. ``decide`` runs this part alone on a journal.
+The core converts decisions to missions. ``decide`` runs this part alone on a journal.
 """
 
 import math
@@ -43,7 +43,7 @@ from mission_service.vehicles.availability import (
 
 
 class DecisionEngine:
-    """Updates the availability of vehicles by events and asks their planners for decisions."""
+    """Updates the availability of vehicles by events and runs their planners."""
 
     def __init__(
         self,
@@ -70,19 +70,19 @@ class DecisionEngine:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """Record an order to return; given on the ground it stands until takeoff."""
+        """Record an order to return; an order given on the ground is valid until takeoff."""
         availability = self.availability[name]
         availability.recalled, availability.recalled_on_ground = True, not availability.airborne
         self.planners[name].left(at_s)
 
     def on_command(self, command: AnyCommand, at_s: float) -> None:
-        """Record a command that is sent: the modes that it leads to are expected from now on."""
+        """Record a command that is sent: the modes that it causes are expected from now on."""
         if type(command) in LEADS_TO:
             availability = self.availability[command.vehicle]
             availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
     def apply_order(self, name: str, event: OrderGiven) -> bool:
-        """Apply an order; returns whether it is carried out. Its mode then counts as ordered."""
+        """Apply an order; return whether it is executed. Its mode then counts as ordered."""
         availability = self.availability[name]
         if event.by == SERVICE and not availability.flies:
             return False
@@ -150,8 +150,8 @@ class DecisionEngine:
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # under control, whatever changed the mode
-            if (event.mode, event.armed) != before:  # not only reported again
+        elif event.mode == MISSION:  # under control, for any cause of the change
+            if (event.mode, event.armed) != before:  # not a repeated report
                 availability.recalled &= availability.recalled_on_ground
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
@@ -171,7 +171,7 @@ class DecisionEngine:
         leading = availability.leading_to(event.mode, at_s)
         arms = armed_now and not availability.airborne and event.mode not in GOING_HOME
         if arms and availability.is_expected(StartMission, at_s):
-            leading.add(StartMission)  # it arms first, before the mode changes
+            leading.add(StartMission)  # arms first and then changes the mode
         availability.held_by_upload = leading == {UploadMission}
         availability.mode_is_ordered = bool(leading)
         self._look_for_failsafe(event.vehicle, at_s)
@@ -186,7 +186,7 @@ class DecisionEngine:
     def _position_measured(
         self, availability: VehicleAvailability, event: GpsFixChanged | EstimatorStatusChanged
     ) -> None:
-        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; without them the vehicle leaves its planner."""
         was_good = availability.position_good
         if isinstance(event, GpsFixChanged):
             availability.fix_good = event.good
@@ -195,23 +195,25 @@ class DecisionEngine:
         if was_good and not availability.position_good:
             self.planners[event.vehicle].left(event.at_us / 1e6)
 
-    def _moved(self, availability: VehicleAvailability, told: Telemetry) -> Decision | None:
-        x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)
+    def _moved(self, availability: VehicleAvailability, telemetry: Telemetry) -> Decision | None:
+        x_m, y_m = self._landscape.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
         if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
             return None
         row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
-        at_s = told.at_us / 1e6
-        velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
-        availability.fix = PositionFix(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
+        at_s = telemetry.at_us / 1e6
+        velocity = (telemetry.velocity_east_m_s, telemetry.velocity_north_m_s)
+        availability.fix = PositionFix(
+            at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity
+        )
         # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
-        if not availability.airborne and told.altitude_relative_m >= self._airborne_m:
+        if not availability.airborne and telemetry.altitude_relative_m >= self._airborne_m:
             availability.airborne, availability.took_off_at_s = True, at_s
             availability.recalled_on_ground = False
             if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
-                self.recall(told.vehicle, at_s)
+                self.recall(telemetry.vehicle, at_s)
         if not availability.flies or at_s < self._deploy_at_s:
             return None
-        return self.planners[told.vehicle].at(row, col, at_s)
+        return self.planners[telemetry.vehicle].at(row, col, at_s)
 
     _CHANGES: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
         Observed: _observed,

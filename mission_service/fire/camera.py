@@ -23,7 +23,7 @@ class Camera:
     along_rad: float | None = None
 
     def half_width_m(self, height_m: float) -> float:
-        """Return the disc's radius, or half the width across the track, at a height above ground."""
+        """Return the disc's radius, or half the width across the track, at a height (AGL)."""
         return max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
 
     def half_length_m(self, height_m: float) -> float:

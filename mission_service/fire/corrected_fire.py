@@ -128,14 +128,14 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     found = arrival_s.copy()
     for each in held:
         cells = _cells_drawn(each, landscape)
-        at_s, there = each.correction.marked_at_us / 1e6, tuple(cells.T)
+        at_s, index = each.correction.marked_at_us / 1e6, tuple(cells.T)
         match each.correction.state:
             case "unburned":
-                found[there] = np.maximum(found[there], np.nextafter(at_s, np.inf))
+                found[index] = np.maximum(found[index], np.nextafter(at_s, np.inf))
             case "burned":
-                found[there] = np.minimum(found[there], at_s)
+                found[index] = np.minimum(found[index], at_s)
             case _:
-                found[there] = at_s
+                found[index] = at_s
     return found
 
 

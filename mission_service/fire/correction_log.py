@@ -59,7 +59,7 @@ class CorrectionLog:
         for step in reversed(self.steps):
             if isinstance(step, Erased):
                 erasures = (step, *erasures)
-            elif not _gone(step, erasures):
+            elif not _is_erased(step, erasures):
                 found.append(Held(step, erasures))
         return tuple(reversed(found))
 
@@ -124,7 +124,7 @@ def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
-def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
+def _is_erased(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
     """Return true if a correction is a point that is erased; lines and polygons are always kept."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points

@@ -96,14 +96,14 @@ def ensemble_of(
     It ends with fewer members as soon as ``go_on()`` is False.
     """
     members = []
-    for number, otherwise in enumerate(perturbations(seed), start=1):
+    for number, perturbation in enumerate(perturbations(seed), start=1):
         if not go_on():
             break
         member = fire.copy()
         member.draw_from(np.random.default_rng((seed, number)))
-        member.perturb(*otherwise)
+        member.perturb(*perturbation)
         member.advance(max(until_s, fire.time_s))
-        members.append(_cut(member.arrival_time_s, fire.time_s))
+        members.append(_compact(member.arrival_time_s, fire.time_s))
     return Ensemble(fire.time_s, until_s, fire.landscape.shape, members, version)
 
 
@@ -116,7 +116,7 @@ def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
     return burned / max(len(ensemble.members), 1)
 
 
-def _cut(arrival_s: Floats, at_s: float) -> Member:
+def _compact(arrival_s: Floats, at_s: float) -> Member:
     """Return arrival times as a float32 window; cells burned by ``at_s`` stay at 0 s or less."""
     burned = np.isfinite(arrival_s)
     rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))

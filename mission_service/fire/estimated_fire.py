@@ -60,7 +60,7 @@ class EstimatedFire:
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         self._fitted: GaussianCorrected | None = None
-        self._whole = 0  # observations at the last fit from the start
+        self._whole_fit_count = 0  # observations at the last fit from the start
         for line in burn.lit:
             self._sources = np.vstack(
                 [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
@@ -102,9 +102,13 @@ class EstimatedFire:
         from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
 
         count = len(self._observations)
-        near = self._fitted if self._whole <= count <= WHOLE_AFTER * self._whole else None
+        near = (
+            self._fitted
+            if self._whole_fit_count <= count <= WHOLE_AFTER * self._whole_fit_count
+            else None
+        )
         if near is None:
-            self._whole = count
+            self._whole_fit_count = count
         self._fitted = GaussianCorrected(base, self._observations, near=near)
         return self._fitted
 
@@ -124,13 +128,13 @@ class EstimatedFire:
                     # Raises for an invalid shape, before anything changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.apply(event)
-                self._mark()
+                self._collect_observations()
             case Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
                 self._seen.fold(event.row, event.col, event.cells, at_s, fire)
                 if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
-                    self._mark()
+                    self._collect_observations()
             case WindSet():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
@@ -146,7 +150,7 @@ class EstimatedFire:
         if len(self.held):
             held, self.held = self.held, np.empty((0, 3))
             self.ignite(held)
-            self._mark()
+            self._collect_observations()
 
     def ignite(self, sources: Floats) -> None:
         """Add sources (n, 3) x, y, at_s to the estimate."""
@@ -160,14 +164,14 @@ class EstimatedFire:
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
-        self._whole = 0
+        self._whole_fit_count = 0
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
         """Return the weather entry in effect at a time."""
         return WeatherStream(tuple(self._entries)).at(at_s)
 
-    def _mark(self) -> None:
+    def _collect_observations(self) -> None:
         """Collect the observations from corrections and cameras."""
         drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
         seen = self._seen.observations()

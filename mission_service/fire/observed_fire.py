@@ -41,7 +41,7 @@ class ObservedFire:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._due_us = dict.fromkeys(self._cameras, 0)
-        self._lacking: dict[str, set[str]] = {name: set() for name in self._cameras}
+        self._faults: dict[str, set[str]] = {name: set() for name in self._cameras}
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
@@ -54,7 +54,7 @@ class ObservedFire:
 
     def _is_due(self, fix: Telemetry) -> bool:
         """Return true if an image is due; the next one is then due one period later."""
-        if self._lacking[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
+        if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
@@ -75,11 +75,11 @@ class ObservedFire:
     def on_event(self, event: AnyEvent) -> None:
         """Apply an event: ignitions, completed drops, positions no longer measured."""
         if isinstance(event, GpsFixChanged):
-            self._note(event.vehicle, "fix", event.good)
+            self._set_fault(event.vehicle, "fix", event.good)
         elif isinstance(event, EstimatorStatusChanged):
-            self._note(event.vehicle, "estimator", event.healthy)
+            self._set_fault(event.vehicle, "estimator", event.healthy)
         elif isinstance(event, VehicleRebooted):
-            self._lacking[event.vehicle].clear()
+            self._faults[event.vehicle].clear()
         elif isinstance(event, IgnitionReported):
             self.world.advance(event.at_us)  # else it would burn from the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
@@ -88,12 +88,12 @@ class ObservedFire:
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
 
-    def _note(self, vehicle: str, what: str, good: bool) -> None:
-        lacking = self._lacking[vehicle]
+    def _set_fault(self, vehicle: str, source: str, good: bool) -> None:
+        faults = self._faults[vehicle]
         if good:
-            lacking.discard(what)
+            faults.discard(source)
         else:
-            lacking.add(what)
+            faults.add(source)
 
     def apply_history(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
         """Apply an event of a journal; returns the window of changed cells."""

@@ -129,8 +129,8 @@ class FireMap:
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
         """Update the map by one camera window; returns the bearings in view (360 booleans)."""
-        here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
-        seen, in_view = _seen(window, *(each[here] for each in self._grid), self.burned)
+        region = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
+        seen, in_view = _seen(window, *(each[region] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
@@ -209,10 +209,10 @@ def fill_circular(values: Floats) -> Floats:
     """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
     if not np.isnan(values).any():
         return values
-    known = np.flatnonzero(~np.isnan(values))
-    if not known.size:
+    finite = np.flatnonzero(~np.isnan(values))
+    if not finite.size:
         return values
-    return np.interp(np.arange(values.size), known, values[known], period=values.size)
+    return np.interp(np.arange(values.size), finite, values[finite], period=values.size)
 
 
 @compiled
@@ -220,23 +220,23 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Return the distance of the front by bearing, and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
                 continue
             bearing, distance = bearings[row, col], distances[row, col]
-            for aside in range(-spans[row, col], spans[row, col] + 1):
-                place = (bearing + aside) % BEARINGS
+            for offset in range(-spans[row, col], spans[row, col] + 1):
+                place = (bearing + offset) % BEARINGS
                 burned[place] = max(burned[place], distance)
                 if front[row, col]:
-                    beside[place] = max(beside[place], distance)
+                    spanned[place] = max(spanned[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
     # A flank that runs outwards passes bearings whose own cells are nearer than a neighbour's:
     # no island, since that neighbour is front too.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
-    seen = np.where(flank, beside, seen)
+    seen = np.where(flank, spanned, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
     _fill_gaps(seen, in_view)
     return seen, in_view
@@ -256,9 +256,9 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
     """Mark the bearings between two neighbouring front cells as seen: the front joins the two."""
-    known = np.flatnonzero(in_view)
-    for place in range(known.size if known.size > 1 else 0):
-        start, end = known[place], known[(place + 1) % known.size]
+    seen_at = np.flatnonzero(in_view)
+    for place in range(seen_at.size if seen_at.size > 1 else 0):
+        start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]
         steps = (end - start) % BEARINGS
         if steps < 2 or steps >= BEARINGS // 2:
             continue

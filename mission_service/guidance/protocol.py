@@ -57,7 +57,7 @@ class Steered(Protocol):
     def observe(self, observed: Observed) -> None:
         """Update the map by a camera window of this vehicle."""
 
-    def correct(self, told: Observed) -> None:
+    def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window, which overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:

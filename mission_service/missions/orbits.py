@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 WIDER = 1.3  # terrain counts up to this multiple of the radius: circles are flown wider
 CLIMBS_FIRST_M = 100.0  # above all terrain on the way to its circle, before it flies there
-BESIDE_M = 150.0  # width of the terrain beside a leg that counts
+CORRIDOR_M = 150.0  # width of the terrain beside a leg that counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def altitude_amsl_m(
     reach_m = WIDER * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
-        ground_m = max(ground_m, highest_ground_m(landscape, from_m, circle.centre_m, BESIDE_M))
+        ground_m = max(ground_m, highest_ground_m(landscape, from_m, circle.centre_m, CORRIDOR_M))
     return round(ground_m + altitude_agl_m + circle.climb_m, 1)
 
 
@@ -103,7 +103,7 @@ def first_mission(
     """Return the mission to take off, climb clear of all terrain on the way, and fly the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
-    on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, BESIDE_M)
+    on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
     first_m = round(on_the_way_m + min(CLIMBS_FIRST_M, section.altitude_agl_m), 1)
     up = takeoff(section.home_lat_deg, section.home_lon_deg, min(first_m, altitude_m))
     return (up, *loiter_mission(landscape, circle, altitude_m, landing))
@@ -120,10 +120,10 @@ def waiting_place(
     away_m = max(math.dist(centre_m, home_m), 1.0)
     out = ((home_m[0] - centre_m[0]) / away_m, (home_m[1] - centre_m[1]) / away_m)
     row, place = divmod(number, 8)
-    ahead_m, aside_m = reach_m + row * apart_m, (place - 3.5) * apart_m
+    ahead_m, across_m = reach_m + row * apart_m, (place - 3.5) * apart_m
     return (
-        centre_m[0] + ahead_m * out[0] - aside_m * out[1],
-        centre_m[1] + ahead_m * out[1] + aside_m * out[0],
+        centre_m[0] + ahead_m * out[0] - across_m * out[1],
+        centre_m[1] + ahead_m * out[1] + across_m * out[0],
     )
 
 

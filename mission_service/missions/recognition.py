@@ -8,7 +8,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 
-MOST = 4  # missions kept while it is uncertain which one is on board
+MAX_HELD = 4  # missions kept while it is uncertain which one is on board
 
 Items = tuple[MissionItem, ...]
 
@@ -30,8 +30,8 @@ class MissionsHeld:
         """Process an event and its commands."""
         match event:
             case UploadFinished(outcome="accepted") | MissionReadBack():
-                known = self._may_hold.get(event.vehicle, [])
-                since = [sent for sent in known if sent.mission_id >= event.mission_id > 0]
+                held = self._may_hold.get(event.vehicle, [])
+                since = [sent for sent in held if sent.mission_id >= event.mission_id > 0]
                 if isinstance(event, MissionReadBack):
                     since = since[:1]
                 self._may_hold[event.vehicle] = since
@@ -39,9 +39,9 @@ class MissionsHeld:
                 pass
         for command in commands:
             if isinstance(command, UploadMission):
-                known = self._may_hold.setdefault(command.vehicle, [])
-                known.append(command)
-                del known[1 : len(known) + 1 - MOST]  # the first may be the one on board
+                held = self._may_hold.setdefault(command.vehicle, [])
+                held.append(command)
+                del held[1 : len(held) + 1 - MAX_HELD]  # the first may be the one on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
         """Return the number of the newest sent mission equal to the one read back; 0: none."""

@@ -163,8 +163,8 @@ def has_passed(
     return distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
-def place_aside(
-    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], aside_m: float
+def avoidance_position(
+    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], offset_m: float
 ) -> Floats:
     """Return the waiting position (1, 2): a little ahead and to one side.
 
@@ -177,7 +177,7 @@ def place_aside(
     outwards = right if float(right @ (fix - away_from_m)) >= 0.0 else -right
     start = np.array([other.x_m, other.y_m])
     comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
-    places = [fix + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
+    places = [fix + offset_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
     clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
-    chosen = places[0 if clear_m[0] >= min(aside_m / 2.0, clear_m[1]) else 1]
+    chosen = places[0 if clear_m[0] >= min(offset_m / 2.0, clear_m[1]) else 1]
     return np.array([chosen])

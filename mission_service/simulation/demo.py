@@ -87,8 +87,8 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
     for section in scenario.vehicles:
         if section.name == name:
             return section
-    known = ", ".join(section.name for section in scenario.vehicles)
-    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
+    names = ", ".join(section.name for section in scenario.vehicles)
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {names})")
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:

@@ -61,9 +61,9 @@ class MockEnvironment:
             try:
                 mock.parameters.change(name, value)
             except KeyError:
-                known = ", ".join(mock.parameters.names)
+                names = ", ".join(mock.parameters.names)
                 raise MissionServiceError(
-                    f"--param {name}: the mock of {stack} {kind} has {known}"
+                    f"--param {name}: the mock of {stack} {kind} has {names}"
                 ) from None
         return mock
 
@@ -105,18 +105,18 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, float]:
 
 
 def _numbers(
-    what: str, text: str, form: str, most: tuple[float, ...], least: tuple[float, ...] = ()
+    option: str, text: str, form: str, highest: tuple[float, ...], lowest: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
     try:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != len(most):
-        raise MissionServiceError(f"{what}: write it as {form}")
-    for number, low, high in zip(numbers, least or (0.0,) * len(most), most, strict=True):
+    if len(numbers) != len(highest):
+        raise MissionServiceError(f"{option}: write it as {form}")
+    for number, low, high in zip(numbers, lowest or (0.0,) * len(highest), highest, strict=True):
         if not low <= number <= high:
             raise MissionServiceError(
-                f"{what}: {number:g} is not between {low:g} and {high:g}; write it as {form}"
+                f"{option}: {number:g} is not between {low:g} and {high:g}; write it as {form}"
             )
     return numbers
 
@@ -232,17 +232,17 @@ def run(
     """
     timestamps = Timestamps(wall_us)
 
-    def learns(key: Key) -> Signing:
+    def signing_with(key: Key) -> Signing:
         return Signing(key, timestamps)
 
     async def fly(mocks: MocksOnLink) -> None:
         def opened() -> None:
-            for told in describe(mocks.fleet, mocks.link, speedup):
-                echo(json.dumps(told) if as_json else _line(told))
+            for description in describe(mocks.fleet, mocks.link, speedup):
+                echo(json.dumps(description) if as_json else _line(description))
 
         key = mocks.signing_key
         signing = None if key is None else Signing(read_key(key), timestamps)
-        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, learns)
+        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, signing_with)
 
     async def until_ended() -> None:
         task = asyncio.current_task()
@@ -259,12 +259,12 @@ def run(
     asyncio.run(until_ended())
 
 
-def _line(told: dict[str, Any]) -> str:
+def _line(mock: dict[str, Any]) -> str:
     wind = ""
-    if told["wind_speed_m_s"] > 0.0:
-        wind = f", wind {told['wind_speed_m_s']:g} m/s from {told['wind_from_deg']:g} deg"
+    if mock["wind_speed_m_s"] > 0.0:
+        wind = f", wind {mock['wind_speed_m_s']:g} m/s from {mock['wind_from_deg']:g} deg"
     return (
-        f"mock {told['stack']} {told['vehicle']} {told['system_id']} at "
-        f"{told['home_lat_deg']:.5f},{told['home_lon_deg']:.5f},{told['home_altitude_amsl_m']:g} "
-        f"on {told['link']}, x{told['speedup']:g}{wind}"
+        f"mock {mock['stack']} {mock['vehicle']} {mock['system_id']} at "
+        f"{mock['home_lat_deg']:.5f},{mock['home_lon_deg']:.5f},{mock['home_altitude_amsl_m']:g} "
+        f"on {mock['link']}, x{mock['speedup']:g}{wind}"
     )

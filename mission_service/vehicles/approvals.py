@@ -33,8 +33,8 @@ class MissionApprovals:
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
         """Set the distances beside and beyond a refused mission at which another one differs."""
         self._proposals: dict[str, Proposal] = {}
-        self._beside_m = path_tolerance_m
-        self._beyond_m = AHEAD_SHARE * horizon_m
+        self._path_tolerance_m = path_tolerance_m
+        self._max_beyond_m = AHEAD_SHARE * horizon_m
 
     def held_back(
         self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
@@ -80,12 +80,12 @@ class MissionApprovals:
         apart_m = shapely.distance(points, refusal.line)
         along_m = shapely.line_locate_point(refusal.line, points)
         beyond = along_m >= refusal.line.length
-        max_m = np.where(beyond, self._beyond_m, self._beside_m)
+        max_m = np.where(beyond, self._max_beyond_m, self._path_tolerance_m)
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
         """Return the proposed mission with this hash, to be sent; None if it is not proposed."""
-        proposal = self._taken(vehicle, named)
+        proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return None
         vehicle.enter(MissionPhase.UPLOADING, proposal.pending)
@@ -94,7 +94,7 @@ class MissionApprovals:
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
         """Refuse the mission with this hash and similar ones; False if it is not proposed."""
-        proposal = self._taken(vehicle, named)
+        proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False
         vehicle.enter(MissionPhase.REFUSED)
@@ -118,7 +118,7 @@ class MissionApprovals:
             vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 
-    def _taken(self, vehicle: Vehicle, named: str) -> Proposal | None:
+    def _take_proposal(self, vehicle: Vehicle, named: str) -> Proposal | None:
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or mission_hash(proposal.command.items) != named:
             return None

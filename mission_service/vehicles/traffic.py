@@ -16,12 +16,12 @@ from mission_service.missions.separation import (
     MARGIN_M,
     Track,
     ahead_on,
+    avoidance_position,
     comes_too_low,
     gives_way,
     has_passed,
     heights_below,
     is_near,
-    place_aside,
     places_of,
     track_of,
 )
@@ -33,7 +33,7 @@ TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
 LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # towards its waiting place
 WAITS_AT_MOST_S = 120.0  # then it flies on
-UNHEARD_S = 5.0  # an older position is not used
+STALE_S = 5.0  # an older position is not used
 
 
 @dataclass(slots=True, eq=False)
@@ -135,47 +135,47 @@ class TrafficManager:
             None,
         )
         if own.gave_way_to is not None:
-            aside_m = self._separation_m
-            aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            there = self._all[own.gave_way_to].availability.fix
-            assert there is not None
-            own.waits_at = place_aside(fix, there, self._fire_m, aside_m)
+            offset_m = self._separation_m
+            offset_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
+            other_fix = self._all[own.gave_way_to].availability.fix
+            assert other_fix is not None
+            own.waits_at = avoidance_position(fix, other_fix, self._fire_m, offset_m)
             own.waits_since_s = fix.at_s
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
-        fix, there = own.availability.fix, other.availability.fix
-        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
+        fix, other_fix = own.availability.fix, other.availability.fix
+        if fix is None or other_fix is None or not _is_reported(other.availability, fix.at_s):
             return False
         if fix.at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
-        return not has_passed(fix, there, self._separation_m, turn_m)
+        return not has_passed(fix, other_fix, self._separation_m, turn_m)
 
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
-        fix, there = own.availability.fix, other.availability.fix
-        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
+        fix, other_fix = own.availability.fix, other.availability.fix
+        if fix is None or other_fix is None or not _is_reported(other.availability, fix.at_s):
             return False
         if other.gave_way_to == name or self._are_in_layers(own, other):
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         if other.gave_way_to is not None and other.waits_at is not None:
             x_m, y_m = other.waits_at[0]
-            there = replace(there, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
+            other_fix = replace(other_fix, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
             turn_m += other.section.loiter_radius_m / 2.0
-        if not is_near(fix, there, self._separation_m, turn_m):
+        if not is_near(fix, other_fix, self._separation_m, turn_m):
             return False
-        cannot = not other.availability.flies or other.gave_way_to is not None
-        return cannot or gives_way(fix, there, other_name in self._earlier[name])
+        unable = not other.availability.flies or other.gave_way_to is not None
+        return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
         """Return whether the higher one's missions keep it above the other, and it is there."""
-        fix, there = own.availability.fix, other.availability.fix
+        fix, other_fix = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
-        if fix is None or there is None or not both:
+        if fix is None or other_fix is None or not both:
             return False
-        above_m = fix.altitude_m - there.altitude_m
+        above_m = fix.altitude_m - other_fix.altitude_m
         if own in self._below[other.section.name]:
             return -above_m >= self._separation_m / 2.0
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
@@ -184,11 +184,11 @@ class TrafficManager:
         """Return whether no other vehicle is flying out of this one's way just now."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
-            there = other.availability.fix
-            if other.gave_way_to != name or fix is None or there is None:
+            other_fix = other.availability.fix
+            if other.gave_way_to != name or fix is None or other_fix is None:
                 continue
             leaving = fix.at_s - other.waits_since_s < LEAVES_WITHIN_S
-            if leaving and math.dist((fix.x_m, fix.y_m), (there.x_m, there.y_m)) < LEAVES_M:
+            if leaving and math.dist((fix.x_m, fix.y_m), (other_fix.x_m, other_fix.y_m)) < LEAVES_M:
                 return False
         return True
 
@@ -205,7 +205,7 @@ class TrafficManager:
             if other is own:
                 continue
             fix = other.availability.fix
-            if other.availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S:
+            if other.availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
                 place = (fix.x_m, fix.y_m)
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
                 place = other.home_m
@@ -220,4 +220,4 @@ class TrafficManager:
 def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
     """Return whether it is airborne by a recent position."""
     fix = availability.fix
-    return availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S
+    return availability.airborne and fix is not None and at_s - fix.at_s < STALE_S

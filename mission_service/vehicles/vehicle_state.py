@@ -88,7 +88,7 @@ class Vehicle:
     ordered: Literal["", "hold"] = ""  # by an operator
     hold_under_way_s: float | None = None  # when a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # until the autopilot accepts it
-    waits_for_crew: bool = False  # has flown: only an operator's order starts it
+    waits_for_operator: bool = False  # has flown: only an operator's order starts it
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
     going_home: bool = False  # its endurance is nearly over
@@ -150,8 +150,8 @@ class Vehicle:
         """Check what must hold between two events; raises AssertionError. For tests."""
         phase, line = self.mission_phases[-1], self.flown_line
         assert (self.next_mission is not None) == (phase in UNDECIDED), f"{self.name}: {phase}"
-        known = self.accepted is not None and line is self.accepted.line
-        assert line is None or known, f"{self.name}: flies a line that was not accepted"
+        is_accepted = self.accepted is not None and line is self.accepted.line
+        assert line is None or is_accepted, f"{self.name}: flies a line that was not accepted"
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:

@@ -102,8 +102,8 @@ def slow_best_path(region: Region) -> int:
     """Bent 4.1.4 word by word: the mean importance of each path's cells when they are reached."""
     ring, cells, means = region.ring, region.ring.step_m.size, {}
     for goal in range(region.begin, region.end):
-        way = 1 if goal > region.here else -1
-        path = list(range(region.here, goal + way, way)) if goal != region.here else []
+        way = 1 if goal > region.own_cell else -1
+        path = list(range(region.own_cell, goal + way, way)) if goal != region.own_cell else []
         at_s, worth = region.at_s, []
         for before, cell in pairwise(path):
             at_s += ring.step_m[min(before, cell) % cells] / region.speed_m_s
@@ -119,7 +119,7 @@ def test_predictive_finds_the_best_path(exponential: bool) -> None:
     for seed in range(30):
         region = Region(random_ring(seed), 25, 55, 25 + seed, NOW_S, SPEED_M_S / 10.0, exponential)
         course = predictive(region, Course())
-        assert course == Course(slow_best_path(region) > region.here, slow_best_path(region))
+        assert course == Course(slow_best_path(region) > region.own_cell, slow_best_path(region))
         targets.append(course.target)
     assert len(set(targets)) > 10
 

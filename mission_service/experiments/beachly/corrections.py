@@ -137,9 +137,9 @@ def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
-        known = int(np.count_nonzero(observations[:, 2] <= at_s))
-        if known != used:
-            used, expected_s = known, arrival_s(case, observations[:known], method)
+        count = int(np.count_nonzero(observations[:, 2] <= at_s))
+        if count != used:
+            used, expected_s = count, arrival_s(case, observations[:count], method)
         front = front_points(expected_s, float(at_s), case.grid, case.apart_m)
         found[number] = front_error_m(case.fronts[number], front, case.max_m)
     return found

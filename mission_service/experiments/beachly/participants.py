@@ -37,8 +37,8 @@ def front_points(
     arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
 ) -> Floats:
     """Return points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
-    known = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
-    lines: Any = contourpy.contour_generator(z=known).lines(at_s)
+    finite_s = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
+    lines: Any = contourpy.contour_generator(z=finite_s).lines(at_s)
     found = [np.empty((0, 2))]
     for line in lines:
         x_m, y_m = landscape.xy_of(line[:, 1], line[:, 0])

@@ -118,18 +118,18 @@ class RecordingCrew:
         self._burn = scenario.burn
         self._flown = flown
         self._next_us = 0
-        self._told = flown.scenario != 4
+        self._reported = flown.scenario != 4
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
         """Return the crew's events that are due at ``now_us``."""
         guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
-            self._note(now_us, core, guidance)
+            self._record(now_us, core, guidance)
         events = self._crew.due(now_us, core)
         spheres = guidance.state.account.spheres
-        if not self._told and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
-            self._told = True
+        if not self._reported and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
+            self._reported = True
             assert self._burn.unit is not None
             station = self._burn.stations[0].name
             events.append(
@@ -137,7 +137,7 @@ class RecordingCrew:
             )
         return events
 
-    def _note(self, now_us: int, core: Core, guidance: BurnFlight) -> None:
+    def _record(self, now_us: int, core: Core, guidance: BurnFlight) -> None:
         flown = self._flown
         flown.spheres = [sphere for sphere in guidance.state.account.spheres if sphere.counts]
         if guidance.approvals.plan is not None:

@@ -55,11 +55,11 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
 
 def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
     """Draw the path: solid at low height, dashed at the safe height and during the climb to it."""
-    way = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
+    track = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low = np.array([each.height_m < LOW_SHARE * safe_m for each in flown.samples])
     for style, chosen in (("-", low), ("--", ~low)):
-        line = np.where(chosen[:, None] | np.roll(chosen, 1)[:, None], way, np.nan)
+        line = np.where(chosen[:, None] | np.roll(chosen, 1)[:, None], track, np.nan)
         axes.plot(*line.T, style, color="#333333", linewidth=1.0)
 
 

@@ -62,9 +62,9 @@ def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
     """Return ``count`` cells that divide a ring of these steps (n) equally, from cell 0 on."""
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
-    wished_m = along_m[-1] * np.arange(count) / count
-    after = np.searchsorted(along_m, wished_m)
-    nearer_before = wished_m - along_m[after - 1] < along_m[after] - wished_m
+    goal_m = along_m[-1] * np.arange(count) / count
+    after = np.searchsorted(along_m, goal_m)
+    nearer_before = goal_m - along_m[after - 1] < along_m[after] - goal_m
     cells: NDArray[np.int64] = np.where((after > 0) & nearer_before, after - 1, after)
     return cells % step_m.size
 
@@ -176,13 +176,13 @@ class _Team:
         at = (self._at_s, *self._places[cell])
         track = self.tracks.setdefault(member, [])
         joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
-        self._now([*self._vehicles, joined])
+        self._set_vehicles([*self._vehicles, joined])
 
     def leave(self, member: int) -> None:
         """Remove a vehicle."""
-        self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
+        self._set_vehicles([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
-    def _now(self, vehicles: list[_Vehicle]) -> None:
+    def _set_vehicles(self, vehicles: list[_Vehicle]) -> None:
         heading = dict(
             zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
         )

@@ -19,7 +19,7 @@ from mission_service.experiments.bent.scenarios import (
     uneven,
 )
 
-TOLD_EVERY = 20
+PROGRESS_EVERY = 20
 PROCESSES = 2
 # The thesis gives no speed; its vehicles move as a model of firefighters does (2.3), and at this
 # speed its costs come out: 64 and 3,000 on average.
@@ -34,7 +34,7 @@ def _share(history: Sequence[RingStep], speed_m_s: float) -> None:
     _shared = history, speed_m_s
 
 
-def _flown(case: Case) -> Run:
+def _fly_shared(case: Case) -> Run:
     assert _shared is not None
     return fly_case(case, *_shared)
 
@@ -56,9 +56,9 @@ def fly_cases(
     """Fly many cases in separate processes; results are in the order of the cases."""
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _share, (history, speed_m_s)) as pool:
         found = []
-        for run in pool.map(_flown, cases, chunksize=4):
+        for run in pool.map(_fly_shared, cases, chunksize=4):
             found.append(run)
-            if len(found) % TOLD_EVERY == 0:
+            if len(found) % PROGRESS_EVERY == 0:
                 progress(f"{len(found)} of {len(cases)} flights")
         return found
 

@@ -106,12 +106,14 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         axes.plot(hours, flight.max_error, color=colour, linewidth=0.8, alpha=0.6)
         so_far = np.cumsum(flight.max_error) / np.arange(1, flight.max_error.size + 1)
         axes.plot(hours, so_far, color=colour, linewidth=2.0, label=label)
-    most = max(flight.max_error.max() for name, flight in flights.items() if name != "islam_hu")
+    max_error = max(
+        flight.max_error.max() for name, flight in flights.items() if name != "islam_hu"
+    )
     axes.set(
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * most),  # the literal rule may lose a part of the fire altogether
+        ylim=(0.0, 1.3 * max_error),  # the literal rule may lose a part of the fire altogether
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
@@ -138,7 +140,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
             importance = planner.importance(row, col, at_s)
             _draw_windows(panels[column], importance, at_s, turning=at_s in turns_s)
             estimated = planner.shape(row, col)
-            _draw_belief(panels[2 + column], burn, estimated, (row, col), planner.clockwise, at_s)
+            _draw_estimate(panels[2 + column], burn, estimated, (row, col), planner.clockwise, at_s)
 
     fly(burn, planner, before=look_at)
     figure.suptitle(f"{burn.name}, {burn.scheme}: importance of the windows, damped rule, α = 1")
@@ -163,14 +165,14 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
     axes.legend(fontsize=8)
 
 
-def _draw_belief(
+def _draw_estimate(
     axes: Any, burn: Burn, estimated: Floats, at: tuple[int, int], clockwise: bool, at_s: float
 ) -> None:
     rows, cols = burn.ignition[0] - estimated * NORTH, burn.ignition[1] + estimated * EAST
     axes.contourf(burn.burned(at_s), levels=(0.5, 1.5), colors=("#fdae6b",))
     axes.plot(np.append(cols, cols[0]), np.append(rows, rows[0]), color="black", linewidth=1.0)
-    here = int(np.argmin(np.hypot(rows - at[0], cols - at[1])))
-    ahead = (here + (12 if clockwise else -12)) % rows.size
+    nearest = int(np.argmin(np.hypot(rows - at[0], cols - at[1])))
+    ahead = (nearest + (12 if clockwise else -12)) % rows.size
     axes.annotate(
         "",
         xy=(cols[ahead], rows[ahead]),

@@ -101,12 +101,12 @@ def fly(
         new_row, new_col = walk.cell
         at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
         row, col = new_row, new_col
-    at, most, mean = np.array(errors).reshape(-1, 3).T
+    at, maximum, mean = np.array(errors).reshape(-1, 3).T
     return Flight(
         np.array(track),
         np.array(reversals).reshape(-1, 3),
         np.array(windows).reshape(-1, 3),
         at,
-        most,
+        maximum,
         mean,
     )

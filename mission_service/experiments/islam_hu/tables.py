@@ -44,16 +44,16 @@ def _errors(found: dict[str, Any]) -> str:
         rows = _of(found["distance_error"], name, scheme)
         worst = {row["planner"]: row["mean_max_cells"] for row in rows}
         lines.append(
-            f"  {name:16}{scheme:10}{_beside_circling(worst, planners)}   "
+            f"  {name:16}{scheme:10}{_against_circling(worst, planners)}   "
             + "".join(f"{row['mean_mean_cells']:11.2f}" for row in rows)
         )
         if name in PAPER_MEAN_MAX_CELLS and scheme == COMPARED[-1]:
-            printed = _beside_circling(PAPER_MEAN_MAX_CELLS[name], planners)
+            printed = _against_circling(PAPER_MEAN_MAX_CELLS[name], planners)
             lines.append(f"  {'':16}{'paper':10}{printed}".rstrip())
     return "\n".join(lines)
 
 
-def _beside_circling(worst: dict[str, float], planners: list[str]) -> str:
+def _against_circling(worst: dict[str, float], planners: list[str]) -> str:
     text = f"{worst['circling']:15.1f}"
     for planner in planners[1:]:
         cell = ""

@@ -58,8 +58,8 @@ def _draw_fire(axes: Any, flight: Flight, before_s: float, until_s: float) -> No
 
 
 def _zoom(axes: Any, tracks: Any) -> None:
-    least, most = np.nanmin(tracks, axis=(0, 1)) - 200.0, np.nanmax(tracks, axis=(0, 1)) + 200.0
-    axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]))
+    low, high = np.nanmin(tracks, axis=(0, 1)) - 200.0, np.nanmax(tracks, axis=(0, 1)) + 200.0
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def draw_agents(path: Path, flight: Flight) -> None:
@@ -120,11 +120,11 @@ def draw_safety(path: Path, flights: Flights) -> None:
     figure, (axes,) = _figure((8.4, 4.0))
     names = [experiment.name for experiment in EXPERIMENTS if experiment.name in flights]
     places = np.arange(len(names))
-    for shift, what, colour in ((-0.2, "conflicts", COLOURS[0]), (0.2, "collisions", COLOURS[1])):
-        counts = [np.mean([run.series[what][-1] for run in flights[name]]) for name in names]
-        bars = axes.bar(places + shift, counts, 0.4, color=colour, label=what)
+    for shift, count, colour in ((-0.2, "conflicts", COLOURS[0]), (0.2, "collisions", COLOURS[1])):
+        means = [np.mean([run.series[count][-1] for run in flights[name]]) for name in names]
+        bars = axes.bar(places + shift, means, 0.4, color=colour, label=count)
         axes.bar_label(bars, fmt="{:.4g}", fontsize=8)
     axes.set_xticks(places, names)
-    axes.set_ylabel("a flight, mean of the seeds")
+    axes.set_ylabel("number per flight, mean of the seeds")
     axes.legend()
     figure.savefig(path)

@@ -19,8 +19,8 @@ from mission_service.experiments.virtual_agents.camera_footprint import (
 )
 from mission_service.experiments.virtual_agents.ideal_world_kernels import (
     count_meetings,
+    desired_headings,
     fly_all,
-    wanted_headings,
 )
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.experiments.virtual_agents.rvo_kernels import clear_heading_rad
@@ -76,7 +76,7 @@ class Radio:
     """Messages in transit: states reach receivers in range, all others reach every receiver."""
 
     def __init__(self, count: int, rules: Rules, range_m: float, seed: int) -> None:
-        self._everybody = np.arange(count)
+        self._uavs = np.arange(count)
         self._rules = rules
         self._range_m = range_m
         self._rng = np.random.default_rng((seed, 1))
@@ -84,7 +84,7 @@ class Radio:
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """Send a message from UAV ``sender``; ``places_m`` (n, 2) are the positions of all UAVs."""
-        receives = self._everybody != sender
+        receives = self._uavs != sender
         if isinstance(message, State):
             off_m = places_m - places_m[sender]
             receives &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
@@ -117,11 +117,11 @@ class Safety:
         self.collisions = 0
         self.closest_m = math.inf
 
-    def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, wanted_m_s: Floats,
+    def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, desired_m_s: Floats,
         heights_m: Floats) -> None:  # fmt: skip
         """Count the conflicts and collisions that begin now; rows of the arrays are vehicles."""
         conflicts, collisions, closest_m = count_meetings(
-            at_s, places_m, velocities_m_s, wanted_m_s, heights_m,
+            at_s, places_m, velocities_m_s, desired_m_s, heights_m,
             2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
             self._in_conflict_s, self._together,
         )  # fmt: skip
@@ -147,13 +147,13 @@ class FormationWorld:
         self.rules = rules
         self.at_s = 0.0
         self.ticks = 0
-        known = np.flatnonzero(arrival_s <= 0.0)
+        burning = np.flatnonzero(arrival_s <= 0.0)
         self.agents = [
             Agent(
                 f"uav{number}",
                 settings,
                 self.grid,
-                known,
+                burning,
                 0,
                 rules.avoidance,
                 rules.synchronises,
@@ -234,7 +234,7 @@ class FormationWorld:
         )
         wind, bank_rad = self.rules.wind_m_s, self.settings.airframe.bank_rad
         headings_rad = np.empty(len(orbits))
-        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        desired_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         if self.rules.avoidance == "rvo":
             for number, agent in enumerate(self.agents):
                 headings_rad[number] = self._clear_heading(number, agent, headings_rad[number])
@@ -262,10 +262,10 @@ class FormationWorld:
         )
         headings_rad = np.empty(len(orbits))
         bank_rad = self.settings.airframe.bank_rad
-        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        desired_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         directions = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
-        wanted_m_s = self.motion[:, 1:] * directions + wind
-        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
+        desired_m_s = self.motion[:, 1:] * directions + wind
+        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, desired_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
         """Return the paper's avoidance, from the states received from the others."""

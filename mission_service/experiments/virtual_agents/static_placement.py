@@ -197,8 +197,10 @@ def best_placement(
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:
             places = best_places.copy()
-            gone = rng.permutation(count)[: rng.integers(1, max(count // 2, 1) + 1)]
-            places[gone] = (cells[rng.integers(len(cells), size=gone.size)] - corner).astype(float)
+            moved = rng.permutation(count)[: rng.integers(1, max(count // 2, 1) + 1)]
+            places[moved] = (cells[rng.integers(len(cells), size=moved.size)] - corner).astype(
+                float
+            )
         order = rng.permutation(count)
         found = float(settle(part, taken, free, places, order, radius_cells, sums))
         if found > best + 1e-9:

@@ -106,9 +106,9 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
         update_s=1.0,
         rng=rng,
     )
-    least, most = kind.fire_cells
-    wanted = int(rng.integers(least, most + 1))
-    while np.count_nonzero(np.isfinite(fire.arrival_time_s)) < wanted:
+    min_cells, max_cells = kind.fire_cells
+    count = int(rng.integers(min_cells, max_cells + 1))
+    while np.count_nonzero(np.isfinite(fire.arrival_time_s)) < count:
         fire.advance(fire.time_s + 1.0)
     return np.isfinite(fire.arrival_time_s)
 

@@ -113,11 +113,9 @@ class FrontFlight(Guidance):
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        announcements = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
+        advice = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
         return (
-            []
-            if announcements is None
-            else [announce(vehicle, f"team: {announcements[1]}", warning=announcements[0])]
+            [] if advice is None else [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
         )
 
     def after(
@@ -139,12 +137,12 @@ class FrontFlight(Guidance):
         """Return commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
-        aside = self._out_of_the_way(vehicle, fix)
-        if aside is not None:
-            return aside
+        commands = self._give_way(vehicle, fix)
+        if commands is not None:
+            return commands
         return self._follow(vehicle, fix) if self._renewal.to_be_checked(vehicle, fix) else []
 
-    def _out_of_the_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
+    def _give_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return commands to move aside and hold there; None when the path is clear."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
@@ -225,5 +223,5 @@ def _takes_off(vehicle: Vehicle) -> bool:
     return vehicle.takes_off and vehicle.mode == "mission"
 
 
-def _in_words(told: SettingsChanged) -> str:
-    return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())
+def _in_words(event: SettingsChanged) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in event.given.items())

@@ -97,13 +97,13 @@ class FrontEstimate:
         self.wind_m_s: Floats | None = None  # towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
-        self._reset_learning()
+        self._reset_factors()
         room = PLACES * BEARINGS
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
         self._edge = distance_to_edge(shape, centre)
-        self._believed_fuel = self._anchor_fuel
+        self._predicted_fuel = self._anchor_fuel
         self._burned_to, self._unburned_from = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
@@ -111,7 +111,7 @@ class FrontEstimate:
         """Whether the fire model advances the front; otherwise only measured rates do."""
         return self.model is not None and self.wind_m_s is not None
 
-    def _reset_learning(self) -> None:
+    def _reset_factors(self) -> None:
         """Set factors and covariance to those before the first view."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
@@ -142,7 +142,7 @@ class FrontEstimate:
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
         renewed._wind_at_s = self._wind_at_s
-        renewed._reset_learning()
+        renewed._reset_factors()
         return renewed
 
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
@@ -154,7 +154,7 @@ class FrontEstimate:
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
         if self.wind_m_s is None:
             self.wind_m_s = self._short_wind = self._long_wind = new
-            self._reset_learning()
+            self._reset_factors()
         else:
             elapsed_s = max(at_s - self._wind_at_s, 0.0)
             short = 1.0 - math.exp(-elapsed_s / SHORT_WIND_S)
@@ -258,7 +258,7 @@ class FrontEstimate:
         np.maximum(self.burned, burned_to, out=self.burned)
         in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
         before = self.front.copy()
-        self._believed_fuel = self._fuel_at(before)
+        self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
         # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
@@ -268,7 +268,7 @@ class FrontEstimate:
             self._scale_unseen(np.flatnonzero(new), before)
         self.seen_at_s[in_view] = at_s
         self._unseen[in_view] = 0.0
-        self._learn(in_view, at_s)
+        self._update_factors(in_view, at_s)
         return in_view
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
@@ -318,7 +318,7 @@ class FrontEstimate:
         weight = np.exp(-apart.min(axis=1) / UNSEEN_ALIKE_DEG)
         self.front[places] *= ratio[nearest] ** weight
 
-    def _learn(self, in_view: Booleans, at_s: float) -> None:
+    def _update_factors(self, in_view: Booleans, at_s: float) -> None:
         factors = self.factors()
         due = in_view & (
             (self._modelled * factors >= BASELINE_CELLS) | (at_s - self._anchor_at_s >= BASELINE_S)
@@ -327,7 +327,7 @@ class FrontEstimate:
             return
         fuel = self._fuel_at(self.front)
         # An advance over two fuels is no measurement of either.
-        alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
+        alike = (fuel == self._anchor_fuel) & (fuel == self._predicted_fuel)
         update_factors(
             due & alike,
             self.front,

@@ -117,8 +117,8 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
     last = int((away + reach) * SAMPLES_PER_CELL) + 1
     for i in range(north.size):
         burned_to[i], unburned_from[i] = -1.0, np.inf
-        aside = abs(north[i] * right + east[i] * down)
-        if aside > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
+        offset = abs(north[i] * right + east[i] * down)
+        if offset > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
             continue
         for k in range(first, last):
             r = k / SAMPLES_PER_CELL

@@ -82,21 +82,23 @@ def ring_of_cells(
 def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
     north, east = np.rint(outer * NORTH), np.rint(outer * EAST)
     size = 0
-    for here in range(BEARINGS):
-        there = (here + 1) % BEARINGS
-        size += int(max(abs(north[there] - north[here]), abs(east[there] - east[here])))
+    for bearing in range(BEARINGS):
+        next_bearing = (bearing + 1) % BEARINGS
+        size += int(
+            max(abs(north[next_bearing] - north[bearing]), abs(east[next_bearing] - east[bearing]))
+        )
     cell_north, cell_east = np.empty(size), np.empty(size)
     cell_bearing = np.empty(size, dtype=np.int64)
     cell = 0
     for place in range(BEARINGS):
-        here = (start + step * place) % BEARINGS
-        there = (here + step) % BEARINGS
-        to_north, to_east = north[there] - north[here], east[there] - east[here]
+        bearing = (start + step * place) % BEARINGS
+        next_bearing = (bearing + step) % BEARINGS
+        to_north, to_east = north[next_bearing] - north[bearing], east[next_bearing] - east[bearing]
         count = int(max(abs(to_north), abs(to_east)))
         for part in range(count):
-            cell_north[cell] = np.rint(north[here] + part / count * to_north)
-            cell_east[cell] = np.rint(east[here] + part / count * to_east)
-            cell_bearing[cell] = here
+            cell_north[cell] = np.rint(north[bearing] + part / count * to_north)
+            cell_east[cell] = np.rint(east[bearing] + part / count * to_east)
+            cell_bearing[cell] = bearing
             cell += 1
     return cell_north, cell_east, cell_bearing
 
@@ -124,15 +126,15 @@ def _hull_of(shape):  # type: ignore[no-untyped-def]
     corners = np.empty(BEARINGS + 1, dtype=np.int64)
     size = 0
     for place in range(BEARINGS + 1):
-        here = (first + place) % BEARINGS
+        added = (first + place) % BEARINGS
         while size > 1:
             last, before = corners[size - 1], corners[size - 2]
-            turn = (east[last] - east[before]) * (north[here] - north[last])
-            turn -= (north[last] - north[before]) * (east[here] - east[last])
+            turn = (east[last] - east[before]) * (north[added] - north[last])
+            turn -= (north[last] - north[before]) * (east[added] - east[last])
             if turn < 0.0:  # clockwise, as the bearings go
                 break
             size -= 1
-        corners[size] = here
+        corners[size] = added
         size += 1
     found = shape.copy()
     for corner in range(size - 1):

@@ -25,9 +25,9 @@ TURN_BACK = "turn back"
 class Renewal:
     """The rule, for all vehicles of a run."""
 
-    def __init__(self, settings: MissionSection, spacing: TrafficManager) -> None:
+    def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
-        self._spacing = spacing
+        self._traffic = traffic
         self._corrected: set[str] = set()  # those whose whole path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
@@ -37,11 +37,11 @@ class Renewal:
 
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Return whether the mission is to be checked now; not called during upload or takeoff."""
-        if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
+        if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
             return False  # until it is accepted, refused or withdrawn
-        if vehicle.due == TURN_BACK and not self._spacing.may_turn_back(vehicle.name):
+        if vehicle.due == TURN_BACK and not self._traffic.may_turn_back(vehicle.name):
             return False
         if not vehicle.due and fix.at_s < vehicle.not_before_s:
             return False

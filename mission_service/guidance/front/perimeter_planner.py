@@ -196,8 +196,8 @@ class PerimeterPlanner:
         In view the path follows the front itself, beyond it the reconstructed front; during the
         initial circle it extends the visible front in a straight line.
         """
-        known = reconstructed_front if self.phase == "monitor" else extrapolated_front
-        front = known(self.map, self._in_view, row, col, self.clockwise)
+        front_by = reconstructed_front if self.phase == "monitor" else extrapolated_front
+        front = front_by(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
 
 
@@ -205,17 +205,17 @@ def perimeter_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PerimeterPlanner:
     """Return the planner of one vehicle, with the scenario's rule."""
-    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    planner, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PerimeterSettings(
-        rule=cast(Rule, told.rule),
-        alpha=told.alpha,
-        clockwise_first=told.first_direction == "clockwise",
-        ignition_known=told.ignition_known,
-        baseline_s=told.baseline_s,
-        smoothing_deg=told.smoothing_deg,
-        reversal_margin=told.reversal_margin,
-        min_gain_cells=told.min_gain_cells,
-        dwell_s=told.dwell_s,
+        rule=cast(Rule, planner.rule),
+        alpha=planner.alpha,
+        clockwise_first=planner.first_direction == "clockwise",
+        ignition_known=planner.ignition_known,
+        baseline_s=planner.baseline_s,
+        smoothing_deg=planner.smoothing_deg,
+        reversal_margin=planner.reversal_margin,
+        min_gain_cells=planner.min_gain_cells,
+        dwell_s=planner.dwell_s,
         speed_cells_s=section.airspeed_m_s / cell_m,
         path=path_settings(scenario, cell_m),
     )

@@ -68,9 +68,9 @@ class PredictiveSettings:
     path: PathSettings
 
 
-def model_of(landscape: Landscape, known: Weather) -> FrontModel:
+def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
     """Return the fire model on board: the landscape and the moistures of one time, no wind."""
-    calm = replace(known, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
+    calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
     return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
 
@@ -217,10 +217,10 @@ def predictive_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PredictivePlanner:
     """Return the planner of one vehicle, with the landscape and the initial fuel moistures."""
-    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    planner, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PredictiveSettings(
-        clockwise_first=told.first_direction == "clockwise",
-        ignition_known=told.ignition_known,
+        clockwise_first=planner.first_direction == "clockwise",
+        ignition_known=planner.ignition_known,
         speed_cells_s=section.airspeed_m_s / cell_m,
         turn_radius_cells=section.turn_radius_m / cell_m,
         flies_in_wind=True,

@@ -64,9 +64,9 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
             ring.ahead_s[:], ring.back_s[:] = 0.0, 0.0
         for i in range(count):
             k = (i + 1) % count
-            here, there = math.radians(i), math.radians(k)
-            north = front[k] * math.cos(there) - front[i] * math.cos(here)
-            east = front[k] * math.sin(there) - front[i] * math.sin(here)
+            bearing_rad, next_rad = math.radians(i), math.radians(k)
+            north = front[k] * math.cos(next_rad) - front[i] * math.cos(bearing_rad)
+            east = front[k] * math.sin(next_rad) - front[i] * math.sin(bearing_rad)
             step = math.sqrt(north * north + east * east)
             if turn == 1:
                 node = min(int(along / length * nodes), nodes - 1)

@@ -230,11 +230,11 @@ class Balanced:
     def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
         """Try other plans for one vehicle."""
         assert self._ring is not None
-        silent = self._due_s < at_s - SEARCH_S
-        if silent.any():  # their positions are dead reckoned
-            self._goal[silent] = fleet.cell[silent]
-            self._due_s[silent] = at_s
-            self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)
+        unreported = self._due_s < at_s - SEARCH_S
+        if unreported.any():  # their positions are dead reckoned
+            self._goal[unreported] = fleet.cell[unreported]
+            self._due_s[unreported] = at_s
+            self._heading[unreported] = np.where(fleet.clockwise[unreported], 1, -1)
         visited_s = self._ring.visited_at_s - at_s
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts

@@ -16,21 +16,21 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Return the lifted cell of highest importance other than ``here``; ``here`` if none.
+def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
+    """Return the lifted cell of highest importance other than ``own_cell``; ``own_cell`` if none.
 
     The vehicle's own cell has no importance (4.1.3). Of equals the nearest in cells, clockwise
     first.
     """
     n = rate.size
-    best, best_worth = here, -1.0
+    best, best_worth = own_cell, -1.0
     for cell in range(begin, end):
-        if cell == here:
+        if cell == own_cell:
             continue
         place = cell % n
         importance = _importance(rate[place], at_s - visited[place], exponential)
-        nearer = abs(cell - here) < abs(best - here) or (
-            abs(cell - here) == abs(best - here) and cell > best
+        nearer = abs(cell - own_cell) < abs(best - own_cell) or (
+            abs(cell - own_cell) == abs(best - own_cell) and cell > best
         )
         if importance > best_worth or (importance == best_worth and nearer):
             best, best_worth = cell, importance
@@ -39,25 +39,27 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
 
 @compiled
 def best_path(  # type: ignore[no-untyped-def]
-    rate, visited, step, begin, end, here, target, at_s, speed_m_s, exponential
+    rate, visited, step, begin, end, own_cell, target, at_s, speed_m_s, exponential
 ):
     """End (lifted) of the straight path with the highest mean importance when visited (4.1.4).
 
     ``target`` wins over equals, then the nearer end, clockwise first.
     """
     n = rate.size
-    best, best_worth, before = here, -1.0, -1.0
-    for way in (1, -1):
+    best, best_worth, before = own_cell, -1.0, -1.0
+    for direction in (1, -1):
         total, reached_s, cells = 0.0, at_s, 0
-        cell = here
-        while begin <= cell + way < end:
-            reached_s += step[(cell if way == 1 else cell - 1) % n] / speed_m_s
-            cell += way
+        cell = own_cell
+        while begin <= cell + direction < end:
+            reached_s += step[(cell if direction == 1 else cell - 1) % n] / speed_m_s
+            cell += direction
             cells += 1
             place = cell % n
             total += _importance(rate[place], reached_s - visited[place], exponential)
             mean = total / cells
-            if mean > best_worth or (mean == best_worth and abs(cell - here) < abs(best - here)):
+            if mean > best_worth or (
+                mean == best_worth and abs(cell - own_cell) < abs(best - own_cell)
+            ):
                 best, best_worth = cell, mean
             if cell == target:
                 before = mean
@@ -77,13 +79,13 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 
 @compiled
 def chunk(  # type: ignore[no-untyped-def]
-    rate, visited, first, way, max_cells, offer, at_s, exponential
+    rate, visited, first, direction, max_cells, offer, at_s, exponential
 ):
     """Return the number of cells from ``first`` inwards that are worth no more than an offer."""
     n = rate.size
     worth = 0.0
     for count in range(max_cells):
-        place = (first + way * count) % n
+        place = (first + direction * count) % n
         worth += _importance(rate[place], at_s - visited[place], exponential)
         if worth > offer:
             return count

@@ -11,14 +11,14 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Region:
     """One vehicle's part of the ring, [begin, end) in lifted cells (see ``regions``).
 
-    ``here`` is the vehicle's cell in ``range(begin, begin + n)``: outside of the region from
+    ``own_cell`` is the vehicle's cell in ``range(begin, begin + n)``: outside of the region from
     ``end`` on.
     """
 
     ring: FrontRing
     begin: int
     end: int
-    here: int
+    own_cell: int
     at_s: float
     speed_m_s: float
     exponential: bool
@@ -42,7 +42,7 @@ def lifted(cell: int, begin: int, cells: int) -> int:
 
 def course_to(region: Region, target: int) -> Course:
     """Return the course to a target in the region."""
-    return Course(target > region.here, target)
+    return Course(target > region.own_cell, target)
 
 
 def is_finished(region: Region, course: Course) -> bool:
@@ -53,11 +53,11 @@ def is_finished(region: Region, course: Course) -> bool:
     target = course.target
     if target is None or not region.begin <= target < region.end:
         return True
-    return region.here >= target if course.clockwise else region.here <= target
+    return region.own_cell >= target if course.clockwise else region.own_cell <= target
 
 
 def course_back(region: Region) -> Course:
     """Return the shorter course, in cells, into the region of a vehicle that is outside of it."""
     cells = region.ring.step_m.size
-    clockwise = region.begin + cells - region.here < region.here - (region.end - 1)
+    clockwise = region.begin + cells - region.own_cell < region.own_cell - (region.end - 1)
     return Course(clockwise)

@@ -9,9 +9,9 @@ from mission_service.guidance.team.bent_region import Course, Region, course_to,
 
 def back_and_forth(region: Region, course: Course) -> Course:
     """Fly from one end of the region to the other and back (4.1.1)."""
-    if region.here == region.end - 1:
+    if region.own_cell == region.end - 1:
         return Course(clockwise=False)
-    if region.here == region.begin:
+    if region.own_cell == region.begin:
         return Course(clockwise=True)
     return Course(course.clockwise)
 
@@ -24,7 +24,7 @@ def highest_dynamic(region: Region, course: Course) -> Course:
         ring.visited_at_s,
         region.begin,
         region.end,
-        region.here,
+        region.own_cell,
         region.at_s,
         region.exponential,
     )
@@ -49,8 +49,8 @@ def predictive(region: Region, course: Course) -> Course:
         ring.step_m,
         region.begin,
         region.end,
-        region.here,
-        region.here if course.target is None else course.target,
+        region.own_cell,
+        region.own_cell if course.target is None else course.target,
         region.at_s,
         region.speed_m_s,
         region.exponential,

@@ -55,10 +55,10 @@ class RegionTeam:
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
-        here = lifted(int(fleet.cell[which]), begin, regions.cells)
+        own_cell = lifted(int(fleet.cell[which]), begin, regions.cells)
         speed_m_s = float(fleet.speed_m_s[which])
-        region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
-        if here >= end:
+        region = Region(ring, begin, end, own_cell, at_s, speed_m_s, self._exponential)
+        if own_cell >= end:
             course = course_back(region)
         else:
             before = self._courses.get(member, Course())
@@ -131,11 +131,13 @@ class RegionTeam:
     def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Party:
         begin, end = retained(regions, index)
         cell, cells = int(fleet.cell[which]), regions.cells
-        here = lifted(cell, begin, cells)
+        own_cell = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
         target = self._courses.get(regions.members[index], Course()).target
-        going_to = here if target is None else lifted(target, begin, cells)
-        return Party(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
+        going_to = own_cell if target is None else lifted(target, begin, cells)
+        return Party(
+            begin, end, own_cell, reserved_cells(begin, end, (own_cell, following, going_to))
+        )
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:

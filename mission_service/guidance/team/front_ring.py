@@ -38,7 +38,7 @@ class TeamRule(Protocol):
     """Decides the direction of every vehicle of a team along the ring."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return whether vehicle ``which`` (index in the fleet) flies clockwise from its new cell."""
+        """Return whether vehicle ``which`` (index in the fleet) flies clockwise from here on."""
 
     def on_ring_changed(self, place_of: Integers) -> None:
         """Move all state to a new ring: ``place_of[i]`` is the new cell of the old cell i.

@@ -18,7 +18,7 @@ class Party:
 
     begin: int
     end: int
-    here: int
+    own_cell: int
     reserved: tuple[int, int]
 
     @property
@@ -106,9 +106,9 @@ def on_arrival(
     arrives first; distances are in cells, since steps are nearly equal.
     """
     cells = ring.step_m.size
-    behind = lifted(left.here, own.here - cells, cells)
-    ahead = lifted(right.here, own.here + 1, cells)
+    behind = lifted(left.own_cell, own.own_cell - cells, cells)
+    ahead = lifted(right.own_cell, own.own_cell + 1, cells)
     # A cell equally near to both stays with its owner.
-    first = (behind + own.here + 1) // 2 - own.begin
-    last = own.end - 1 - (ahead + own.here) // 2
+    first = (behind + own.own_cell + 1) // 2 - own.begin
+    last = own.end - 1 - (ahead + own.own_cell) // 2
     return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

@@ -39,8 +39,8 @@ def candidates(vehicles: int) -> list[Pattern]:
     """Return the patterns to try for a number of vehicles."""
     lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
     arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
-    ways = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
-    return [Pattern(*arc, sweeping) for sweeping in ways if sweeping <= 2 for arc in arcs]
+    sweepers = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
+    return [Pattern(*arc, sweeping) for sweeping in sweepers if sweeping <= 2 for arc in arcs]
 
 
 def repeated(first: int, second: int) -> Integers:

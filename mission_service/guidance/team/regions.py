@@ -137,8 +137,8 @@ def with_message(regions: Regions, index: int, message: BorderMessage, *, left: 
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
         return regions
-    announcements = Side(message.place, message.version)
-    border = border._replace(left=announcements) if left else border._replace(right=announcements)
+    received = Side(message.place, message.version)
+    border = border._replace(left=received) if left else border._replace(right=received)
     return with_border(regions, index, border)
 
 

@@ -68,7 +68,7 @@ class Team:
         self,
         rule: TeamRule,
         settings: TeamSettings,
-        flyers: Mapping[str, MemberPerformance],
+        performances: Mapping[str, MemberPerformance],
         shape: tuple[int, int],
         centre: tuple[float, float],
         ignited_at_s: float,
@@ -79,8 +79,8 @@ class Team:
         self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
         self._observations: list[CameraView] = []
         self._members = {
-            name: TeamMember(self, number, flyer)
-            for number, (name, flyer) in enumerate(flyers.items())
+            name: TeamMember(self, number, performance)
+            for number, (name, performance) in enumerate(performances.items())
         }
 
     def member(self, name: str) -> "TeamMember":
@@ -128,7 +128,7 @@ class Team:
                 member.number,
                 member.bearing,
                 member.clockwise,
-                member.flyer.speed_m_s,
+                member.performance.speed_m_s,
                 member.reported_at_s if at_s - member.reported_at_s > FRESH_S else at_s,
             )
             for member in self._members.values()
@@ -140,9 +140,9 @@ class Team:
 class TeamMember:
     """One vehicle of a team: a ``Planner``."""
 
-    def __init__(self, team: Team, number: int, flyer: MemberPerformance) -> None:
+    def __init__(self, team: Team, number: int, performance: MemberPerformance) -> None:
         self.number = number
-        self.flyer = flyer
+        self.performance = performance
         self.flies = False  # in the air, and the front has been in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the cell of the ring that it has reached
@@ -211,7 +211,7 @@ class TeamMember:
         if before is None or not team.surveyed:
             self.bearing = place
             return None
-        if at_s - self._turned_at_s < self.flyer.turn_s:
+        if at_s - self._turned_at_s < self.performance.turn_s:
             return None
         step = 1 if self.clockwise else -1
         passed = step * (place - self.bearing) % BEARINGS
