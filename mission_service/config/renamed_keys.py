@@ -10,14 +10,8 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
         "unseen_advance_m": "max_unseen_advance_m",
         "least_gain_cells": "min_gain_cells",
     },
-    "mission": {
-        "lead_m": "lookahead_m",
-        "least_upload_interval_s": "min_upload_interval_s",
-    },
-    "formation": {
-        "apart_by_height_m": "vertical_separation_m",
-        "talks": "peer_messaging",
-    },
+    "mission": {"lead_m": "lookahead_m", "least_upload_interval_s": "min_upload_interval_s"},
+    "formation": {"apart_by_height_m": "vertical_separation_m", "talks": "peer_messaging"},
     "burn": {
         "most_drops_per_min": "max_drops_per_min",
         "miss_m": "max_miss_m",

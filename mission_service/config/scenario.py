@@ -6,14 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    AwareDatetime,
-    BaseModel,
-    Field,
-    ValidationError,
-    create_model,
-    model_validator,
-)
+from pydantic import AwareDatetime, BaseModel, Field, ValidationError, create_model, model_validator
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link

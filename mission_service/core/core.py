@@ -8,14 +8,7 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import (
-    Announce,
-    AnyCommand,
-    Hold,
-    Return,
-    StartMission,
-    UploadMission,
-)
+from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (

@@ -1,4 +1,4 @@
-"""The fires of the papers' experiments, simulated once and then read at any time."""
+"""The fires of the papers' experiments, simulated once and evaluated at any time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,14 +21,14 @@ SHORT_GRASS, TALL_GRASS, BRUSH, TIMBER_LITTER = 1, 3, 5, 8
 
 @dataclass(frozen=True)
 class Burn:
-    """A fire from beginning to end: ``arrival_s`` (y, x) is when each cell caught fire."""
+    """A complete fire; ``arrival_s`` (y, x) is the time of ignition of each cell."""
 
     name: str
     scheme: SchemeName
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]  # row, column
-    deploy_s: float  # when the vehicles come to the front
+    deploy_s: float  # when the vehicles arrive at the front
     end_s: float
     speed_m_s: float  # of the vehicles
     arrival_s: Floats
@@ -66,7 +66,7 @@ def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
 
 
 def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Return very dry weather with this wind: live fuel burns too."""
+    """Return very dry weather with this wind, in which live fuel burns too."""
     return Weather(at_s, speed_m_s, from_deg, 3.0, 4.0, 5.0, 30.0, 60.0)
 
 

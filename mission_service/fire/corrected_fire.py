@@ -19,14 +19,7 @@ from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
-from mission_service.events import (
-    AnyOperatorEvent,
-    Corrected,
-    Erased,
-    Redone,
-    Undone,
-    WindSet,
-)
+from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone, WindSet
 from mission_service.fire.correction_log import CorrectionLog, Held, not_erased, observations_held
 
 Floats = NDArray[np.float64]

@@ -18,12 +18,7 @@ from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, 
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import (
-    Ignition,
-    LandscapeSection,
-    VehicleSection,
-    WeatherFile,
-)
+from mission_service.config.sections import Ignition, LandscapeSection, VehicleSection, WeatherFile
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
@@ -66,11 +61,7 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
         if section.bands:
             files = {layer: (section.file, band) for layer, band in section.bands.items()}
     return read_landscape(
-        files,
-        units=section.units,
-        missing=section.missing,
-        crs=section.crs,
-        nodata=section.nodata,
+        files, units=section.units, missing=section.missing, crs=section.crs, nodata=section.nodata
     )
 
 

@@ -27,10 +27,7 @@ class Figures(msgspec.Struct):
 
 
 def figures_of(
-    items: Items,
-    landscape: Landscape,
-    section: VehicleSection,
-    start_m: tuple[float, float] | None,
+    items: Items, landscape: Landscape, section: VehicleSection, start_m: tuple[float, float] | None
 ) -> Figures:
     """Return the figures of a mission; ``start_m`` (x, y) is the position of a flying vehicle."""
     track = track_of(items, landscape, section.loiter_radius_m, start_m)

@@ -83,10 +83,7 @@ def orbit_of(vehicle: str, landscape: Landscape, circle: Circle, altitude_m: flo
 
 
 def loiter_mission(
-    landscape: Landscape,
-    circle: Circle,
-    altitude_m: float,
-    landing: tuple[MissionItem, ...],
+    landscape: Landscape, circle: Circle, altitude_m: float, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
     """Return the mission that flies a circle without a limit; ``landing`` follows it."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
@@ -95,10 +92,7 @@ def loiter_mission(
 
 
 def first_mission(
-    landscape: Landscape,
-    circle: Circle,
-    section: VehicleSection,
-    landing: tuple[MissionItem, ...],
+    landscape: Landscape, circle: Circle, section: VehicleSection, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
     """Return the mission to take off, climb clear of all terrain on the way, and fly the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)

@@ -245,7 +245,7 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
     flight.at_height(8.0)
     (told,) = flight.tell(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
     assert isinstance(told, Announce)
-    assert told.text == "return ordered by ann: as soon as it has taken off"
+    assert told.text == "return ordered by ann: executed after takeoff"
     # Neither the service nor the autopilot forgets it when it is restarted.
     flight.tell(Resumed(flight.at_us, "service", "", 1.0))
     flight.tell(VehicleConnected(flight.at_us, "hawk", "a stack", True))

@@ -465,7 +465,7 @@ def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape)
     flight.for_s(5.0)
     (told,) = flight.tell(LinkLost(flight.at_us, flight.name, 3.0))
     assert isinstance(told, Announce)
-    assert "keeps circling" in told.text
+    assert "continues to circle" in told.text
     assert len(flight.agent.left) == 1
     assert flight.for_s(10.0) == []
     flight.tell(LinkRestored(flight.at_us, flight.name))

@@ -249,7 +249,7 @@ def test_one_that_came_down_unseen_waits_for_a_start_and_says_so(flight: Flight)
     flight.fly(30.0)
     told = flight.after_resumed()
     words = [each.text for each in told if isinstance(each, Announce)]
-    assert any("waits for an operator to start it" in text for text in words)
+    assert any("waits for an operator's order to start" in text for text in words)
     assert StartMission not in kinds(told)
 
 

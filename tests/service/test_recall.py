@@ -174,7 +174,7 @@ def test_one_on_its_way_home_when_it_is_first_heard_is_left_alone(land: Landscap
     told, alarm = core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0))
     assert isinstance(told, Announce)
     assert isinstance(alarm, RaiseAlarm)
-    assert "on its way home" in told.text
+    assert "returning home" in told.text
     assert core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)) == []
 
 

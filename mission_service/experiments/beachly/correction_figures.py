@@ -1,4 +1,4 @@
-"""Figs. 10 and 11 of Beachly et al., drawn from our simulated participants."""
+"""Figs. 10 and 11 of Beachly et al., drawn from simulated participants."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ def usual(studies: list[Study]) -> Study:
 
 
 def draw_errors(path: Path, studies: list[Study]) -> None:
-    """Draw fig. 10: left one fire with its participants, right the mean of all."""
+    """Draw fig. 10: one fire with its participants on the left, the mean of all on the right."""
     figure = Figure(figsize=(12.0, 4.8), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)

@@ -1,14 +1,14 @@
 """Section VII of Beachly et al.: the effect of participants' corrections on a simulated fire.
 
-Front errors are as in VII.B: the mean distance from the true front, inside the unit, to the closest
-simulated one, every minute. At each minute only the observations made by then are used. Reported
-are the mean from the begin of the first segment to the end of the second one, as in the paper, and
-the mean of all minutes from the begin of the first segment on.
+Front errors follow VII.B: every minute, the mean distance from the true front, inside the unit, to
+the closest point of the simulated front. Each minute uses only the observations made by then. The
+result has two means: from the start of the first segment to the end of the second one, as in the
+paper, and over all minutes from the start of the first segment on.
 
 The relative reduction of the error depends on the model's error, because the remaining error hardly
-does. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute 12 on)
-it was 34 % by the paper's method and 54 % by ours; the model's error was then increased to about
-the paper's 24.8 m. Fires 100 to 119 were not used before.
+depends on it. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute
+12 on) it was 34 % by the paper's method and 54 % by the Gaussian process; the model's error was
+then increased to about the paper's 24.8 m. Fires 100 to 119 were not used for that choice.
 """
 
 from collections.abc import Callable
@@ -30,18 +30,12 @@ from mission_service.experiments.beachly.participants import (
     inside,
     random_observations,
 )
-from mission_service.experiments.beachly.truth import (
-    CELL_M,
-    END_S,
-    MINUTE_S,
-    Burn,
-    unit_box,
-)
+from mission_service.experiments.beachly.truth import CELL_M, END_S, MINUTE_S, Burn, unit_box
 
 Floats = NDArray[np.float64]
 Method = Callable[[Any, Floats], Simulation]
 
-FIRES = tuple(range(100, 120))  # seeds; constants were chosen on 0 to 19 and from 1000 on
+FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 and from 1000 on
 PARTICIPANTS = 3  # of each fire
 MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
@@ -54,13 +48,13 @@ METHODS: dict[str, Method] = {
 
 
 class Case(NamedTuple):
-    """A true fire and its model, the same for all participants and methods."""
+    """A true fire and its model, common to all participants and methods."""
 
     name: str
     at_s: Floats  # times at which errors are measured
     fronts: list[Floats]  # true fronts at these times, (n, 2) each
     model: Simulation
-    grid: Landscape  # where the model is evaluated
+    grid: Landscape  # on which the model is evaluated
     points: Floats  # (rows * cols, 2) centres of its cells
     before_s: Floats  # (rows, cols) arrival time of cells burned at the beginning, else infinity
     apart_m: float = APART_M  # spacing of points on fronts

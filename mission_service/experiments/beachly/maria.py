@@ -1,9 +1,9 @@
 """Corrections compared with the Maria fire (California, 2019) as the truth.
 
-The model has ellipses from all points of the first mapped perimeter, with one fuel and the wind
-recorded for that perimeter at all times. It cannot match the later perimeters without corrections,
-since the terrain is steep and the fuel varies. Participants mark points of each next perimeter with
-noise; the error is measured at the perimeter after it, which is not marked yet.
+The model has ellipses from all points of the first mapped perimeter, with one fuel and, at all
+times, the wind recorded for that perimeter. Without corrections it does not match the later
+perimeters, because the terrain is steep and the fuel varies. Participants mark points of each
+perimeter with noise; the error is measured at the following perimeter, which is not marked yet.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 FOLDER = Path("shared") / "data" / "maria_2019"
 CRS = "EPSG:32611"
-FUEL = 102  # the most frequent
+FUEL = 102  # the most frequent fuel model
 PERIMETERS = 7  # of the first afternoon and evening, while it grew
 SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
 PARTICIPANTS = 3
@@ -53,7 +53,7 @@ METHODS: dict[str, Method] = {
 
 
 class Perimeter(NamedTuple):
-    """A burned area in ``CRS``, and the weather recorded with it at the time of the perimeter."""
+    """A burned area in ``CRS``, and the weather recorded at the time of the perimeter."""
 
     area: BaseGeometry
     weather: Weather
@@ -66,7 +66,7 @@ def folder() -> Path | None:
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """Return the mapped perimeters in order of time, in seconds after the first."""
+    """Return the mapped perimeters in order of time; times are seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -116,7 +116,7 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
     """Return noisy observations (n, 4) along all perimeters but the last, in order of time.
 
-    Their times are 1 s after their perimeter, so that they do not correct the error measured there.
+    They are 1 s later than their perimeter and so do not affect the error measured there.
     """
     found = []
     for at_s, front, number in zip(
@@ -137,7 +137,7 @@ def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> lis
     """Return a row for each participant and method, as for random fires; none without the data."""
     data = data or folder()
     if data is None:
-        progress(f"Maria is left out: no {FOLDER} beside the repository")
+        progress(f"Maria is skipped: no folder {FOLDER} next to the repository")
         return []
     case = case_of(read_perimeters(data / "firis_perimeters.shp")[:PERIMETERS])
     uncorrected = float(errors_m(case, np.empty((0, 4)), None)[1:].mean())

@@ -1,8 +1,9 @@
 """The four scenarios of Beachly's section VI, flown on a mock copter with a simulated crew.
 
-A burn unit of 20 acres, wind of 2 m/s towards the south, a backing fire along the southern edge.
-1: nothing else. 2: the centre has burned farther. 3: a second front at 45 degrees from the southern
-edge. 4: as 3, but the second front is reported to the planner in mid-flight.
+All have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along the
+southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. Scenario 3
+has a second front at 45 degrees from the southern edge; in scenario 4 this front is reported to the
+planner during the flight.
 """
 
 import math
@@ -32,11 +33,11 @@ from mission_service.simulation.sim import simulate
 Floats = NDArray[np.float64]
 Place = tuple[float, float]
 
-STARTS_S = 240.0  # of the vehicle, after the backing fire was lit
+STARTS_S = 240.0  # takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
 SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
 LOW_SHARE = 0.9  # of the safe height
-# m north of the edge, lit after s
+# (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
 
@@ -65,12 +66,9 @@ class Flown:
 
     @property
     def lines(self) -> list[IgnitionPlan]:
-        """Plans of which at least one sphere fell, in order."""
-        return [
-            plan
-            for name, plan in self.plans.items()
-            if any(s.plan_hash == name for s in self.spheres)
-        ]
+        """Plans with at least one dropped sphere, in order."""
+        flown = {sphere.plan_hash for sphere in self.spheres}
+        return [plan for name, plan in self.plans.items() if name in flown]
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
@@ -151,7 +149,7 @@ class RecordingCrew:
 
 
 def fly(number: int, out: Path | None = None) -> Flown:
-    """Fly one scenario; its journal stays in ``out`` if one is given."""
+    """Fly one scenario; with ``out``, keep its journal there."""
     scenario = scenario_of(number)
     landscape = landscape_of(scenario)
     assert scenario.burn is not None
@@ -168,7 +166,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """Return the minimum time, over all samples at low height, until fire reaches the vehicle.
 
-    It is from the estimate at the time of the sample, and negative where the place had burned.
+    The time is by the estimate at the time of the sample, and negative on burned ground.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s

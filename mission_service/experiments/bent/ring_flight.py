@@ -1,7 +1,8 @@
-"""A team flown ideally around the growing ring of a fire: how Bent's experiments fly.
+"""Ideal flight of a team around the growing ring of a fire, as in Bent's experiments.
 
-Each vehicle goes from cell to cell at its speed, turns on the spot and sees the cell it is in; each
-cell it comes to is one decision of the rule. Growth moves cells, vehicles and regions along.
+Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
+is in; at each cell it reaches, the rule takes one decision. Growth of the ring moves cells,
+vehicles and regions.
 """
 
 import math
@@ -24,7 +25,7 @@ SEPARATION_M = 25.0
 
 @dataclass(frozen=True)
 class TeamFlight:
-    """What a flight leaves; costs and the worst kept cell are taken at each step of the ring (s).
+    """The results of a flight; costs are evaluated at each step of the ring.
 
     Cost is Bent's (3.3): the mean over the cells of an importance (3.2) with spread rates in m/s.
     """
@@ -33,9 +34,9 @@ class TeamFlight:
     linear: Floats  # spread rate * age, m
     exponential: Floats  # age ** (1 + spread rate)
     worst_linear: Floats  # of the cell where it is highest, m
-    tracks: dict[int, Floats]  # by seat: (n, 3) time in s, row, column
+    tracks: dict[int, Floats]  # by member: (n, 3) time in s, row, column
     decisions: int
-    min_separation_m: float  # closest any two came, each in its own layer
+    min_separation_m: float  # of any two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
         """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
@@ -51,9 +52,9 @@ def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
     """Return importance by Bent 3.2, with the spread rate in m/s as exponent, as in the thesis.
 
-    Its tables fit no other unit: a linear cost of 64 with an exponential one of 3,000 belongs to
-    ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 (300 ** 1.5 = 5,200). In
-    m/min 64 would belong to ages of 5 s, 5 ** 13 = 10 ** 9.
+    The thesis's tables exclude other units: a linear cost of 64 with an exponential one of 3,000
+    corresponds to ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5
+    (300 ** 1.5 = 5,200). In m/min, 64 would correspond to ages of 5 s, and 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance
@@ -71,7 +72,7 @@ def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
 
 @dataclass
 class _Vehicle:
-    """On its way from a place (row, col) to a cell of the ring."""
+    """A vehicle on its flight from a position (row, col) to a cell of the ring."""
 
     member: int
     speed_m_s: float
@@ -93,13 +94,13 @@ def fly_team(
     joining: Sequence[tuple[float, int]] = (),
     layer_m: float = LAYER_M,
 ) -> TeamFlight:
-    """Fly ``uavs`` vehicles over a history of a ring; the whole ring was seen at its beginning.
+    """Fly ``uavs`` vehicles over a history of a ring; at its start the whole ring has been seen.
 
-    They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
-    (time in s, seat), done at the first step of the ring from then on; a vehicle that joins comes
-    in at the cell that has waited longest. ``rule.decide`` gets one ``FrontRing`` a step and one
-    ``ActiveFleet`` while the team is the same; it must copy their arrays to keep them, because they
-    are written in place.
+    They start at equal distances, members 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
+    (time in s, member) and take effect at the first step of the ring from that time on; a vehicle
+    joins at the cell with the oldest visit. ``rule.decide`` receives one ``FrontRing`` per step and
+    one ``ActiveFleet`` until the team changes; it must copy arrays that it stores, because they are
+    modified in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -154,7 +155,7 @@ class _Team:
         """Replace the ring from now on."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
-        # Lists: single items of arrays are slow.
+        # Lists, because access to single items of arrays is slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
 
@@ -183,10 +184,9 @@ class _Team:
         self._set_vehicles([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
     def _set_vehicles(self, vehicles: list[_Vehicle]) -> None:
-        heading = dict(
-            zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
-        )
-        cells = dict(zip(self._fleet.member.tolist(), self._fleet.cell.tolist(), strict=True))
+        members = self._fleet.member.tolist()
+        heading = dict(zip(members, self._fleet.clockwise.tolist(), strict=True))
+        cells = dict(zip(members, self._fleet.cell.tolist(), strict=True))
         self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.member)
         self._fleet = ActiveFleet(
             np.array([vehicle.member for vehicle in self._vehicles], np.int64),
@@ -215,7 +215,7 @@ class _Team:
         clockwise = self._rule.decide(self.ring, self._fleet, which, at_s)
         self._fleet.clockwise[which] = clockwise
         self.decisions += 1
-        # Index -1 is the last cell, and the step from it to the first.
+        # Index -1 is the last cell, and the step from the last cell to the first.
         vehicle.goal = (cell + 1) % len(self._places) if clockwise else cell - 1
         away_m = self._step_m[cell if clockwise else cell - 1]
         vehicle.goal_place = self._places[vehicle.goal]
@@ -233,7 +233,7 @@ def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
 def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -> float:
     """Return the minimum 3-D distance of two vehicles in m; tracks (n, 3) are polylines.
 
-    Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
+    Each member flies in its own layer; layers are ``layer_m`` apart. Infinite for one vehicle.
     """
     closest_m = math.inf
     for (member, one), (other_member, other) in combinations(tracks.items(), 2):
@@ -253,7 +253,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
 
 
 def _closest_to_origin(points: Floats) -> float:
-    """Return the least distance of a line through points (n, 2) from (0, 0)."""
+    """Return the minimum distance of a polyline through points (n, 2) from (0, 0)."""
     start, along = points[:-1], np.diff(points, axis=0)
     squared = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(-(start * along).sum(axis=1) / squared, 0.0, 1.0)

@@ -1,8 +1,8 @@
-"""The true front of a fire as a growing ring: how Bent's experiments see it.
+"""The true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-A ring of cells, clockwise, at steps in time; what each cell inherits from the ring before. A cell
-that has only just become front was last seen when the front behind it was: growing ahead unseen
-is what importance measures, so it must not make a cell look fresh.
+At each time step the ring has its cells, clockwise, and for each the cell of the previous ring
+whose last visit it inherits. A new front cell inherits the age of the front behind it, because
+importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -25,14 +25,14 @@ TANGENT_CELLS = 3
 
 @dataclass(frozen=True)
 class RingStep:
-    """The front from one moment until the next step; arrays over its n cells, clockwise."""
+    """The front from one time until the next step; arrays over its n cells, clockwise."""
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) from each cell to the next one
     spread_rate_m_s: Floats  # (n) outwards
-    came_from: Integers  # (n) place on the ring before whose last visit each cell inherits
-    place_of: Integers  # (m) place now of each cell of the ring before, in order around the ring
+    came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
+    place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
 def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
@@ -62,7 +62,7 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
     """Return the front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
 
-    Tails one cell wide, which a walk along the edge passes both ways, are counted on the way out.
+    A tail one cell wide, which a walk along the edge passes twice, is counted once, outbound.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)
     _, first = np.unique(loop, axis=0, return_index=True)

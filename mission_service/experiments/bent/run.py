@@ -1,4 +1,4 @@
-"""Bent's experiments (thesis, chapter 5): every planner with every negotiation, and benchmarks."""
+"""Bent's experiments (thesis, chapter 5): all planners with all negotiations, and benchmarks."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -21,8 +21,8 @@ from mission_service.experiments.bent.scenarios import (
 
 PROGRESS_EVERY = 20
 PROCESSES = 2
-# The thesis gives no speed; its vehicles move as a model of firefighters does (2.3), and at this
-# speed its costs come out: 64 and 3,000 on average.
+# The thesis gives no speed; its vehicles move like its model of firefighters (2.3). This speed
+# reproduces its average costs of 64 and 3,000.
 SPEED_M_S = 1.5
 
 
@@ -68,7 +68,7 @@ def run(
     speed_m_s: float = SPEED_M_S,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Return the whole result; figures as PNG in ``out``, if given."""
+    """Fly all cases and return the result; with ``out``, draw figures as PNG there."""
     burn = uneven()
     history = ring_history(burn)
     thesis, later, single = thesis_cases(), later_cases(), team_size_cases()

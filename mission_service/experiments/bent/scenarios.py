@@ -1,4 +1,4 @@
-"""The fire on which teams fly, and its cases: planners, negotiations, team sizes."""
+"""The fire of Bent's experiments, and the cases: planners, negotiations, team sizes."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -46,7 +46,7 @@ def uneven() -> Burn:
 
 
 class Case(NamedTuple):
-    """One run; a benchmark has no negotiation, and its importance is only that of its cost."""
+    """One run; a benchmark has no negotiation, and uses importance only for its cost."""
 
     planner: str
     negotiation: str | None
@@ -64,16 +64,16 @@ class Run:
 
     @property
     def mean(self) -> float:
-        """Of the cost over time."""
+        """The mean of the cost over time."""
         return float(self.cost.mean())
 
     @property
     def std(self) -> float:
-        """Of the cost over time."""
+        """The standard deviation of the cost over time."""
         return float(self.cost.std())
 
     def as_row(self) -> dict[str, Any]:
-        """Return the result as in the JSON."""
+        """Return the result as a row of the JSON output."""
         return {
             **self.case._asdict(),
             "mean_cost": self.mean,

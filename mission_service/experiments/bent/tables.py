@@ -1,4 +1,4 @@
-"""Tables 5.1 to 5.4 of Bent's thesis: what it found beside what was found here."""
+"""Tables 5.1 to 5.4 of Bent's thesis, with the results of the thesis and of this experiment."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ PLANNER_NAMES = {
     "predictive": "Predictive",
     "predictive-kept": "Predictive Kept",
 }
-# As in the thesis, negotiation on importance goes without saying.
+# As in the thesis, the name of negotiation on importance is omitted.
 NEGOTIATION_NAMES = {None: "", "importance": "", "centre": " - COI", "arrival": " - First There"}
 # Tables 5.1 and 5.2: lowest cost, lowest standard deviation; by number of vehicles, then average.
 THESIS_BEST = {
@@ -87,7 +87,7 @@ def in_text(found: dict[str, Any]) -> str:
         lines += ["", f"All combinations, {importance} importance: mean ± standard deviation"]
         lines += _all_lines([*runs, *later], importance)
     closest_m = min(run["min_separation_m"] for run in [*runs, *later])
-    return "\n".join([*lines, "", f"Closest that any two vehicles came: {closest_m:.1f} m"])
+    return "\n".join([*lines, "", f"Minimum distance of two vehicles: {closest_m:.1f} m"])
 
 
 def _best_lines(runs: Sequence[Row], importance: str) -> list[str]:

@@ -1,4 +1,7 @@
-"""The figures of Islam & Hu, section VI, drawn from our flights. Axes are in cells."""
+"""The figures of Islam & Hu, section VI, drawn from the flights of this experiment.
+
+Axes are in cells.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -34,11 +37,7 @@ MARGIN_CELLS = 6
 def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, Flight]) -> None:
     """Draw all figures of one fire."""
     stem = f"{burn.name}-{burn.scheme}"
-    draw_tracks(
-        out / f"trajectory-{stem}.png",
-        burn,
-        flights,
-    )
+    draw_tracks(out / f"trajectory-{stem}.png", burn, flights)
     if burn.name in PAPER_REVERSALS:  # fig. 11
         named = {f"α = {alpha:g}": flight for alpha, flight in sweep.items()}
         draw_tracks(out / f"alpha-{stem}.png", burn, named)
@@ -113,7 +112,7 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * max_error),  # the literal rule may lose a part of the fire altogether
+        ylim=(0.0, 1.3 * max_error),  # the rule ``islam_hu`` may lose a part of the fire
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
@@ -123,8 +122,8 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     """Draw fig. 10: importance of the cells behind and ahead at two decisions of the damped rule.
 
-    Left the one that speaks most for going on after the fire has changed, right the first turn
-    after it, or what comes nearest to one.
+    Left: the decision after the change of the fire with the lowest importance behind relative to
+    ahead. Right: the first turn after the change, or the decision nearest to a turn.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]
     share = later[:, 1] / np.maximum(later[:, 2], 1e-9)
@@ -150,10 +149,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
 def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> None:
     half = importance.size // 2
     cell = np.arange(importance.size)
-    for name, colour, part in (
-        ("back", BACK, np.s_[:half]),
-        ("front", FRONT, np.s_[half:]),
-    ):
+    for name, colour, part in (("back", BACK, np.s_[:half]), ("front", FRONT, np.s_[half:])):
         label = f"{name}: {importance[part].sum():.0f}"
         axes.fill_between(cell[part], importance[part], color=colour, alpha=0.7, label=label)
     axes.set(
@@ -161,7 +157,8 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
         ylabel="importance (cells of unseen spread)",
         ylim=(0.0, None),
     )
-    axes.set_title(f"{at_s / HOUR_S:.2f} h: {'turns back' if turning else 'goes on'}", fontsize=10)
+    choice = "turns back" if turning else "keeps its direction"
+    axes.set_title(f"{at_s / HOUR_S:.2f} h: {choice}", fontsize=10)
     axes.legend(fontsize=8)
 
 

@@ -1,7 +1,7 @@
 """The predictive planner in the experiments: its inputs and its flights.
 
-Its inputs are the landscape, the moistures at the beginning, and a measured wind with errors: of
-0.8 m/s and 8 degrees, lasting two minutes (``measured_wind``). Neither the fire nor a forecast.
+Its inputs are the landscape, the initial moistures, and a measured wind with errors of 0.8 m/s and
+8 degrees, correlated over two minutes (``measured_wind``); not the true fire and not a forecast.
 """
 
 from mission_service.experiments.fires import Burn

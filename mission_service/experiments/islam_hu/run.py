@@ -28,9 +28,9 @@ def run(
     names: tuple[str, ...] = tuple(ISLAM_HU),
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Fly all planners over all fires, on two cores; figures as PNG in ``out``, if given.
+    """Fly all planners over all fires, on two cores; with ``out``, draw figures as PNG there.
 
-    Cells are 30 m. ``alpha_sweep`` is the damped rule; ``attention`` is its reversals and the
+    Cells are 30 m. ``alpha_sweep`` is of the damped rule; ``attention`` has its reversals and the
     share of time north of the ignition, at alpha 1, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}

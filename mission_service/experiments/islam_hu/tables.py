@@ -1,4 +1,4 @@
-"""The result beside the paper's figures, as tables of text."""
+"""The result and the paper's figures as tables of text."""
 
 from typing import Any
 
@@ -33,8 +33,8 @@ def _errors(found: dict[str, Any]) -> str:
     planners = [row["planner"] for row in _of(found["distance_error"], *_fires(found)[0])]
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
-        "against circling); then of the mean. Of the convex hull of what was seen (section VI.E);",
-        "predictive: of the front it estimates",
+        "against circling), then of the mean; for the convex hull of the seen front (section VI.E),",
+        "for predictive of its estimated front",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "

@@ -22,8 +22,8 @@ def changed_cells(
 ) -> tuple[Cells, Cells]:
     """Return the cells in a footprint that burn but are not mapped, and the opposite.
 
-    ``arrival_s`` (y, x) is the true fire's, infinity where it does not come; burned is burning.
-    ``fire`` (y, x) is the map. Returns two arrays of cell numbers, rising.
+    ``arrival_s`` (y, x) is of the true fire, infinity for cells that never burn; burned cells count
+    as burning. ``fire`` (y, x) is the map. Returns two arrays of cell numbers in ascending order.
     """
     cells = cells_in_view(grid, footprint)
     burns, mapped = arrival_s.ravel()[cells] <= at_s, fire.ravel()[cells]

@@ -1,4 +1,4 @@
-"""Figures 6 to 12 of the "Virtual agents" paper, drawn from our flights."""
+"""Figures 6 to 12 of the "Virtual agents" paper, drawn from the flights of this experiment."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ SERIES = {
     "inaccuracy": ("fig11-inaccuracy", "cells wrong in a UAV's fire map", False),
 }
 
-Flights = dict[str, list[Flight]]  # by experiment, a flight a seed
+Flights = dict[str, list[Flight]]  # by experiment, one flight per seed
 
 
 def draw(out: Path, flights: Flights) -> None:

@@ -1,7 +1,7 @@
-"""An ideal world for a formation: fixed wings by their equations, a radio, no autopilot between.
+"""An ideal world for a formation: equations of fixed wings and a radio, without autopilots.
 
-All inputs of the agents come through their cameras and the radio. What is measured here (the six
-metrics of the paper, section 6.2) is of the true fire and the true places.
+Agents receive inputs only from their cameras and the radio. The six metrics of the paper (section
+6.2) are computed from the true fire and the true positions.
 """
 
 import math
@@ -36,39 +36,39 @@ TICK_S = 0.25
 LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
-BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
-QUEUE_M = 70.0  # between one and the next, and between queues
-QUEUE = 8  # so many in a queue
+BASE_M = (-1400.0, -1400.0)  # start of the first UAV, from the centre of the map
+QUEUE_M = 70.0  # spacing in a queue, and of queues
+QUEUE = 8  # UAVs in a queue
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Deviations of a flight from the paper's nominal one."""
+    """Deviations of a flight from the paper's nominal flight."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
-    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, each receiver
+    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, per receiver
     delay_s: float = TICK_S
-    wind_m_s: tuple[float, float] = (0.0, 0.0)  # it blows towards (east, north)
+    wind_m_s: tuple[float, float] = (0.0, 0.0)  # towards (east, north)
     duration_s: float = 1200.0
-    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # UAV: from, until
-    dead_from_s: dict[int, float] = field(default_factory=dict)  # UAV flies on, its agent is gone
+    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # by UAV: from, until
+    dead_from_s: dict[int, float] = field(default_factory=dict)  # by UAV: failure of its agent
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What was measured of a flight; ``series`` by name at ``series_s``, counts are sums so far."""
+    """The measurements of a flight; ``series`` by name at ``series_s``, counts are cumulative."""
 
     arrival_s: Floats
     series_s: Floats
     series: dict[str, Floats]
     track_s: Floats
-    uavs_m: Floats  # (times, UAVs, 2) from the middle of the map
+    uavs_m: Floats  # (times, UAVs, 2) from the centre of the map
     agents_m: Floats
     closest_m: float
 
     def at_end(self, name: str, last_s: float) -> float:
-        """Return the mean of a metric over the last so many seconds."""
+        """Return the mean of a metric over the last ``last_s`` seconds."""
         return float(self.series[name][self.series_s >= self.series_s[-1] - last_s].mean())
 
 
@@ -103,10 +103,10 @@ class Radio:
 
 
 class Safety:
-    """Counts conflicts and collisions of pairs: each counts when it begins (section 5.3.3).
+    """Counts conflicts and collisions of pairs, each when it begins (section 5.3.3).
 
-    A conflict: the velocity one of them wants, to follow its virtual agent, is inside the other's
-    reciprocal velocity obstacle. A collision: they are nearer than twice the safety radius.
+    In a conflict the velocity with which one UAV follows its virtual agent is inside the other's
+    reciprocal velocity obstacle. In a collision they are nearer than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:
@@ -131,15 +131,16 @@ class Safety:
 
 
 class FormationWorld:
-    """Fire, vehicles, agents and radio; ``tick`` lets a quarter of a second pass."""
+    """Fire, vehicles, agents and radio; ``tick`` advances them by a quarter of a second."""
 
     def __init__(
         self, arrival_s: Floats, uavs: int, settings: Settings, rules: Rules, seed: int
     ) -> None:
         """Set up the world; ``arrival_s`` (y, x) is 0 or less for cells that burn at the start.
 
-        The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
-        the paper's. All maps begin with what burns at 0 s, as if sent by the ground base.
+        The UAVs are in the air, in queues of eight, and fly towards the centre of the map. Cells
+        have the paper's size. All maps contain the cells that burn at 0 s, as if sent by the ground
+        base.
         """
         self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s
@@ -148,23 +149,13 @@ class FormationWorld:
         self.at_s = 0.0
         self.ticks = 0
         burning = np.flatnonzero(arrival_s <= 0.0)
-        self.agents = [
-            Agent(
-                f"uav{number}",
-                settings,
-                self.grid,
-                burning,
-                0,
-                rules.avoidance,
-                rules.synchronises,
-            )
-            for number in range(uavs)
-        ]
+        nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises)
+        self.agents = [Agent(f"uav{number}", *nominal) for number in range(uavs)]
         self.radio = Radio(uavs, rules, settings.range_m, seed)
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
         self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
-        self.layers_m = np.zeros(uavs)  # how far above the altitude of all each one flies
+        self.layers_m = np.zeros(uavs)  # height of each UAV above the common altitude
         self.heights_m = np.full(uavs, settings.altitude_agl_m)
         self.intentions: list[Intention] = []
         self.safety = Safety(uavs, settings)
@@ -268,7 +259,7 @@ class FormationWorld:
         self.safety.look(self.at_s, self.places_m, self.velocities_m_s, desired_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
-        """Return the paper's avoidance, from the states received from the others."""
+        """Return the heading of the paper's avoidance, from the other UAVs' states."""
         intention = self.intentions[number]
         heading_rad, _ = clear_heading_rad(
             *self.places_m[number],
@@ -297,7 +288,7 @@ def _start(number: int) -> tuple[float, float]:
 
 
 def fly(world: FormationWorld) -> Flight:
-    """Fly a world to the end of its time and measure it as it goes (section 6.2)."""
+    """Advance a world to the end of its flight, measure it (section 6.2), return the flight."""
     grid, settings = world.grid, world.settings
     area = MonitoringArea(grid, settings.augmentation_m(grid.cell_m), settings.monitoring_m)
     measured: list[tuple[float, ...]] = []
@@ -323,14 +314,7 @@ def fly(world: FormationWorld) -> Flight:
     )
 
 
-MEASURES = (
-    "va_coverage",
-    "uav_coverage",
-    "efficiency",
-    "inaccuracy",
-    "conflicts",
-    "collisions",
-)
+MEASURES = ("va_coverage", "uav_coverage", "efficiency", "inaccuracy", "conflicts", "collisions")
 
 
 def _measured(world: FormationWorld, area: MonitoringArea) -> tuple[float, ...]:

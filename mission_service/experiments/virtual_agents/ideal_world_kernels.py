@@ -8,10 +8,10 @@ from firemodel.compiled import kernel
 from mission_service.experiments.virtual_agents.rvo_kernels import meets_after_s
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 
-# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
-# every turn, a hundred times for each collision, where the paper has two.
+# The paper's cones are infinite; that would give vehicles that circle near each other a conflict at
+# every turn, a hundred for each collision, while the paper reports two.
 CONFLICT_WITHIN_S = 5.0
-REPEATED_AFTER_S = 2.0  # a conflict that has been over for so long begins again
+REPEATED_AFTER_S = 2.0  # a conflict after such an interval counts again
 
 
 @kernel
@@ -48,7 +48,7 @@ def count_meetings(  # type: ignore[no-untyped-def]
 
 @kernel
 def desired_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
-    """Fill ``headings_rad`` (n): where eqs. 14 and 15 lead each vehicle."""
+    """Fill ``headings_rad`` (n) with the headings of eqs. 14 and 15."""
     for k in range(headings_rad.size):
         headings_rad[k] = wanted_heading_rad(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],

@@ -1,8 +1,8 @@
-"""The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
+"""The area to be monitored around the true fire, and metrics of its monitoring (section 6.2).
 
-It is no input of any UAV. Like the agents' maps it consists of counts of the cells of fire within
-reach, to which a cell that begins to burn adds a disc. Cells with a priority are also in a list,
-because the metrics are computed far more often than the fire grows.
+UAVs do not receive it. Like the agents' maps it counts the burning cells within reach of each cell:
+a cell that begins to burn adds a disc. Cells with a priority are also stored in a list, because the
+metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
-SEEN_WITHIN_S = 60.0  # UAV coverage is of this long
+SEEN_WITHIN_S = 60.0  # interval of UAV coverage
 
 
 class MonitoringArea:
     """Priorities of all cells for a fire that only grows.
 
-    ``priority`` (y, x): 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
-    elsewhere; ``cells`` (n) are those above 0, and ``priorities`` (n) theirs.
+    ``priority`` (y, x) is 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
+    elsewhere; ``cells`` (n) are the cells above 0, with ``priorities`` (n).
     """
 
     def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
@@ -42,7 +42,7 @@ class MonitoringArea:
         self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
         self._priorities: Floats = np.empty(grid.rows * grid.cols)
         self.cells, self.priorities = self._cells[:0], self._priorities[:0]
-        # What fire can give a priority: first row and column, and where they end.
+        # Rows and columns that can have a priority: first row and column, end of both.
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
@@ -54,29 +54,14 @@ class MonitoringArea:
         if not len(cells):
             return
         check_cells(cells, self.grid.shape)
-        stamp(
-            cells,
-            True,
-            self.fire,
-            self._near,
-            self._near_fire,
-            self._far,
-            self._far_fire,
-            self._sums,
-        )
+        near, far = (self._near, self._near_fire), (self._far, self._far_fire)
+        stamp(cells, True, self.fire, *near, *far, self._sums)
         rows, cols = np.divmod(cells, self.grid.cols)
         k = len(self._far) // 2
         self._window[:2] = np.minimum(self._window[:2], (rows.min() - k, cols.min() - k))
         self._window[2:] = np.maximum(self._window[2:], (rows.max() + k + 1, cols.max() + k + 1))
-        count = _priorities(
-            self.fire,
-            self._near_fire,
-            self._far_fire,
-            self._window,
-            self.priority,
-            self._cells,
-            self._priorities,
-        )
+        outputs = (self.priority, self._cells, self._priorities)
+        count = _priorities(self.fire, self._near_fire, self._far_fire, self._window, *outputs)
         self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:

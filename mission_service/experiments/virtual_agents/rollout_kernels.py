@@ -1,6 +1,6 @@
-"""All virtual agents of a team moved by the paper's forces over a fire that stands still, compiled.
+"""Roll-out of a team's virtual agents under the paper's forces, around a static fire, compiled.
 
-For tuning, which does it ten thousands of times; the same kernels fly.
+Tuning needs ten thousands of roll-outs. The flight uses the same kernels.
 """
 
 from firemodel.compiled import kernel
@@ -28,8 +28,8 @@ def unroll(  # type: ignore[no-untyped-def]
 ):
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
-    ``before`` (2, n) is a work array. Every agent receives the places of all others. Returns the
-    number of steps, summed over the agents, at places where the map ``danger`` is set.
+    ``before`` (2, n) is a work array. Every agent receives the positions of all others. Returns the
+    number of steps, summed over the agents, to positions where the map ``danger`` is set.
     """
     n = agents.shape[1]
     touched = 0
@@ -38,7 +38,7 @@ def unroll(  # type: ignore[no-untyped-def]
             before[0, i], before[1, i] = agents[0, i], agents[1, i]
         for i in range(n):
             x_m, y_m = before[0, i], before[1, i]
-            # An agent does not repel itself: its place is moved out of reach meanwhile.
+            # An agent does not repel itself: its position is moved out of reach temporarily.
             before[0, i] += 1e9
             east, north = velocity_of_forces(
                 x_m,

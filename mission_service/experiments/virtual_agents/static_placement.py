@@ -1,8 +1,8 @@
-"""The best places that n discs can have around a fire that stands still, found offline.
+"""The best positions of n discs around a static fire, computed offline.
 
-A yardstick for what virtual agents do by themselves. One disc at a time goes to where it adds most
-to the others, over all allowed cells (exactly, by sums along rows); from many starts, and from the
-best found with some discs taken away again. In the end discs leave the centres of cells.
+They are a reference for the positions of virtual agents. One disc at a time moves to the allowed
+cell where it adds most to the others (exactly, by sums along rows), from many starts, and from the
+best result with some discs moved at random. Finally, discs are shifted by parts of a cell.
 """
 
 import math
@@ -24,7 +24,7 @@ STARTS, KICKS = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Float (row, col) of each disc (n, 2), and the share of all weights they cover together."""
+    """Float (row, col) of each disc (n, 2), and the share of all weights that they cover."""
 
     places: Floats
     coverage: float
@@ -32,10 +32,10 @@ class Placement:
 
 @kernel
 def add_disc(weights, taken, row, col, radius, sign):  # type: ignore[no-untyped-def]
-    """Count ``sign`` to ``taken`` within ``radius`` of a place; returns the weight that changed.
+    """Add ``sign`` to ``taken`` within ``radius`` of a place; return the weight that changed.
 
-    That is what the disc adds to the others (sign 1) or what is lost without it (-1). All in cells;
-    a cell counts where its centre is within the radius.
+    This is the weight that the disc adds to the others (sign 1) or that is lost without it (-1).
+    All in cells; a cell counts if its centre is within the radius.
     """
     rows, cols = weights.shape
     changed = 0.0
@@ -63,7 +63,7 @@ def covered(weights, taken, places, radius):  # type: ignore[no-untyped-def]
 def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped-def]
     """Return the allowed cell where a disc covers the most free weight, and that weight.
 
-    ``sums`` (rows, cols + 1) is room for sums along rows.
+    ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
     rows, cols = weights.shape
     for r in range(rows):
@@ -146,8 +146,8 @@ def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-
 def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
     """Return the share of all weights (rows, cols) within the radius of any place (n, 2).
 
-    The virtual-agent coverage of section 6.2, for the weights of the monitoring-area map. Nothing
-    to cover is all covered.
+    This is the virtual-agent coverage of section 6.2 for the weights of the monitoring-area map; 1
+    if all weights are 0.
     """
     total = float(weights.sum())
     if total == 0.0:
@@ -174,12 +174,12 @@ def best_placement(
     cells = np.argwhere(allowed & _near(weights > 0, radius_cells))
     if count < 1 or not cells.size:
         raise MissionServiceError(
-            f"placement: {count} discs on {np.count_nonzero(allowed)} allowed cells; none can be "
-            "placed so that it covers anything"
+            f"placement: {count} discs on {np.count_nonzero(allowed)} allowed cells; none can "
+            "cover a cell with a weight"
         )
     north, west = cells.min(axis=0)
     box = np.s_[north : cells[:, 0].max() + 1, west : cells[:, 1].max() + 1]
-    # Weights are in the box too, but for those that no allowed disc reaches.
+    # The box also contains all weights.
     box = _joined(box, weights > 0)
     corner = np.array([box[0].start, box[1].start])
     near = np.zeros(weights.shape, dtype=np.bool_)
@@ -192,7 +192,7 @@ def best_placement(
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # one after the other
+            places = np.full((count, 2), -1.0)  # placed one after the other
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:

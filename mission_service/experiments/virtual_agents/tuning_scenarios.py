@@ -1,8 +1,8 @@
-"""Small fires drawn by chance on which virtual agents' constants are tuned (section 5.2.6).
+"""Small random fires for the tuning of the virtual agents' constants (section 5.2.6).
 
-Maps of 50 x 50 and 100 x 100 cells. The paper gives no size: cells are 50 m here, so
-that 50 of them (2.5 km) hold a fire, 350 m around it and room to come from, which 50 of 10 m would
-not. Fires have the areas of table 2, stand still, and agents come from one side in a line.
+Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Cells are 50 m here, so that 50
+of them (2.5 km) contain a fire, 350 m around it and room for the approach. Fires have the areas of
+table 2 and do not grow; agents approach from one side in a line.
 """
 
 import math
@@ -28,13 +28,13 @@ Floats = NDArray[np.float64]
 CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
-ABREAST_M = 150.0  # between agents as they come
-PENALTY = 10.0  # for virtual agents always so near to fire that UAVs fly over it
+ABREAST_M = 150.0  # between agents at the start
+PENALTY = 10.0  # for virtual agents that are at all times so near that UAVs fly over fire
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A map, how long it is unrolled, how many agents, and the least and most cells of fire."""
+    """Size of a map, steps of a roll-out, number of agents, minimum and maximum burned cells."""
 
     cells: int
     steps: int
@@ -47,7 +47,7 @@ KINDS = (Kind(50, 250, 4, (15, 60)),) * 3 + (Kind(100, 500, 8, (60, 160)),) * 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scenario:
-    """A fire and where the agents begin: ``agents_m`` (2, n), x and y. Maps are (y, x)."""
+    """A fire and the start of the agents, ``agents_m`` (2, n), x and y. Maps are (y, x)."""
 
     kind: Kind
     grid: MapGrid
@@ -141,9 +141,8 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
     )
     rows, cols = grid.row_col_of(agents_m[0], agents_m[1])
     places = np.stack([rows, cols], axis=1)
-    return coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m), touched / (
-        scenario.kind.steps * scenario.kind.agents
-    )
+    share = coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m)
+    return share, touched / (scenario.kind.steps * scenario.kind.agents)
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:

@@ -67,12 +67,7 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
             worst = np.maximum(swept, lapped) / speed_m_s
             at = int(np.argmin(worst))
             if worst[at] < best.worst_advance_m - 1e-9:
-                best = Split(
-                    vehicles - sweeping,
-                    sweeping,
-                    float(arc_m[at]),
-                    float(worst[at]),
-                )
+                best = Split(vehicles - sweeping, sweeping, float(arc_m[at]), float(worst[at]))
     return best
 
 
