@@ -1,9 +1,9 @@
-"""A cellular fire that operators correct by pens, eraser, undo and another wind.
+"""A cellular fire that operators correct by pens, eraser, undo and changes of the wind.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
-change the corrected fire is restarted at that time from corrected arrival times. If there are more
-than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes part of the fire
-without corrections, is no longer listed and can no longer be undone.
+change the corrected fire is restarted at that time from corrected arrival times. With more than
+``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of the fire
+without corrections, is no longer listed and cannot be undone.
 """
 
 import copy
@@ -26,8 +26,7 @@ Floats = NDArray[np.float64]
 
 AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
-MAX_STEPS = 256  # the time of a correction grows with the observations to fit
-
+MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
 
 Begin = Callable[[Burning, WeatherStream], Fire]
@@ -50,13 +49,13 @@ class CorrectedFire:
         return [fire, self._base]
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """Apply a report; returns the fire from now on, the same object if nothing has changed.
+        """Apply a report; return the fire from now on, the same object if it has not changed.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         match event:
             case WindSet():
-                # A restarted fire needs no earlier weather, so the stream stays short for weeks.
+                # A restarted fire needs no earlier weather, so the stream stays short in long runs.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
@@ -97,8 +96,7 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """Return at most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
-    These suffice to correct the fire around them; the state of all drawn cells is set exactly by
-    ``as_drawn``.
+    They are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations

@@ -18,23 +18,23 @@ STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class Held(NamedTuple):
-    """A correction in effect, except in the circles of ``erasures`` (all later than it)."""
+    """A correction in effect, except in the circles of ``erasures``, which are all later."""
 
     correction: Corrected
     erasures: tuple[Erased, ...]
 
 
 class CorrectionLog:
-    """The steps in effect and the steps undone, of all operators together.
+    """The steps in effect and the undone steps, of all operators together.
 
     An erasure removes only corrections drawn before it. Undo reverts the last step, a correction or
-    an erasure; a new step clears the steps that can be redone. Without a step to undo or redo,
-    these have no effect.
+    an erasure; a new step clears the steps that can be redone. Undo and redo without such a step
+    have no effect.
     """
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
-        self.taken_back: list[Step] = []  # undone steps; the last one is redone first
+        self.taken_back: list[Step] = []  # undone steps, in the order of undo
 
     def apply(self, event: AnyEvent) -> bool:
         """Process an event; return whether the set of valid corrections changed."""
@@ -119,13 +119,13 @@ def not_erased(
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
-    """Return true if a place lies within the circle of an erasure."""
+    """Return whether a place lies within the circle of an erasure."""
     middle = (erasure.lat_deg, erasure.lon_deg)
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
 def _is_erased(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """Return true if a correction is a point that is erased; lines and polygons are always kept."""
+    """Return whether a correction is an erased point; lines and polygons are never erased."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # of the point sources of a line
+LINE_SPACING_M = 2.0  # between the point sources of a line
 OBSERVATION_SPACING_M = 5.0  # along a drawn line or polygon
-PAPER_LENGTH_M = 40.0  # the best in benchmarks.beachly_lengths
+PAPER_LENGTH_M = 40.0  # the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-CAMERA_EVERY_S = 15.0  # between corrections by cameras; one takes a tenth of a second
+CAMERA_EVERY_S = 15.0  # between corrections by cameras, each of which takes 0.1 s
 WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
 
 
 class EstimatedFire:
-    """One simulation from all reports and observations. ``version`` counts its changes."""
+    """One simulation based on all reports and observations; ``version`` counts its changes."""
 
     def __init__(self, burn: BurnSection, landscape: Landscape, weather: WeatherStream) -> None:
         self.log = CorrectionLog()
@@ -51,7 +51,7 @@ class EstimatedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        # Spheres of the current line, whose flight keeps clear of them by other means.
+        # Spheres of the current line; the plan of its flight already accounts for their fire.
         self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
@@ -62,9 +62,8 @@ class EstimatedFire:
         self._fitted: GaussianCorrected | None = None
         self._whole_fit_count = 0  # observations at the last fit from the start
         for line in burn.lit:
-            self._sources = np.vstack(
-                [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
-            )
+            lit = _sources(landscape.xy_of_places(line.points), line.at_s)
+            self._sources = np.vstack([self._sources, lit])
 
     @property
     def simulation(self) -> Simulation:
@@ -87,7 +86,7 @@ class EstimatedFire:
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """Return a fire from sources (n, 3) x, y, at_s alone, with the burn's fuel and weather."""
+        """Return a fire from sources (n, 3) x, y, at_s only, with the burn's fuel and weather."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             fuel = self._burn.fuel_model
@@ -113,19 +112,18 @@ class EstimatedFire:
         return self._fitted
 
     def apply(self, event: object) -> bool:
-        """Apply an event; whether the estimate changed.
+        """Apply an event; return whether the estimate changed.
 
-        Raises FireModelError for a correction with an invalid shape; nothing is changed then.
+        Raises FireModelError for a correction with an invalid shape, which changes nothing.
         """
         before = self.version
         match event:
             case IgnitionReported():
-                self.ignite(
-                    _sources(self._landscape.xy_of_places(event.points), event.lit_at_us / 1e6)
-                )
+                points_m = self._landscape.xy_of_places(event.points)
+                self.ignite(_sources(points_m, event.lit_at_us / 1e6))
             case Corrected() | Erased() | Undone() | Redone():
                 if isinstance(event, Corrected):
-                    # Raises for an invalid shape, before anything changes.
+                    # Raises for an invalid shape before the log changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.apply(event)
                 self._collect_observations()
@@ -160,7 +158,7 @@ class EstimatedFire:
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind (at 20 ft) from a time on; it replaces the later weather entries."""
+        """Set the wind (at 20 ft) from a time on; it replaces all later weather entries."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
@@ -175,7 +173,7 @@ class EstimatedFire:
         """Collect the observations from corrections and cameras."""
         drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
         seen = self._seen.observations()
-        if len(self.held):  # a camera cannot separate the spheres' fires from others near them
+        if len(self.held):  # a camera cannot distinguish the spheres' fires from others nearby
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
         observations = np.vstack([drawn, seen])
@@ -184,7 +182,7 @@ class EstimatedFire:
             self._changed()
 
     def _changed(self) -> None:
-        """Fit now: a fit starts from the last one, so it must not depend on the time of reading."""
+        """Fit at once: a fit depends on the one before it, so it must not depend on reads."""
         self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
 

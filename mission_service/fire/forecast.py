@@ -1,4 +1,4 @@
-"""The newest forecasts of the burning fire, computed in a thread on request."""
+"""The latest forecasts of the simulated fire, computed in a thread on request."""
 
 import asyncio
 import math
@@ -21,19 +21,19 @@ from mission_service.fire.ensemble import (
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
-LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; a request is rounded up to one of these
+LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; requests are rounded up to these
 LONGEST_S = LENGTHS_S[-1]
-# Added to the length, so that requests for "now and three hours" are served by it for a while.
+# Added to the length, so that later requests for "now plus three hours" use the same forecast.
 FURTHER_S = 1200.0
 OLD_S = 180.0  # age in mission time at which a forecast is computed again
-REST_S = 10.0  # minimum real time between two, unless operators changed the fire
+REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
 ForecastT = TypeVar("ForecastT", Arrival, Ensemble)
 
 
 class _Slot(Generic[ForecastT]):
-    """The newest forecast of one kind, and the task that computes the next."""
+    """The latest forecast of one kind, and the task that computes the next."""
 
     def __init__(self, make: Callable[[Fire, float, int], ForecastT]) -> None:
         self.make: Callable[[Fire, float, int], ForecastT] = make
@@ -44,11 +44,11 @@ class _Slot(Generic[ForecastT]):
 
 
 class Forecasts:
-    """Forecasts of ``fire_of()``; ``version_of()`` changes with every correction of it.
+    """Forecasts of ``fire_of()``; ``version_of()`` changes with each correction of that fire.
 
-    Computed on request only. The event loop waits for a copy of the fire (3 ms with 500 x 500
-    cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests share
-    one computation, and at most one of each kind is under way. For use in one event loop.
+    They are computed only on request. The event loop waits for a copy of the fire (3 ms with 500 x
+    500 cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests
+    share one computation, with at most one of each kind at a time. Not for several event loops.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Forecasts:
         while not self._serves(slot, until_s, requested_s):
             if slot.work is None or slot.work.done():
                 slot.work = asyncio.create_task(self._work(slot, until_s))
-            # A cancelled request does not cancel the computation: other requests may await it.
+            # A cancelled request does not cancel the computation, which other requests may await.
             await asyncio.shield(slot.work)
         assert slot.newest is not None
         return slot.newest
@@ -132,9 +132,9 @@ def _length_s(requested_s: float) -> float:
 
 def _check(at_s: float, now_s: float) -> None:
     if not math.isfinite(at_s):
-        raise FireModelError(f"forecast: {at_s} s is not a time; give seconds")
+        raise FireModelError(f"forecast: {at_s} s is not a time; give a finite number of seconds")
     if at_s > now_s + LONGEST_S:
         raise FireModelError(
             f"forecast: {at_s:.0f} s is {(at_s - now_s) / 3600:.1f} h from now; "
-            f"{LONGEST_S / 3600:g} h is the longest"
+            f"{LONGEST_S / 3600:g} h is the maximum"
         )

@@ -1,6 +1,6 @@
-"""The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
+"""The fire of a run, changed by operators' reports, ignitions and drops, and observed by cameras.
 
-The service advances it with the clock; a replay advances it again from a journal.
+The service advances it with the clock; a replay advances it by a journal.
 """
 
 import contextlib
@@ -48,12 +48,12 @@ class ObservedFire:
     def camera_observation(self, fix: Telemetry) -> Observed | None:
         """Return the observation of a vehicle's camera at a position, if an image is due.
 
-        None while the vehicle's position is not measured: the image would be placed wrongly.
+        None while the vehicle's position is unreliable, because the image would be misplaced.
         """
         return self.seen_from(fix) if self._is_due(fix) else None
 
     def _is_due(self, fix: Telemetry) -> bool:
-        """Return true if an image is due; the next one is then due one period later."""
+        """Return whether an image is due; if so, the next is due one period later."""
         if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
@@ -64,16 +64,16 @@ class ObservedFire:
         return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's report; returns a window around the cells it changed, or None.
+        """Apply an operator's report; return a window around the changed cells, or None.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         if isinstance(event, OF_FIRE):
             self.world.advance(event.at_us)
         return self.world.apply_report(event)
 
     def on_event(self, event: AnyEvent) -> None:
-        """Apply an event: ignitions, completed drops, positions no longer measured."""
+        """Apply an event: ignitions, completed drops, changes of a position's reliability."""
         if isinstance(event, GpsFixChanged):
             self._set_fault(event.vehicle, "fix", event.good)
         elif isinstance(event, EstimatorStatusChanged):
@@ -81,7 +81,7 @@ class ObservedFire:
         elif isinstance(event, VehicleRebooted):
             self._faults[event.vehicle].clear()
         elif isinstance(event, IgnitionReported):
-            self.world.advance(event.at_us)  # else it would burn from the last observation's time
+            self.world.advance(event.at_us)  # else ignition would be at the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
         elif isinstance(event, DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
@@ -99,7 +99,8 @@ class ObservedFire:
         """Apply an event of a journal; returns the window of changed cells."""
         found = None
         if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # the run was killed before it was reverted
+            # An invalid report is in a journal if the run was killed before its reversal.
+            with contextlib.suppress(FireModelError):
                 found = self.apply_report(event)
         elif isinstance(event, Telemetry):
             self._is_due(event)

@@ -22,7 +22,7 @@ from mission_service.config.sections import Ignition, LandscapeSection, VehicleS
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
-LASTING_S = 3600.0  # time that the last weather record may hold without a note
+LASTING_S = 3600.0  # maximum duration of the last weather record without a note
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
@@ -148,8 +148,8 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
         stalled = stalled + 1 if burned == before else 0
         if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
             raise ScenarioError(
-                f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
-                "fewer, or another ignition"
+                f"fire.initial_cells = {cells}: no burnable cell is left after {burned} cells; "
+                "reduce the number, or move the ignition"
             )
         before = burned
         fire.advance(fire.time_s + 1.0)  # an update
@@ -163,7 +163,7 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         if kinds != {"Polygon"}:
             raise ScenarioError(
                 f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter is of polygons alone: remove the rest, or light it as an ignition"
+                "perimeter has only polygons: remove the rest, or give it as an ignition"
             )
 
 
@@ -177,8 +177,8 @@ def notes_on(scenario: Scenario) -> list[str]:
     if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
         return []
     return [
-        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is taken to hold "
-        f"until {scenario.duration_s:g} s"
+        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is used until "
+        f"{scenario.duration_s:g} s"
     ]
 
 
@@ -213,7 +213,7 @@ def _ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
-        if section.initial_cells is None  # else they have burned already
+        if section.initial_cells is None  # else they are part of the initial fire
     ]
     if scenario.burn is not None:
         ignitions += [

@@ -22,7 +22,7 @@ from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected_fire import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
-AROUND_CELLS = 3  # margin of a reported window, so that it contains the edge of the change
+AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the change
 
 
 class Window(NamedTuple):
@@ -77,9 +77,9 @@ class SimulatedFire:
                 fire.light(row, col, max(at_s, fire.time_s))
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply a report of fire or wind; returns a window around the cells it changed, or None.
+        """Apply a report of fire or wind; return a window around the changed cells, or None.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         if self._corrected is None:
             return None
@@ -101,12 +101,11 @@ class SimulatedFire:
         self.advance(telemetry.at_us)
         land = self.landscape
         x_m, y_m = land.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
-        if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
+        if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
             return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
-        half_width = camera.half_width_m(height_m) / land.cell_size_m
+        half_width = camera.half_width_m(height_m) / land.cell_size_m + wider_cells
         half_length = camera.half_length_m(height_m) / land.cell_size_m
-        half_width += wider_cells
         half_length += wider_cells if camera.along_rad is not None else 0.0
         radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
@@ -145,7 +144,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
 
 
 def check(scenario: Scenario) -> dict[str, object]:
-    """Load everything a scenario names, and return a summary; raises an error for any problem."""
+    """Load all inputs of a scenario and return a summary; raises an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
     sharing(scenario.vehicles)

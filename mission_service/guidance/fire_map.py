@@ -1,9 +1,9 @@
-"""The on-board fire map of Islam & Hu (table 1): the fire as seen by one vehicle's camera.
+"""The on-board fire map of Islam & Hu (table 1): the fire observed by one vehicle's camera.
 
-The map is kept around a centre (the ignition cell, or the fire's centre) in 360 whole-degree
-bearings, clockwise from north. For each bearing it holds the outer cell (the front as last seen),
-the inner cell (the front as seen before) and the times of both. It holds observations only: nothing
-here reads the simulated fire.
+The map has 360 whole-degree bearings, clockwise from north, around a centre (the ignition cell or
+the fire's centre). For each bearing it stores the outer cell (the front at the last view), the
+inner cell (the front at an earlier view) and the times of both. Its only inputs are observations,
+not the simulated fire.
 
 Distances are in cells, times in seconds of mission time.
 """
@@ -22,9 +22,8 @@ CODES = np.zeros(128, dtype=np.uint8)
 CODES[ord("u")] = UNBURNED
 CODES[ord("b")] = BURNED
 
-# Front cells farther apart than this are not taken as neighbours on the front.
-LARGEST_GAP_CELLS = 3.0
-# A front cell nearer than burned ground on its bearing by more than this borders an island.
+LARGEST_GAP_CELLS = 3.0  # maximum distance of neighbours on the front
+# A front cell that is nearer by more than this than burned ground on its bearing is of an island.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -84,8 +83,8 @@ class FireMap:
     """Outer and inner cells per bearing, from observations.
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
-    With 0 it is the paper's map: whenever a new cell is seen on a bearing, the outer cell becomes
-    the inner one, however recent it is.
+    With 0 the map is the paper's: whenever a new cell is seen on a bearing, the outer cell becomes
+    the inner cell, at any age.
     """
 
     def __init__(
@@ -109,7 +108,7 @@ class FireMap:
         self.inner_at_s = np.full(BEARINGS, float(ignited_at_s))
         self._next_inner = self.inner.copy()
         self._next_inner_at_s = self.inner_at_s.copy()
-        # The farthest cell ever seen burned: the front is never nearer than this.
+        # The farthest cell seen burned so far; the front is never nearer.
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -122,13 +121,13 @@ class FireMap:
 
     @property
     def complete(self) -> bool:
-        """True once the front has been seen on every bearing."""
+        """Whether the front has been seen on every bearing."""
         return not bool(np.isnan(self.outer).any())
 
     def observe(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
-        """Update the map by one camera window; returns the bearings in view (360 booleans)."""
+        """Update the map by one camera window; return the bearings in view (360 booleans)."""
         region = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
         seen, in_view = _seen(window, *(each[region] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
@@ -185,7 +184,7 @@ def taken_back(
         return np.asarray(found)
 
     unburned = unburned_at(burned, NORTH, EAST)
-    # From there inwards to the first cell that the window does not have unburned.
+    # Search inwards for the first cell that is not unburned in the window.
     still_burned = burned.copy()
     for bearing in np.flatnonzero(unburned).tolist():
         out = np.arange(burned[bearing], -0.5, -0.5)
@@ -233,8 +232,8 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
                     spanned[place] = max(spanned[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
-    # A flank that runs outwards passes bearings whose own cells are nearer than a neighbour's:
-    # no island, since that neighbour is front too.
+    # On a flank that runs outwards a bearing's own cell is nearer than a neighbouring front cell;
+    # such a cell is not of an island.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
     seen = np.where(flank, spanned, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)

@@ -1,7 +1,7 @@
 """Importance of front cells and of the two planning windows (Islam & Hu, section III).
 
-Rings are arrays over the cells of the perimeter. Index 0 is the cell the UAS occupies, the index
-grows against its flying direction and ends with the cell just in front of it (section III.B).
+Rings are arrays over the cells of the perimeter. Index 0 is the cell of the UAS; the index grows
+against the flying direction and ends with the cell ahead of the UAS (section III.B).
 """
 
 import numpy as np

@@ -81,18 +81,18 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words))
             else:
                 rule = self.scenario.planner.rule
-                words = f"the rule {rule} has no such settings: nothing was changed"
+                words = f"the rule {rule} has no such settings: no setting was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to the reported fire; the camera finds the front on the way."""
+        """Return the path to the reported fire, on which the camera finds the front."""
         return approach_path(self.scenario, self.landscape, (fix.x_m, fix.y_m))
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Announce a new phase, a decision, and advice to a team's user."""
+        """Announce a new phase, a decision, and advice on the size of a team."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -148,7 +148,7 @@ class FrontFlight(Guidance):
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
             if waiting is not None:
-                vehicle.due = "the way is free"
+                vehicle.due = "the path is clear"
             return None
         if other == waiting and not self.traffic.comes_too_low(vehicle.name):
             return []
@@ -217,8 +217,9 @@ class FrontFlight(Guidance):
 def _takes_off(vehicle: Vehicle) -> bool:
     """Return whether the autopilot is still taking off, which a new mission would abort.
 
-    ArduPlane then climbs at 1 to 4 m/s rather than 10, and a PX4 plane that took off soon after its
-    start sinks to the ground (flown). The takeoff is over when the next item is current.
+    A new mission ends the takeoff at any height: ArduPlane then climbs at 1 to 4 m/s instead of 10,
+    and a PX4 plane shortly after takeoff sinks to the ground (observed in flight). The takeoff has
+    ended when the next item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 

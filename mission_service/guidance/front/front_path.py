@@ -1,7 +1,7 @@
-"""The path along a front: the vehicle's place on it, the bearings in view, and the path to fly.
+"""The path along a front: the vehicle's position on it, the bearings in view, the path to fly.
 
-Functions of the on-board map alone, the same for all planners. Positions are float (row, col) of
-the landscape's grid; ``clockwise`` is the flying direction around the fire.
+The functions depend only on the on-board map and are common to all planners. Positions are float
+(row, col) of the landscape's grid; ``clockwise`` is the flying direction around the fire.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """Length of a path, and its begin ahead of the vehicle, in cells."""
+    """Length of a path, and distance of its start ahead of the vehicle, in cells."""
 
     horizon_cells: float
     lookahead_cells: float
@@ -51,7 +51,7 @@ def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
 
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
-    """Return the last bearing in view ahead of a vehicle, without a break from its own."""
+    """Return the last bearing ahead of a vehicle up to which all bearings are in view."""
     found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
     return found
 
@@ -112,8 +112,8 @@ def path_along(
 ) -> Floats:
     """Return the path to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
 
-    The path is never inside ground seen burned: a vehicle over burned ground is led outwards until
-    the front is in view again.
+    The path is never over ground seen burned: from there it leads outwards until the front is in
+    view again.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)

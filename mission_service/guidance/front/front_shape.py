@@ -1,6 +1,7 @@
 """Fire shape from the on-board map: the scan method, the ring of perimeter cells, the hull.
 
-Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of the map's centre.
+The methods are from Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of
+the map's centre.
 """
 
 import numpy as np
@@ -11,8 +12,8 @@ from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 
 Floats = NDArray[np.float64]
 
-# The paper scans "as long as the angle keeps increasing"; cells are a staircase, so the scan ends
-# only when the angle has fallen this far below the largest one.
+# The paper scans "as long as the angle keeps increasing"; because cells form a staircase, this scan
+# ends when the angle is this much below the largest one.
 STAIRCASE_DEG = 4.0
 SCAN_DEG = 150
 
@@ -36,7 +37,7 @@ def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
 def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
     start_north = outer[foremost] * NORTH[foremost]
     start_east = outer[foremost] * EAST[foremost]
-    # Turn from "towards the centre" to the cell, counted outwards along the flying direction.
+    # Angle between the directions to the centre and to the cell, positive outwards.
     inward = foremost + 180.0
     highest, best = -np.inf, 0
     for ahead in range(SCAN_DEG - 1):
@@ -69,8 +70,8 @@ def ring_of_cells(
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return the closed ring of perimeter cells, from the vehicle's bearing against its direction.
 
-    Returns (north, east, bearing) of each cell in whole cells relative to the centre; cells
-    follow each other without gaps (8 neighbours).
+    Returns (north, east, bearing) of each cell in whole cells relative to the centre; successive
+    cells are neighbours (8 neighbours).
     """
     cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
         outer, int(start), -1 if clockwise else 1
@@ -119,10 +120,11 @@ def hull_of(shape: Floats) -> Floats:
 def _hull_of(shape):  # type: ignore[no-untyped-def]
     """Compute the hull by Andrew's monotone chain over points in order of bearing.
 
-    The centre is inside, so that the points' order around it is the hull's as well.
+    The chain starts at the farthest point. The centre is inside the hull, so that the order of the
+    points around it is also their order on the hull.
     """
     north, east = shape * NORTH, shape * EAST
-    first = int(np.argmax(shape))  # is a corner
+    first = int(np.argmax(shape))  # a corner of the hull
     corners = np.empty(BEARINGS + 1, dtype=np.int64)
     size = 0
     for place in range(BEARINGS + 1):
