@@ -1,14 +1,14 @@
 """The requests of operators: one table for all interfaces. Pure.
 
-A request is a JSON object: ``do`` names it, ``by`` names the user, ``station`` the place; further
-keys are its own. One struct defines a request completely: its keys with bounds and help texts, its
-own help text (the docstring; its first line is the summary), role, HTTP path, whether MQTT accepts
-it, an example, and the event that it becomes. HTTP routes and their description, MQTT commands and
-their schemas, the control socket and the command line are generated from these structs.
+A request is a JSON object: ``do`` names the request, ``by`` the user, ``station`` the place of the
+user; further keys depend on the request. One struct defines a request completely: its keys with
+bounds and help texts, its help text (the docstring, with the summary in its first line), role, HTTP
+path, acceptance over MQTT, an example, and the resulting event. HTTP routes and their description,
+MQTT commands and their schemas, the control socket and the command line are generated from these
+structs.
 
 This module has the requests that every guidance accepts (``OF_EVERY_RUN``) and those accepted by
-guidances that steer vehicles by missions (``OF_VEHICLES``). Requests of a single guidance are in
-its folder.
+guidances that fly missions (``OF_VEHICLES``). Requests of a single guidance are in its folder.
 """
 
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from mission_service import events
 from mission_service.errors import RequestError
 
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
-MAX_DURATION_S = 1e7  # longer times are taken for an error
-MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are taken for an error
-MAX_FIRE_LENGTH_M = 500_000.0  # the same for outlines of fires mapped by others
+MAX_DURATION_S = 1e7  # longer times are refused as errors
+MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as errors
+MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other sources
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
@@ -67,16 +67,16 @@ class Request(
     ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
-    # The event's type; its fields are time, user, station and the request's own keys in order.
+    # The event's type; its fields are time, user, station and the request's further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
-    role: ClassVar[Role]  # that a user needs
+    role: ClassVar[Role]  # required of the user
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
-    operation: ClassVar[str | None] = None  # its id in OpenAPI; None: made from its path
-    # Whether MQTT accepts it: not if drops may follow, because a broker identifies no user.
+    operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
+    # Whether MQTT accepts it: not if it may cause drops, because a broker identifies no user.
     over_mqtt: ClassVar[bool] = True
     max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
-    example: ClassVar[dict[str, Any]] = {}  # its own keys, with values that are accepted
+    example: ClassVar[dict[str, Any]] = {}  # valid values of the request's further keys
 
     by: Name
     station: Name
@@ -134,7 +134,7 @@ class Correct(FireRequest, frozen=True):
         """Return the event ``Corrected``."""
         count, least = len(self.points), _MIN_POINTS[self.shape]
         if count < least or (self.shape == "point" and count > 1):
-            raise RequestError(f"correct: a {self.shape} of {count} places; it takes {least}")
+            raise RequestError(f"correct: a {self.shape} of {count} points; it requires {least}")
         if self.shape == "polygon":
             refuse_no_polygon("correct", self.points)
         marked_at_us = at_us + round(self.in_s * 1e6)
@@ -292,7 +292,7 @@ def _settings_event(request: Any, at_us: int) -> events.AnyOperatorEvent:
     return Request.event(request, at_us)
 
 
-# Its keys are the fields of its event: all settings that may be changed in flight.
+# The keys are the fields of the event: all settings that may be changed in flight.
 Settings = cast(
     "type[Request]",
     msgspec.defstruct(
@@ -338,7 +338,7 @@ OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
 
 
 def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
-    """Raises RequestError if corners (lat_deg, lon_deg) make no polygon."""
+    """Raise RequestError if corners (lat_deg, lon_deg) form no polygon."""
     import shapely
 
     if len(points) < 3:

@@ -112,7 +112,7 @@ class FireMap:
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the arrays that follow from the centre, which are most of it."""
+        """Return the state without the large arrays that depend only on the centre."""
         return {name: value for name, value in vars(self).items() if name != "_grid"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,8 +1,8 @@
-"""The interfaces of planners, which steer vehicles, and of the guidance, which commands them.
+"""The interfaces of planners, which decide for vehicles, and of the guidance, which commands them.
 
-A planner steers one vehicle. Vehicles that share a plan are members of a team; each member is a
-planner too. Planners are pure: no clock, no network, no randomness of their own. Positions are
-float (row, col) of the landscape's grid, row 0 in the north.
+A planner decides for one vehicle. Vehicles that share a plan are members of a team; each member is
+a planner too. Planners are pure: they use no clock, network or random numbers. Positions are float
+(row, col) of the landscape's grid, with row 0 in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -38,10 +38,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A decision on the flying direction, taken at one cell of the front.
+    """A decision on the flying direction at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are the values of turning back and of flying on, in
-    the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` and ``importance_front`` are the values of turning back and of keeping the
+    direction, in the planner's unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -61,13 +61,13 @@ class Steered(Protocol):
         """Apply an operator's correction of a window, which overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Apply a wind that this vehicle's autopilot measured; direction from true north."""
+        """Apply a wind measured by this vehicle's autopilot; its direction is from true north."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision if one is taken there."""
+        """Set the vehicle's position; return the decision at this position, if any."""
 
     def left(self, at_s: float) -> None:
-        """Remove a vehicle that is lost, recalled or on the ground; others take over."""
+        """Remove a vehicle that is lost, recalled or on the ground."""
 
 
 class Planner(Steered, Protocol):
@@ -93,7 +93,7 @@ class Planner(Steered, Protocol):
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """Return the command that publishes and records a vehicle's decision."""
+    """Return the command with a vehicle's decision, for the journal and interfaces."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,10 +106,10 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importance of each cell of the front at the vehicle's place, for display.
+    """The importance of each cell of the front at the vehicle's position, for display.
 
-    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are over the
-    window behind and the window ahead.
+    Rows, columns and values are (n,) float, from the vehicle backwards; ``back`` and ``front`` are
+    sums over the window behind and the window ahead.
     """
 
     rows: Floats
@@ -120,7 +120,7 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """The input that a guidance awaits: approval of a plan (hash, "": none), answers to a list."""
+    """The input that a guidance awaits: approval of a plan ("": none), answers to the GO list."""
 
     plan_hash: str
     answers: bool
@@ -158,26 +158,26 @@ class Guidance(ABC):
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
+        """Return the path of the first mission, (n, 2) x, y in metres; None: no path yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission that flies a path and loiters at its end."""
+        """Return the mission along a path with a loiter at its end."""
 
     def in_mission(self, name: str) -> bool:
-        """Return whether the vehicle, in the air, flies the mission on board."""
+        """Return whether a vehicle in the air flies the mission on board."""
         return True
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Return further commands after an event, given the commands ``leaving`` that it caused."""
+        """Return further commands after an event that caused the commands ``leaving``."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return the state for interfaces; ``complete``: ending the run now loses nothing."""
+        """Return the state for interfaces; ``complete``: the run may end now without loss."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
@@ -198,7 +198,7 @@ class Guidance(ABC):
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The fire that its plans are based on; None if that is the monitored fire."""
+        """The estimated fire on which plans are based; None if they use the monitored fire."""
         return None
 
 

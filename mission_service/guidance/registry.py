@@ -1,6 +1,6 @@
-"""The ways of flying of this package; other packages register theirs as entry points.
+"""The ways of flying of this package; other packages register ways of flying as entry points.
 
-Both are looked up by their rule in ``config/rule_lookup.py``.
+``config/rule_lookup.py`` looks up both by their rule.
 """
 
 from typing import TYPE_CHECKING, cast

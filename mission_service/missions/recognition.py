@@ -1,4 +1,4 @@
-"""Recognises the mission on board of each vehicle from the items read back after a restart."""
+"""Identifies the mission on board of each vehicle by the items read back after a restart."""
 
 from collections.abc import Iterable
 
@@ -8,20 +8,20 @@ from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 
-MAX_HELD = 4  # missions kept while it is uncertain which one is on board
+MAX_HELD = 4  # stored missions of a vehicle while the mission on board is uncertain
 
 Items = tuple[MissionItem, ...]
 
 
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
-    """Return a mission as it is sent to an autopilot."""
+    """Return a mission in the form that is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
         return yaw_left_open(items)  # 0 would turn the vehicle north
     return items
 
 
 class MissionsHeld:
-    """Folds events and commands into the missions that each vehicle may hold, oldest first."""
+    """The missions that each vehicle may have on board, oldest first, by events and commands."""
 
     def __init__(self) -> None:
         self._may_hold: dict[str, list[UploadMission]] = {}
@@ -41,7 +41,7 @@ class MissionsHeld:
             if isinstance(command, UploadMission):
                 held = self._may_hold.setdefault(command.vehicle, [])
                 held.append(command)
-                del held[1 : len(held) + 1 - MAX_HELD]  # the first may be the one on board
+                del held[1 : len(held) + 1 - MAX_HELD]  # the first may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
         """Return the number of the newest sent mission equal to the one read back; 0: none."""

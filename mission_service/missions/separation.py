@@ -1,11 +1,11 @@
 """Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
 
-Layers are heights above the terrain under each leg, and two vehicles' legs end at different points:
-over a slope a higher layer may come near a lower one. A mission is therefore also placed above the
-missions of vehicles in lower layers (``Track``, ``heights_below``). If two vehicles at nearly the
-same altitude (in one layer by the scenario, climbing, on the way home) approach each other, one
-moves aside, away from the fire, and loiters there until the other has passed. Metres, x east, y
-north.
+Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
+points, so that a higher layer may be close to a lower one over a slope. A mission is therefore also
+placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). If two
+vehicles at nearly the same altitude (in one layer by the scenario, in a climb, on the return)
+approach each other, one moves away from the fire and loiters until the other has passed.
+Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -25,7 +25,7 @@ SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
 NEAR_M = 200.0  # for cut corners, loiters, and fronts observed at different times
 MARGIN_M = 10.0  # added to the separation for errors of altitude control
-AHEAD_S = 25.0  # time of an upload, half a turn and the move aside
+AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM = 17
 
@@ -40,7 +40,7 @@ class Track:
     box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
 
     def __post_init__(self) -> None:
-        """Compute the box: with many vehicles it excludes most pairs of tracks quickly."""
+        """Compute the bounding box, by which most pairs of tracks are excluded quickly."""
         object.__setattr__(self, "box_m", box_around(self.points_m))
 
 
@@ -52,7 +52,7 @@ def track_of(
 ) -> Track:
     """Return the track of a mission, up to its unlimited loiter and once around it.
 
-    From ``start_m`` to the first point the vehicle is at that point's altitude, or will be soon.
+    From ``start_m`` to the first point the track has that point's altitude.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
     flown = [item for item in items[: last + 1] if has_position(item.command)]
@@ -88,7 +88,7 @@ def places_of(fixes: list[PositionFix]) -> Track:
 
 
 def along(start: Floats, end: Floats) -> Floats:
-    """Return points (n, 2) on a leg, its ends included."""
+    """Return points (n, 2) on a leg, including its ends."""
     count = max(2, math.ceil(np.hypot(*(end - start)) / SPACING_M) + 1)
     return np.asarray(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
 
@@ -166,9 +166,9 @@ def has_passed(
 def avoidance_position(
     own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], offset_m: float
 ) -> Floats:
-    """Return the waiting position (1, 2): a little ahead and to one side.
+    """Return the waiting position (1, 2), ahead and to one side.
 
-    The side is the one away from the fire, unless the other vehicle passes on that side.
+    The side is away from the fire, unless the other vehicle passes on that side.
     """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed

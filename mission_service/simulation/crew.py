@@ -1,4 +1,4 @@
-"""A simulated crew: answers GO, stays present and approves each plan. Never in a live run."""
+"""A simulated crew that answers GO, stays present and approves each plan; not for live runs."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,10 @@ NAME = "simulated crew"
 
 
 class SimulatedCrew:
-    """Approves a plan ``thinks_s`` after its proposal; ``script`` has further events, in order."""
+    """A crew that approves a plan ``thinks_s`` after its proposal.
+
+    ``script`` has further events, in order of time.
+    """
 
     def __init__(
         self, burn: BurnSection, thinks_s: float = 5.0, script: Sequence[AnyOperatorEvent] = ()
@@ -47,5 +50,5 @@ class SimulatedCrew:
             self._considered, self._since_us = plan_hash, now_us
         if now_us - self._since_us < self._thinks_us:
             return []
-        self._since_us = now_us  # without effect, the next approval follows after ``thinks_s``
+        self._since_us = now_us  # an approval without effect is repeated after ``thinks_s``
         return [Approved(now_us, NAME, self._station, plan_hash)]

@@ -1,4 +1,4 @@
-"""The command ``mock``: a process of mock autopilots, from a scenario or from options."""
+"""The command ``mock``: a process with mock autopilots, from a scenario or from options."""
 
 import asyncio
 import contextlib
@@ -42,12 +42,12 @@ class MockEnvironment:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
-        """Make a mock. Raises MissionServiceError for a home under ground or a wrong parameter."""
+        """Make a mock. Raises MissionServiceError for a home under ground, or a bad parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
         if ground_m is not None and altitude_m < ground_m:
             raise MissionServiceError(
-                f"--terrain {ground_m:g}: the home at {altitude_m:g} m would be under the ground"
+                f"--terrain {ground_m:g}: the home at {altitude_m:g} m is below the ground"
             )
         mock = MockAutopilot(
             stack_named(stack, kind),
@@ -63,7 +63,7 @@ class MockEnvironment:
             except KeyError:
                 names = ", ".join(mock.parameters.names)
                 raise MissionServiceError(
-                    f"--param {name}: the mock of {stack} {kind} has {names}"
+                    f"--param {name}: the mock of {stack} {kind} has the parameters {names}"
                 ) from None
         return mock
 
@@ -71,11 +71,9 @@ class MockEnvironment:
         """Make a fleet of mocks with the given faults. Raises BridgeError for an unknown fault."""
         if not self.faults:
             return MockGroup(mocks)
+        seed = 1000 * self.seed
         return MockGroup(
-            [
-                FaultyMock(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
-                for mock in mocks
-            ]
+            [FaultyMock(mock, parse_faults(self.faults), seed + mock.system_id) for mock in mocks]
         )
 
 
@@ -124,21 +122,14 @@ def _numbers(
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: MockEnvironment
 ) -> MockGroup:
-    """Make ``count`` mocks: consecutive system ids, homes 0.001° of longitude apart."""
+    """Make ``count`` mocks with consecutive system ids and homes 0.001° of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
         raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the highest")
     lat_deg, lon_deg, altitude_m = read_home(home)
+    homes = ((lat_deg, lon_deg + FARTHER_DEG * number, altitude_m) for number in range(count))
     return around.fleet(
-        [
-            around.mock(
-                stack,
-                kind,
-                system_id + number,
-                (lat_deg, lon_deg + FARTHER_DEG * number, altitude_m),
-            )
-            for number in range(count)
-        ]
+        [around.mock(stack, kind, number, home) for number, home in enumerate(homes, system_id)]
     )
 
 
@@ -193,7 +184,7 @@ def listening(listen: str) -> str:
     address = parse_link(link)
     if not isinstance(address, LinkAddress) or address.kind not in ("udpin", "tcpin"):
         raise MissionServiceError(
-            f"--listen {listen}: it does not listen; give HOST:PORT, udpin or tcpin, or use --link"
+            f"--listen {listen}: not a listening link; give HOST:PORT, udpin or tcpin, or use --link"
         )
     return link
 
@@ -224,10 +215,10 @@ def run(
     echo: Callable[[str], None],
     until_eof: bool = False,
 ) -> None:
-    """Fly until SIGINT or SIGTERM; prints one line per mock once its link is open.
+    """Fly until SIGINT or SIGTERM; print one line per mock when its link is open.
 
-    With ``until_eof`` it also ends when standard input, a pipe, is closed, so that it ends even if
-    the parent process is killed. A mock signs with its given key, or with the key of a
+    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that it ends
+    even if the parent process is killed. A mock signs with its given key, or with the key of a
     SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)

@@ -1,4 +1,4 @@
-"""Fly a scenario in virtual time: mock autopilots, MAVLink frames, an event heap as the clock."""
+"""Flight of a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
 
 import heapq
 from collections.abc import Callable
@@ -31,7 +31,7 @@ Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
-    """Return one direction of the simulated link."""
+    """Return the simulated link in one direction."""
     return MemoryLink(
         loss=section.loss,
         delay_us=round(section.delay_ms * 1e3),
@@ -123,7 +123,7 @@ class Simulation:
         progress: Progress = unshown,
         state_view: StateView | None = None,
     ) -> None:
-        """Set up the run. Without ``crew``, a burn has a simulated crew."""
+        """Set up the run; a burn has a simulated crew unless ``crew`` is given."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 
@@ -180,8 +180,8 @@ def simulate(
     """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
 
     ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
-    called about once per minute of mission time. ``crew`` returns the crew's events that are due at
-    a mission time.
+    called about once per minute of mission time. ``crew`` returns the operators' events that are
+    due at a mission time.
     """
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)

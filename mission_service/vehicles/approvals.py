@@ -11,7 +11,7 @@ from mission_service.missions.mission_hash import mission_hash
 from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
-GOOD_FOR_S = 60.0  # an older proposal is planned again, because the front has moved
+GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
 AHEAD_SHARE = 0.5  # of the horizon; a mission that extends farther beyond a refused one differs
 
 
@@ -27,11 +27,11 @@ class Proposal:
 class MissionApprovals:
     """Proposes each mission; it is sent when an operator accepts its hash.
 
-    A mission that separates two aircraft is sent at once and replaces a proposal.
+    A mission that separates two vehicles is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set the distances beside and beyond a refused mission at which another one differs."""
+        """Set the distances from the path and the end of a refused mission that make a difference."""
         self._proposals: dict[str, Proposal] = {}
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m
@@ -39,7 +39,7 @@ class MissionApprovals:
     def held_back(
         self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
     ) -> list[AnyCommand]:
-        """Replace each upload by a proposal, and drop one like a mission that was refused."""
+        """Replace each upload by a proposal; drop uploads that are similar to refused missions."""
         found: list[AnyCommand] = []
         for command in commands:
             if not isinstance(command, UploadMission):
@@ -65,7 +65,7 @@ class MissionApprovals:
                 else:
                     vehicle.enter(MissionPhase.PROPOSED, earlier.pending)
                 return []
-            why = f"{why}; unlike the mission that {vehicle.refusal.by} refused"
+            why = f"{why}; different from the mission that {vehicle.refusal.by} refused"
         vehicle.enter(MissionPhase.PROPOSED, pending)
         self._proposals[vehicle.name] = Proposal(at_s, command, pending)
         mission = (command.mission_id, why, command.items, mission_hash(command.items))
@@ -107,14 +107,14 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: a new one is planned")
+        return self.withdraw(vehicle, f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned")
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
-        """Withdraw the proposal of a vehicle, if there is one."""
+        """Withdraw the proposal of a vehicle, if any."""
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
-        if vehicle.proposed is not None:  # else another one takes its place
+        if vehicle.proposed is not None:  # else another proposal replaces it
             vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 
@@ -125,7 +125,7 @@ class MissionApprovals:
         return self._proposals.pop(vehicle.name)
 
     def validate_state(self, vehicles: Mapping[str, Vehicle]) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         for name, vehicle in vehicles.items():
             proposal = self._proposals.get(name)
             assert vehicle.proposed is (proposal and proposal.pending), name

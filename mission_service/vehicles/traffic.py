@@ -31,8 +31,8 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # towards its waiting place
-WAITS_AT_MOST_S = 120.0  # then it flies on
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # of a vehicle on the flight to its waiting position
+WAITS_AT_MOST_S = 120.0
 STALE_S = 5.0  # an older position is not used
 
 
@@ -53,7 +53,7 @@ class Flown:
 
 
 class TrafficManager:
-    """Keeps the tracks and positions of all vehicles and decides which one gives way."""
+    """Stores the tracks and positions of all vehicles and decides which vehicle gives way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]
@@ -76,7 +76,7 @@ class TrafficManager:
         top_m = self._all[name].section.altitude_agl_m - self._separation_m
         return [other for other in self._all.values() if other.section.altitude_agl_m <= top_m]
 
-    # Missions one above the other -------------------------------------------------------------
+    # Vertical separation of missions ----------------------------------------------------------
 
     def on_mission(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a mission that is sent to the vehicle."""
@@ -88,7 +88,7 @@ class TrafficManager:
         flown.compared = self._missions_below(name)
 
     def forget(self, name: str) -> None:
-        """Forget the mission of a vehicle on the ground."""
+        """Delete the mission of a vehicle on the ground."""
         self._all[name].track = self._all[name].gave_way_to = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:
@@ -97,7 +97,7 @@ class TrafficManager:
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
 
     def comes_too_low(self, name: str) -> bool:
-        """Return whether a vehicle in a lower layer has a new mission close below this one's."""
+        """Return whether a vehicle in a lower layer has a new mission close below this mission."""
         own = self._all[name]
         missions = self._missions_below(name)
         if missions == own.compared or own.track is None or own.availability.fix is None:
@@ -124,7 +124,7 @@ class TrafficManager:
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
-        """Decide which vehicle this one gives way to now, if any."""
+        """Return the vehicle that this one must give way to now, if any, and record it."""
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
@@ -170,7 +170,7 @@ class TrafficManager:
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
-        """Return whether the higher one's missions keep it above the other, and it is there."""
+        """Return whether two vehicles are in different layers and have reached them."""
         fix, other_fix = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
         if fix is None or other_fix is None or not both:
@@ -181,7 +181,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Return whether no other vehicle is flying out of this one's way just now."""
+        """Return whether no other vehicle is now giving way to this one nearby."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             other_fix = other.availability.fix
@@ -199,7 +199,7 @@ class TrafficManager:
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Return whether its home is clear of other vehicles; if so, record its start."""
+        """Return whether a vehicle's home is clear of others; if so, record its takeoff."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
@@ -218,6 +218,6 @@ class TrafficManager:
 
 
 def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
-    """Return whether it is airborne by a recent position."""
+    """Return whether a vehicle is airborne by a recent position."""
     fix = availability.fix
     return availability.airborne and fix is not None and at_s - fix.at_s < STALE_S

@@ -328,7 +328,7 @@ def test_what_cannot_be_a_perimeter_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     scenario = write_scenario(site, TIFFS, CSV, '[fire]\nperimeter = "area.geojson"\n')
     drawn(site / "area.geojson", on_grid(30, 20).buffer(100.0), on_grid(30, 20))
-    assert "area.geojson: feature 2 has Point; a perimeter is of polygons alone" in refused(
+    assert "area.geojson: feature 2 has Point; a perimeter has only polygons" in refused(
         scenario
     )
     drawn(site / "area.geojson", on_grid(30, 20).buffer(9000.0))
@@ -359,7 +359,7 @@ def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
     assert "Note" not in quiet.stderr
     told = call("fire", "run", str(scenario), *options, "duration_s=14400")
     assert told.exit_code == 0
-    assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in told.stderr
+    assert "weather.csv: ends at 7200 s; its last record is used until" in told.stderr
 
 
 def test_a_folder_that_cannot_be_written_to_is_told_before_the_fire_burns(tmp_path: Path) -> None:

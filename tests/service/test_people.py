@@ -207,7 +207,7 @@ def test_settings_are_told_to_planners_that_have_them(fly: Fly) -> None:
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
     flight.over()
     team = fly(rule="team.balanced")
-    assert "nothing was changed" in team.tell(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
+    assert "no setting was changed" in team.tell(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
 
 
 def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:

@@ -114,9 +114,9 @@ class FrontFlight(Guidance):
             return []
         ring = team.ring()
         advice = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
-        return (
-            [] if advice is None else [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
-        )
+        if advice is None:
+            return []
+        return [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]

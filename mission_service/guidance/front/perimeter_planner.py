@@ -1,20 +1,20 @@
-"""The Islam & Hu planner: fly the front, turn back where the fire behind is more important.
+"""The planner of Islam & Hu: fly along the front, turn back if the part behind is more important.
 
-Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
-shape, compare the importance of the two halves of the perimeter, and turn or go on.
+Listing 1: circle once to fill the on-board map; then, at every new cell, reconstruct the fire's
+shape, compare the importance of the two halves of the perimeter, and turn or keep the direction.
 
-There are three rules. ``islam_hu`` is the paper's. It chatters once the spread is very uneven:
-every turn makes the other window the more important one, and spread rates come from two views
-seconds apart. ``islam_hu_damped``, the default, adds only this:
+The planner has three rules. ``islam_hu`` is the paper's. It oscillates if the spread is very
+uneven: each turn makes the other window more important, and spread rates are computed from two
+views seconds apart. ``islam_hu_damped``, the default, differs only in this:
 
-- spread rates come from views at least ``baseline_s`` apart and are averaged over neighbouring
-  bearings, so that one cell more or less does not become a high rate;
-- the back window must exceed the front one by the share ``reversal_margin``, and by at least
+- spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
+  bearings, so that a difference of one cell does not become a high rate;
+- the back window must exceed the front window by the share ``reversal_margin``, and by at least
   ``min_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
-- after a turn the vehicle flies on for ``dwell_s`` before it may turn again: the time in which it
-  turns around and has other cells in view.
+- after a turn the vehicle keeps its direction for ``dwell_s``, the time in which it turns around
+  and has other cells in view.
 
-``circling`` never turns: the baseline of section VI.E.
+``circling`` never turns; it is the baseline of section VI.E.
 """
 
 from dataclasses import dataclass, replace
@@ -109,7 +109,7 @@ class PerimeterPlanner:
         self.settings = replace(self.settings, **event.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision at each new cell of the grid."""
+        """Set the vehicle's position; return a decision at each new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -127,7 +127,7 @@ class PerimeterPlanner:
         """Do nothing: the planner has one vehicle."""
 
     def _finish_initial_circle(self) -> None:
-        """End listing 2; an unknown ignition is replaced by the fire's centre."""
+        """End listing 2; the fire's centre replaces an unknown ignition."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
@@ -157,7 +157,7 @@ class PerimeterPlanner:
         )
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """Return the importance and the place of each cell of the front."""
+        """Return the importance and the position of each cell of the front."""
         values = self.importance(row, col, at_s)
         bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
@@ -183,18 +183,14 @@ class PerimeterPlanner:
         if settings.rule == "islam_hu":
             return back > front
         rested = at_s - self._turned_at_s >= settings.dwell_s
-        gain = back - front
-        return (
-            rested
-            and gain > front * settings.reversal_margin
-            and gain > window_cells * settings.min_gain_cells
-        )
+        min_gain = max(front * settings.reversal_margin, window_cells * settings.min_gain_cells)
+        return rested and back - front > min_gain
 
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
-        In view the path follows the front itself, beyond it the reconstructed front; during the
-        initial circle it extends the visible front in a straight line.
+        In view the path follows the front, beyond it the reconstructed front; during the initial
+        circle it extends the visible front in a straight line.
         """
         front_by = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = front_by(self.map, self._in_view, row, col, self.clockwise)

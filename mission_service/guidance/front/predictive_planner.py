@@ -1,12 +1,13 @@
-"""One vehicle on one fire, by prediction: it flies where the estimated front is least certain.
+"""The predictive planner: one vehicle flies where the estimated front is most uncertain.
 
-``front_estimate`` advances the front since its last view. The expected error of a part of it grows
-with its speed times the standard deviation of the factor of that speed. At every new cell of the
-grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that go
-on, and plans that turn back now. The vehicle turns if the best of the latter has the smaller error.
+``front_estimate`` advances the front since its last view. The expected error of a part of the front
+grows with its speed times the standard deviation of the factor of that speed. At every new cell of
+the grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that
+keep the direction, and plans that turn back now. The vehicle turns if the best plan of the latter
+has the smaller error.
 
-The vehicle needs room to turn and flies in the wind that it measures. A landscape and a wind
-improve the prediction but are not required.
+Turns take space and time, and the vehicle flies in the wind that it measures. A landscape and a
+wind improve the prediction but are not required.
 """
 
 import math
@@ -44,9 +45,9 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
-REST_LAPS = 0.03  # after a turn, until the next one may be
-MIN_GAIN = 0.25  # share of the cost for which to turn
-TURN_BACK = 7.0 / 3.0 * math.pi  # radii: the shortest way to fly the other way at the same place
+REST_LAPS = 0.03  # minimum interval of turns
+MIN_GAIN = 0.25  # share of the cost that a turn must save
+TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
 
@@ -55,8 +56,8 @@ RECENTRED_BASELINE_S = 300.0
 class PredictiveSettings:
     """Lengths in cells, speeds in cells per second.
 
-    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the one measured in the air.
-    ``flies_in_wind``: the wind carries the vehicle; otherwise it flies as if there were none.
+    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the wind measured in the air.
+    With ``flies_in_wind`` the wind carries the vehicle; otherwise the wind has no effect on it.
     """
 
     clockwise_first: bool
@@ -69,13 +70,13 @@ class PredictiveSettings:
 
 
 def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
-    """Return the fire model on board: the landscape and the moistures of one time, no wind."""
+    """Return the fire model on board, with the landscape and moistures, without wind."""
     calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
     return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
 
 class PredictivePlanner:
-    """A ``Planner``; positions are float (row, col) of the landscape's grid."""
+    """A predictive ``Planner``; positions are float (row, col) of the landscape's grid."""
 
     def __init__(
         self,
@@ -122,14 +123,14 @@ class PredictivePlanner:
         self.estimate.correct(*window)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a wind measured in the air; from true north."""
+        """Add a wind measured in the air; its direction is from true north."""
         self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
         """Do nothing: the planner has one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision at each new cell of the grid."""
+        """Set the vehicle's position; return a decision at each new cell of the grid."""
         bearing = bearing_deg(self.map, row, col)
         circling = self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
@@ -173,11 +174,11 @@ class PredictivePlanner:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
-        # The importance of turning back is the cost of going on.
+        # The importance of turning back is the cost of keeping the direction.
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def _fill_ring(self) -> float:
-        """Fill the ring from the estimate; returns its length in cells."""
+        """Fill the ring from the estimate; return its length in cells."""
         estimate, settings = self.estimate, self.settings
         factor_sd = estimate.factor_sd()
         left = LEFT_CELLS * estimate.slant()
@@ -224,7 +225,7 @@ def predictive_planner(
         speed_cells_s=section.airspeed_m_s / cell_m,
         turn_radius_cells=section.turn_radius_m / cell_m,
         flies_in_wind=True,
-        wind_20ft_share=1.0,  # a wrong share is learned as part of the fire's spread
+        wind_20ft_share=1.0,  # the factors of spread compensate for a wrong share
         path=path_settings(scenario, cell_m),
     )
     return PredictivePlanner(

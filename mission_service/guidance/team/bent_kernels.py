@@ -2,7 +2,7 @@
 
 A region is ``range(begin, end)`` of lifted cells (see ``regions``) of a ring of n cells; ``rate``
 (m/s), ``visited`` (s) and ``step`` (m to the next cell clockwise) are arrays (n) over the ring.
-All in one file, because Numba keeps compiled code until the file of the function changes.
+The kernels are in one file, because Numba caches compiled code until the function's file changes.
 """
 
 from firemodel.compiled import compiled
@@ -11,7 +11,7 @@ from firemodel.compiled import compiled
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
     """Return Bent's linear or exponential importance (3.2)."""
-    age = max(age, 0.0)  # a camera sees ahead of the time of a decision
+    age = max(age, 0.0)  # a view may be later than the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
 
@@ -19,8 +19,8 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
     """Return the lifted cell of highest importance other than ``own_cell``; ``own_cell`` if none.
 
-    The vehicle's own cell has no importance (4.1.3). Of equals the nearest in cells, clockwise
-    first.
+    The vehicle's own cell has no importance (4.1.3). Of equal cells the nearest is returned, of
+    equal distances the clockwise one.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0
@@ -41,9 +41,9 @@ def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ig
 def best_path(  # type: ignore[no-untyped-def]
     rate, visited, step, begin, end, own_cell, target, at_s, speed_m_s, exponential
 ):
-    """End (lifted) of the straight path with the highest mean importance when visited (4.1.4).
+    """Return the lifted end of the path with the highest mean importance when visited (4.1.4).
 
-    ``target`` wins over equals, then the nearer end, clockwise first.
+    Of equal paths the one to ``target`` is preferred, then the nearer end, clockwise first.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0
@@ -112,7 +112,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums without the cells given so far: all of the first chunk, put back one by one.
+    # Sums without the given cells: the first chunk is removed, and its cells are added one by one.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

@@ -11,8 +11,8 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Region:
     """One vehicle's part of the ring, [begin, end) in lifted cells (see ``regions``).
 
-    ``own_cell`` is the vehicle's cell in ``range(begin, begin + n)``: outside of the region from
-    ``end`` on.
+    ``own_cell`` is the vehicle's cell in ``range(begin, begin + n)``; from ``end`` on it is outside
+    the region.
     """
 
     ring: FrontRing
@@ -25,7 +25,7 @@ class Region:
 
 
 class Course(NamedTuple):
-    """A vehicle's direction, and its target if it has one (a lifted cell, like its region)."""
+    """A vehicle's direction, and its target, if any, as a lifted cell."""
 
     clockwise: bool = True
     target: int | None = None
@@ -46,7 +46,7 @@ def course_to(region: Region, target: int) -> Course:
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Return whether a course has no target, has reached or passed it, or it left the region.
+    """Return whether a course has no target, its target is passed, or it is outside the region.
 
     A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
     """

@@ -1,6 +1,6 @@
-"""Bent's planners: which way a vehicle flies within its region (thesis, 4.1 and 6.1).
+"""Bent's planners: the direction of a vehicle within its region (thesis, 4.1 and 6.1).
 
-Each takes the region and the course so far, and returns the course from here on.
+Each function receives the region and the course so far, and returns the new course.
 """
 
 from mission_service.guidance.team.bent_kernels import best_path, highest
@@ -39,8 +39,8 @@ def highest_static(region: Region, course: Course) -> Course:
 def predictive(region: Region, course: Course) -> Course:
     """Fly along the path with the highest mean importance at the time of visit (4.1.4).
 
-    The pseudocode keeps the previous target unless a path is better, and so does this. Times are
-    those of the flight, for which the thesis has "+ 1, + 2".
+    As in the pseudocode, the previous target is kept unless a path is better. Times are flight
+    times, for which the thesis has "+ 1, + 2".
     """
     ring = region.ring
     target = best_path(

@@ -71,7 +71,7 @@ class RegionTeam:
 
     def on_ring_changed(self, place_of: Integers) -> None:
         """Move borders and targets with their cells, at the next decision."""
-        # The size of the new ring is known only with the next decision, or the next growth.
+        # Only the next decision, or the next growth, gives the size of the new ring.
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
@@ -145,7 +145,7 @@ def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Reg
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # The place of a vehicle that has left is unknown: the begin of its region is used.
+            # The position of a vehicle that has left is unknown: the start of its region is used.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

@@ -1,4 +1,4 @@
-"""The positions of a fleet now: the last reports, advanced along the ring by dead reckoning."""
+"""The present positions of a fleet, by dead reckoning from the last reports along the ring."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """Return the fleet at ``at_s``: without reports for too long a vehicle is left out."""
+    """Return the fleet at ``at_s``, without vehicles whose last report is too old."""
     known_reports = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )

@@ -1,16 +1,16 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-Each border has two sides, the states of the vehicle left of it (counter-clockwise) and of the right
-one: a place and a version. A border is moved only by giving cells away, and only by the side whose
-turn it is: the left one's after even versions, the right one's after odd ones. A side that offers
-version v + 1 serves the cells offered until it receives v + 1 or later; the other side owns them
-from when it receives the offer, and has the next turn. So messages consist of place and version,
-and may be lost, doubled or late: only a version newer than the receiver's is applied, and no
-version is made twice. The cells served always cover the ring; the newer side of each border is the
-ledger, in which each cell has exactly one owner.
+Each border has two sides, the states of the vehicles left (counter-clockwise) and right of it, each
+with a place and a version. A side moves a border only by giving cells away, and only in its turn:
+the left side after even versions, the right side after odd versions. A side that offers version
+v + 1 serves the offered cells until it receives v + 1 or later; the other side owns them as soon as
+it receives the offer, and has the next turn. Messages consist of place and version, and may be
+lost, duplicated or late: a receiver applies only newer versions, and each version is made once. The
+served cells always cover the ring. The newer side of each border forms the ledger, in which each
+cell has exactly one owner.
 
-Places are *lifted*: cells that go on counting around the ring, so that a region is
-``range(begin, end)`` of them, modulo the number of cells, and may be empty or the whole ring.
+Places are *lifted*: the count of cells continues around the ring, so that a region is
+``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.
 """
 
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from mission_service.guidance.team.front_ring import Integers
 
 
 class Side(NamedTuple):
-    """The state of a border at one of its two vehicles: the first cell right of it."""
+    """The state of a border at one of its two vehicles; ``place`` is the first cell right of it."""
 
     place: int
     version: int = 0
-    offered: int | None = None  # the place of version + 1, given away and not known to be taken
+    offered: int | None = None  # the place of version + 1, which is offered and not confirmed
 
 
 class Border(NamedTuple):
@@ -38,7 +38,7 @@ class Border(NamedTuple):
 
 
 class BorderMessage(NamedTuple):
-    """The message of a side about its border; ignored in another epoch."""
+    """The message of a side on its border; it is ignored in another epoch."""
 
     epoch: int
     place: int
@@ -47,10 +47,10 @@ class BorderMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """The team clockwise; ``borders[i]`` is where the region of ``seats[i]`` begins.
+    """The team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
 
-    Places rise from border to border, by no more than ``cells`` once around. ``epoch`` counts
-    growths of the ring and changes of the team, which all vehicles receive.
+    Places ascend from border to border, by at most ``cells`` once around. ``epoch`` counts growths
+    of the ring and changes of the team, which all vehicles receive.
     """
 
     members: tuple[int, ...]
@@ -124,7 +124,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """Return the message of one side of a border: its offer, or else its state."""
+    """Return the message of one side of a border: its offer, if any, or its state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)
@@ -132,7 +132,7 @@ def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
 
 
 def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
-    """Return the regions after one side of a border has received a message of the other."""
+    """Return the regions after one side of a border has received the other side's message."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
@@ -183,11 +183,11 @@ def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
 def without_member(regions: Regions, member: int) -> Regions:
     """Return the regions after a vehicle has left: its neighbours share its region.
 
-    The last one cannot leave; raises ValueError.
+    Offers are void. Raises ValueError for the last vehicle.
     """
     index, count = regions.members.index(member), len(regions.members)
     if count == 1:
-        raise ValueError("the last vehicle cannot leave its region to another one")
+        raise ValueError("the last vehicle of a team cannot leave")
     begins = list(ledger(regions))
     begin = begins[index]
     end = begins[index + 1] if index + 1 < count else begins[0] + regions.cells
@@ -203,8 +203,8 @@ def without_member(regions: Regions, member: int) -> Regions:
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
     """Return the regions after a vehicle has joined at a cell, whose region is halved.
 
-    ``cells_of`` are the cells of the others, clockwise; the owner of the region keeps the half that
-    it is in.
+    Offers are void. ``cells_of`` are the cells of the others, clockwise; the owner of the region
+    keeps the half that it is in.
     """
     begins = list(ledger(regions))
     host = int(owners(regions)[cell])
