@@ -102,7 +102,7 @@ class AirspeedMeasured(Event, frozen=True, tag=True):
 
 
 class ThrustStatusChanged(Event, frozen=True, tag=True):
-    """Whether the thrust is sufficient; it is not if the vehicle sinks at full throttle (VFR_HUD)."""
+    """Whether the thrust is sufficient: the vehicle does not sink at full throttle (VFR_HUD)."""
 
     sufficient: bool
     throttle_percent: Count

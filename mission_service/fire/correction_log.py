@@ -111,7 +111,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """Return mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
+    """Return the mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool

@@ -43,7 +43,7 @@ class EstimatedForecasts:
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
     async def probability(self, at_s: float) -> Floats:
-        """Return probability (y, x) that fire has reached each cell by a time."""
+        """Return the probability (y, x) that fire has reached each cell by a time."""
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 

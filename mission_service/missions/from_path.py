@@ -1,8 +1,8 @@
 """Converts a path over the ground to mission items.
 
-Every mission ends in an unlimited loiter, so that a vehicle without a link stays at a safe position.
-Altitudes are above mean sea level, and such that each leg, flown as a straight line between its
-ends, clears the terrain under it by the configured height.
+Every mission ends in an unlimited loiter, so that a vehicle without a link stays at a safe place.
+Altitudes are above mean sea level. Each leg, flown as a straight line between its ends, clears the
+terrain under it by the configured height.
 """
 
 import math
@@ -69,10 +69,10 @@ def leg_altitudes_m(
     around_last_m: float,
     min_at: LeastAltitude = no_least,
 ) -> list[float]:
-    """Return altitude above sea level for each point so that all legs clear the terrain under them.
+    """Return an altitude above sea level for each point so that all legs clear the terrain.
 
-    The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
-    ``min_at`` gives the minimum altitude at points (n, 2), independent of the terrain.
+    The last point is a loiter, for which the terrain within ``around_last_m`` counts. ``min_at``
+    gives the minimum altitude at points (n, 2), independent of the terrain.
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []

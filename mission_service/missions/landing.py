@@ -35,7 +35,7 @@ class Landing:
     """The landing at the end of a vehicle's missions, if required, into the scenario's wind."""
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
-        """Plan the landing at the scenario's start; raises ScenarioError if no approach is clear."""
+        """Plan the landing at the scenario's start. Raises ScenarioError without an approach."""
         self._section = section
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None

@@ -53,7 +53,7 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
-    """Return times of the written fronts: every ``every_s`` after the start, and the end."""
+    """Return the times of the written fronts: every ``every_s`` after the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
     if count > MAX_FRONTS:
         raise ScenarioError(

@@ -184,7 +184,7 @@ def listening(listen: str) -> str:
     address = parse_link(link)
     if not isinstance(address, LinkAddress) or address.kind not in ("udpin", "tcpin"):
         raise MissionServiceError(
-            f"--listen {listen}: not a listening link; give HOST:PORT, udpin or tcpin, or use --link"
+            f"--listen {listen}: not a listening link; give HOST:PORT, udpin or tcpin"
         )
     return link
 

@@ -77,7 +77,7 @@ class SimulatedVehicle:
         self._down = memory_link(scenario.link, seed + 1)
 
     def next_timer(self) -> int:
-        """Return time of the next timer of client, mock and links (µs)."""
+        """Return the time of the next timer of client, mock and links (µs)."""
         next_us = min(self._mock_due_us, self.client.next_timer())
         for link in (self._up, self._down):
             arrives_us = link.next_timer()

@@ -107,7 +107,7 @@ class TrafficManager:
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
-        """Return tracks and positions of the vehicles in lower layers."""
+        """Return the tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
         places = [other.availability.fix for other in below if other.availability.airborne]

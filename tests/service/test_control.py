@@ -169,11 +169,11 @@ NAN = float("nan")
         ),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
-            "correct: a line of 1 places; it takes 2",
+            "correct: a line of 1 points; it requires 2",
         ),
         (
             {"do": "correct", "state": "burned", "shape": "point", "points": CORNERS},
-            "correct: a point of 3 places; it takes 1",
+            "correct: a point of 3 points; it requires 1",
         ),
         (
             {"do": "correct", "state": "charred", "shape": "point", "points": [[0, 0]]},

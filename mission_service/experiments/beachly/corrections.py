@@ -115,7 +115,7 @@ def grid_around(
 
 
 def cells_of(grid: Landscape) -> Floats:
-    """Return centres of all cells (n, 2)."""
+    """Return the centres of all cells (n, 2)."""
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
@@ -140,7 +140,7 @@ def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
 
 
 def in_period(at_s: Floats) -> NDArray[np.bool_]:
-    """Return mask of the times up to the end of the second segment, as in the paper."""
+    """Return the mask of the times up to the end of the second segment, as in the paper."""
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 

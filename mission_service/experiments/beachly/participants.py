@@ -49,7 +49,7 @@ def front_points(
 
 
 def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
-    """Return mask of the points (n, 2) in a box."""
+    """Return the mask of the points (n, 2) in a box."""
     west, south, east, north = box
     x_m, y_m = points.T
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))

@@ -39,7 +39,7 @@ class TeamFlight:
     min_separation_m: float  # of any two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
-        """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
+        """Return the mean and standard deviation over time of the "linear" or "exponential" cost."""
         cost = self.exponential if importance == "exponential" else self.linear
         return float(cost.mean()), float(cost.std())
 

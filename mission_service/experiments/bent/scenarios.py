@@ -92,7 +92,7 @@ def thesis_cases() -> list[Case]:
 
 
 def later_cases() -> list[Case]:
-    """Return cases with the two ideas that the thesis proposes as future work (6.1)."""
+    """Return the cases with the two ideas that the thesis proposes as future work (6.1)."""
     cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
     return [
         Case(planner, negotiation, importance, uavs)

@@ -51,7 +51,7 @@ def name_of(planner: str, negotiation: str | None) -> str:
 
 
 def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
-    """Return costs of the combinations, averaged over numbers of vehicles."""
+    """Return the costs of the combinations, averaged over numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
         if run["importance"] == importance and run["uavs"] in sizes:

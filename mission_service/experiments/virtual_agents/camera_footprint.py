@@ -36,7 +36,7 @@ def mark_seen(grid: MapGrid, footprint: Footprint, seen_s: Floats, at_s: float) 
 
 
 def cells_in_view(grid: MapGrid, footprint: Footprint) -> Cells:
-    """Return indices of the cells in a footprint, in ascending order."""
+    """Return the indices of the cells in a footprint, in ascending order."""
     x_m, y_m, course_rad, half_across_m, half_along_m = footprint
     row, col = grid.row_col_of(x_m, y_m)
     across, along = half_across_m / grid.cell_m, half_along_m / grid.cell_m

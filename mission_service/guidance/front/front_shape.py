@@ -105,7 +105,7 @@ def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
 
 
 def steps_between(north: Floats, east: Floats) -> Floats:
-    """Return distance in cells from each ring cell to the next one, the last to the first."""
+    """Return the distance in cells from each ring cell to the next one, the last to the first."""
     steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps
 

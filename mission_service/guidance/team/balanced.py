@@ -124,7 +124,7 @@ class Balanced:
         self._pattern_cost = self._settled(self._pattern, fleet)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
-        """Return scale and power of the integrals of importance of nodes of several cells."""
+        """Return the scale and power of the integrals of importance of nodes of several cells."""
         if self._linear:
             return rate_sum / 2.0, np.full(rate_sum.size, 2.0)
         power = 2.0 + rate_sum / cells
@@ -276,7 +276,7 @@ class Balanced:
 
 
 def _in_parts(of_cells: Floats) -> Floats:
-    """Return sums over PARTS equal parts of a ring (n)."""
+    """Return the sums over PARTS equal parts of a ring (n)."""
     upto = np.concatenate([[0.0], np.cumsum(of_cells)])
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))

@@ -55,7 +55,7 @@ def repeated(first: int, second: int) -> Integers:
 def settled_cost(
     pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
 ) -> float:
-    """Return mean over time of the importance of all nodes when a pattern is flown evenly spaced.
+    """Return the mean importance of all nodes over time for a pattern with even spacing.
 
     ``nodes`` has PARTS nodes; ``speed_m_s`` (k) are the vehicles' speeds, ``turn_s`` the duration
     of a turn back.
