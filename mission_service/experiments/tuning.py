@@ -90,7 +90,7 @@ def tune(
                 alive += bred(ranked[:fittest])
             del alive[population:]
     return {
-        "constants": {name: _rounded(gene) for name, gene in zip(NAMES, ranked[0], strict=True)},
+        "constants": dict(zip(NAMES, (float(f"{gene:.3g}") for gene in ranked[0]), strict=True)),
         "fitness": ranked[0].fitness.values[0],
         "seed": seed,
         "population": population,
@@ -112,10 +112,6 @@ def _deap() -> tuple[Any, Any]:
     except ImportError:
         raise MissionServiceError(f"tune: DEAP is not installed; {HOW_TO_INSTALL}") from None
     return base, tools
-
-
-def _rounded(gene: float) -> float:
-    return float(f"{gene:.3g}")
 
 
 def _mutate(genes: list[float]) -> None:

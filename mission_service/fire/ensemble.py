@@ -66,15 +66,8 @@ def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
     rng = np.random.default_rng((seed, count))
     middle = ndtri((np.arange(count) + 0.5) / count)
     wind, turn, spread = (rng.permutation(middle) for _ in range(3))
-    return [
-        Perturbation(float(a), float(b), float(c))
-        for a, b, c in zip(
-            np.exp(WIND_LOG_SD * wind),
-            WIND_TURN_SD_DEG * turn,
-            np.exp(SPREAD_LOG_SD * spread),
-            strict=True,
-        )
-    ]
+    factors = np.exp(WIND_LOG_SD * wind), WIND_TURN_SD_DEG * turn, np.exp(SPREAD_LOG_SD * spread)
+    return [Perturbation(*row) for row in np.column_stack(factors).tolist()]
 
 
 def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival:

@@ -18,7 +18,13 @@ from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, 
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import Ignition, LandscapeSection, VehicleSection, WeatherFile
+from mission_service.config.sections import (
+    FuelMoisture,
+    Ignition,
+    LandscapeSection,
+    VehicleSection,
+    WeatherFile,
+)
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
@@ -75,13 +81,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 def _from_file(section: WeatherFile) -> WeatherStream:
     from firemodel.landscape.readers.weather_files import read_weather
 
-    moisture = Moisture(
-        section.dead_1h_pct / 100.0,
-        section.dead_10h_pct / 100.0,
-        section.dead_100h_pct / 100.0,
-        section.live_herb_pct / 100.0,
-        section.live_woody_pct / 100.0,
-    )
+    moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
     return read_weather(
         section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
     )

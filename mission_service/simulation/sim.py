@@ -78,12 +78,9 @@ class SimulatedVehicle:
 
     def next_timer(self) -> int:
         """Return the time of the next timer of client, mock and links (µs)."""
-        next_us = min(self._mock_due_us, self.client.next_timer())
-        for link in (self._up, self._down):
-            arrives_us = link.next_timer()
-            if arrives_us is not None and arrives_us < next_us:
-                next_us = arrives_us
-        return next_us
+        arrivals_us = (self._up.next_timer(), self._down.next_timer())
+        arriving_us = (at_us for at_us in arrivals_us if at_us is not None)
+        return min(self._mock_due_us, self.client.next_timer(), *arriving_us)
 
     def advance(self, now_us: int, service: Engine) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""

@@ -31,7 +31,7 @@ class MissionApprovals:
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set the distances from a refused mission, beside and beyond it, of a different mission."""
+        """Set the minimum distances of a different mission beside and beyond a refused mission."""
         self._proposals: dict[str, Proposal] = {}
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m

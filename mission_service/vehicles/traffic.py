@@ -25,6 +25,7 @@ from mission_service.missions.separation import (
     places_of,
     track_of,
 )
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
@@ -144,21 +145,18 @@ class TrafficManager:
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
-        fix, other_fix = own.availability.fix, other.availability.fix
-        if fix is None or other_fix is None or not _is_reported(other.availability, fix.at_s):
-            return False
-        if fix.at_s - own.waits_since_s > WAITS_AT_MOST_S:
+        fixes = _reported_fixes(own, other)
+        if fixes is None or fixes[0].at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
-        return not has_passed(fix, other_fix, self._separation_m, turn_m)
+        return not has_passed(*fixes, self._separation_m, turn_m)
 
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
-        fix, other_fix = own.availability.fix, other.availability.fix
-        if fix is None or other_fix is None or not _is_reported(other.availability, fix.at_s):
+        fixes = _reported_fixes(own, other)
+        if fixes is None or other.gave_way_to == name or self._are_in_layers(own, other):
             return False
-        if other.gave_way_to == name or self._are_in_layers(own, other):
-            return False
+        fix, other_fix = fixes
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         if other.gave_way_to is not None and other.waits_at is not None:
             x_m, y_m = other.waits_at[0]
@@ -217,7 +215,9 @@ class TrafficManager:
         return True
 
 
-def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
-    """Return whether a vehicle is airborne by a recent position."""
-    fix = availability.fix
-    return availability.airborne and fix is not None and at_s - fix.at_s < STALE_S
+def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
+    """Return the positions of two vehicles, if the other is airborne by a recent position."""
+    fix, other_fix = own.availability.fix, other.availability.fix
+    if fix is None or other_fix is None or not other.availability.airborne:
+        return None
+    return (fix, other_fix) if fix.at_s - other_fix.at_s < STALE_S else None

@@ -24,6 +24,9 @@ from firemodel.landscape.readers.shapes import into_crs
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.experiments.beachly.corrections import (
+    MAX_CORRECTIONS,
+    MIN_CORRECTIONS,
+    PARTICIPANTS,
     Case,
     Method,
     cells_of,
@@ -38,8 +41,6 @@ CRS = "EPSG:32611"
 FUEL = 102  # the most frequent fuel model
 PERIMETERS = 7  # of the first afternoon and evening, while it grew
 SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
-PARTICIPANTS = 3
-MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175
 PLACE_SD_M = 50.0  # the fire is 25 times as wide as the unit
 PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mission_service.experiments.beachly.trajectories import LOW_SHARE, Flown
@@ -22,7 +23,6 @@ GRID_M = 2.0
 def draw_trajectory(path: Path, flown: Flown) -> None:
     """Draw one scenario: burned area at the first drop and at the end, flown path and drops."""
     figure = Figure(figsize=(8.0, 7.6), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     west, south, east, north = flown.area.bounds
     origin = np.array([west, south])
@@ -87,9 +87,6 @@ def _draw_drops(axes: Any, flown: Flown, origin: Floats) -> None:
 
 
 def _legend(axes: Any, flown: Flown, first_s: float, last_s: float) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low_m = flown.lines[0].drop_height_m if flown.lines else 15.0
     axes.legend(

@@ -20,7 +20,6 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Tea
 Floats = NDArray[np.float64]
 
 LAYER_M = 30.0
-SEPARATION_M = 25.0
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class TeamFlight:
     min_separation_m: float  # of any two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
-        """Return the mean and standard deviation over time of the "linear" or "exponential" cost."""
+        """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
         cost = self.exponential if importance == "exponential" else self.linear
         return float(cost.mean()), float(cost.std())
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import chain, islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -71,21 +72,19 @@ def run(
     """Fly all cases and return the result; with ``out``, draw figures as PNG there."""
     burn = uneven()
     history = ring_history(burn)
-    thesis, later, single = thesis_cases(), later_cases(), team_size_cases()
-    ours = balanced_cases()
-    runs = fly_cases([*thesis, *later, *ours, *single], history, speed_m_s, progress)
-    of_thesis, of_later = runs[: len(thesis)], runs[len(thesis) : len(thesis) + len(later)]
-    of_ours = runs[len(thesis) + len(later) : -len(single)]
+    groups = {"runs": thesis_cases(), "later": later_cases(), "balanced": balanced_cases()}
+    single = team_size_cases()
+    cases = [*chain(*groups.values()), *single]
+    flown = iter(fly_cases(cases, history, speed_m_s, progress))
+    runs = {name: list(islice(flown, len(group))) for name, group in groups.items()}
     if out:
         from mission_service.experiments.bent.figures import draw
 
-        draw(out, of_thesis, runs[-len(single) :], EVERY_S)
+        draw(out, runs["runs"], list(flown), EVERY_S)
     return {
         "fire": burn.name,
         "speed_m_s": speed_m_s,
         "hours": (burn.end_s - burn.deploy_s) / 3600.0,
         "perimeter_km": [float(step.step_m.sum()) / 1e3 for step in (history[0], history[-1])],
-        "runs": [one.as_row() for one in of_thesis],
-        "later": [one.as_row() for one in of_later],
-        "balanced": [one.as_row() for one in of_ours],
+        **{name: [one.as_row() for one in group] for name, group in runs.items()},
     }

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -47,7 +46,6 @@ def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, F
 
 def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, list[Any]]:
     figure = Figure(figsize=size, dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
 
 

@@ -26,8 +26,8 @@ from mission_service.experiments.fires import (
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.front.perimeter_planner import (
     PerimeterPlanner,
-    PerimeterSettings,
     Rule,
+    perimeter_settings,
 )
 from mission_service.guidance.protocol import Planner
 
@@ -91,20 +91,9 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
     """Return the planner of Islam & Hu for a known ignition, with a scenario's defaults."""
-    defaults = PlannerSection()
-    settings = PerimeterSettings(
-        rule=rule,
-        alpha=alpha,
-        clockwise_first=True,
-        ignition_known=True,
-        baseline_s=defaults.baseline_s,
-        smoothing_deg=defaults.smoothing_deg,
-        reversal_margin=defaults.reversal_margin,
-        min_gain_cells=defaults.min_gain_cells,
-        dwell_s=defaults.dwell_s,
-        speed_cells_s=burn.speed_m_s / burn.landscape.cell_size_m,
-        path=PathSettings(horizon_cells=80.0, lookahead_cells=5.0),  # paths are not flown
-    )
+    path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)  # paths are not flown
+    speed_cells_s = burn.speed_m_s / burn.landscape.cell_size_m
+    settings = perimeter_settings(PlannerSection(rule=rule, alpha=alpha), speed_cells_s, path)
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))
     return PerimeterPlanner(settings, burn.arrival_s.shape, centre, 0.0)
 

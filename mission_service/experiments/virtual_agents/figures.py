@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
@@ -35,7 +34,6 @@ def draw(out: Path, flights: Flights) -> None:
 
 def _figure(size: tuple[float, float], columns: int = 1) -> tuple[Figure, list[Any]]:
     figure = Figure(figsize=size, dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, list(np.ravel(figure.subplots(1, columns, squeeze=False)))
 
 

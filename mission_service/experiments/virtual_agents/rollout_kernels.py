@@ -9,23 +9,9 @@ from mission_service.guidance.formation.virtual_forces_kernels import is_set, ve
 
 @kernel
 def unroll(  # type: ignore[no-untyped-def]
-    agents,
-    before,
-    steps,
-    step_s,
-    ties_rad,
-    centre_x_m,
-    centre_y_m,
-    augmentation,
-    area,
-    danger,
-    west_m,
-    north_m,
-    cell_m,
-    constants,
-    spacing_m,
-    max_m_s,
-):
+    agents, before, steps, step_s, ties_rad, centre_x_m, centre_y_m, augmentation, area, danger,
+    west_m, north_m, cell_m, constants, spacing_m, max_m_s,
+):  # fmt: skip
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
     ``before`` (2, n) is a work array. Every agent receives the positions of all others. Returns the
@@ -41,22 +27,9 @@ def unroll(  # type: ignore[no-untyped-def]
             # An agent does not repel itself: its position is moved out of reach temporarily.
             before[0, i] += 1e9
             east, north = velocity_of_forces(
-                x_m,
-                y_m,
-                before[0],
-                before[1],
-                centre_x_m,
-                centre_y_m,
-                augmentation,
-                area,
-                west_m,
-                north_m,
-                cell_m,
-                constants,
-                spacing_m,
-                max_m_s,
-                ties_rad[i],
-            )
+                x_m, y_m, before[0], before[1], centre_x_m, centre_y_m, augmentation, area,
+                west_m, north_m, cell_m, constants, spacing_m, max_m_s, ties_rad[i],
+            )  # fmt: skip
             before[0, i] = x_m
             agents[0, i] += east * step_s
             agents[1, i] += north * step_s

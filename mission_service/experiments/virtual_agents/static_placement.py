@@ -221,14 +221,7 @@ def best_around(
     kicks: int = KICKS,
 ) -> Placement:
     """Return the best places found for ``count`` virtual agents around a fire (y, x)."""
-    maps = AgentMaps(
-        grid.shape,
-        grid.cell_m,
-        settings.augmentation_m(grid.cell_m),
-        settings.agent_area_m,
-        settings.monitoring_m,
-    )
-    maps.set(np.flatnonzero(fire), np.empty(0, dtype=np.int64))
+    maps = maps_of(np.flatnonzero(fire), grid, settings)
     return best_placement(
         weights_of(maps),
         maps.augmentation == 0,
@@ -238,6 +231,14 @@ def best_around(
         starts=starts,
         kicks=kicks,
     )
+
+
+def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> AgentMaps:
+    """Return the maps of an agent that has received all burned cells ``fire`` (n)."""
+    radii_m = (settings.augmentation_m(grid.cell_m), settings.agent_area_m, settings.monitoring_m)
+    maps = AgentMaps(grid.shape, grid.cell_m, *radii_m)
+    maps.set(fire, np.empty(0, dtype=np.int64))
+    return maps
 
 
 def weights_of(maps: AgentMaps) -> Floats:

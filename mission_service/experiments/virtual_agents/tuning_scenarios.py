@@ -17,7 +17,11 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
 from mission_service.experiments.virtual_agents.rollout_kernels import unroll
-from mission_service.experiments.virtual_agents.static_placement import coverage, weights_of
+from mission_service.experiments.virtual_agents.static_placement import (
+    coverage,
+    maps_of,
+    weights_of,
+)
 from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
@@ -69,17 +73,9 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
     fire = np.flatnonzero(_fire(kind, rng))
     size_m = kind.cells * CELL_M
     grid = MapGrid(kind.cells, kind.cells, CELL_M, 0.0, size_m)
-    no_cells = np.empty(0, dtype=np.int64)
-    maps = AgentMaps(
-        grid.shape,
-        CELL_M,
-        settings.augmentation_m(CELL_M),
-        settings.agent_area_m,
-        settings.monitoring_m,
-    )
+    maps = maps_of(fire, grid, settings)
     near = AgentMaps(grid.shape, CELL_M, settings.loiter_radius_m, 0.0)
-    maps.set(fire, no_cells)
-    near.set(fire, no_cells)
+    near.set(fire, np.empty(0, dtype=np.int64))
     side_rad = rng.uniform(0.0, 2.0 * math.pi)
     abreast_m = ABREAST_M * (np.arange(kind.agents) - (kind.agents - 1) / 2.0)
     away_m = 0.45 * size_m
@@ -129,15 +125,9 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
         STEP_S,
         np.array([tie_rad(number) for number in range(scenario.kind.agents)]),
         *grid.xy_of(*centre),
-        scenario.maps.augmentation,
-        scenario.maps.area,
-        scenario.danger,
-        grid.west_m,
-        grid.north_m,
-        grid.cell_m,
-        constants,
-        settings.spacing_m,
-        settings.agent_speed_m_s,
+        *(scenario.maps.augmentation, scenario.maps.area, scenario.danger),
+        *(grid.west_m, grid.north_m, grid.cell_m),
+        *(constants, settings.spacing_m, settings.agent_speed_m_s),
     )
     rows, cols = grid.row_col_of(agents_m[0], agents_m[1])
     places = np.stack([rows, cols], axis=1)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.fire_map import BEARINGS, FireMap
+from mission_service.events import Observed
+from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
@@ -28,6 +29,11 @@ class LapProgress:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
         self.bearing_deg = bearing_deg
         return counts and self.swept_deg >= ROUND_AGAIN_DEG
+
+
+def view_of(observed: Observed) -> CameraView:
+    """Return the window of an observation."""
+    return observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:

@@ -205,13 +205,15 @@ class FrontEstimate:
     def _model_speed(self) -> Floats:
         """Return the speed outwards in cells/s on all bearings with a factor of 1."""
         ground = (self._bearing, self._rows, self._cols)
-        places = (*ground, self._north, self._east, self._stretch, self._limit)
-        count = front_normals(self.front, self.centre_row, self.centre_col, self._shape, *places)
+        facing = (self._north, self._east, self._stretch, self._limit)
+        centre = (self.centre_row, self.centre_col)
+        count = front_normals(self.front, *centre, self._shape, *ground, *facing)
         if self.model is None or self.wind_m_s is None:
             return EVEN_CELLS_S * self._stretch[:BEARINGS]
         north, east = self.wind_m_s
         blows_from = math.hypot(north, east), math.degrees(math.atan2(-east, -north)) % 360.0
-        bearing, rows, cols, north_of, east_of, stretch, limit = (each[:count] for each in places)
+        bearing, rows, cols = (each[:count] for each in ground)
+        north_of, east_of, stretch, limit = (each[:count] for each in facing)
         rate = self.model.rates.under_wind(rows, cols, north_of, east_of, self.at_s, blows_from)
         rate /= self.model.landscape.cell_size_m
         speed_along_bearings(bearing, rate, stretch, limit, LONGEST_STEP_S, self._unit)

@@ -24,15 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
+from mission_service.config.sections import PlannerSection, VehicleSection
 from mission_service.events import Observed, SettingsChanged
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_path import (
     PathSettings,
@@ -90,19 +91,16 @@ class PerimeterPlanner:
 
     def observe(self, observed: Observed) -> None:
         """Update the map by a camera window."""
-        window = window_codes(observed.cells)
-        at_s = observed.at_us / 1e6
-        self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
+        view = view_of(observed)
+        self._in_view = self.map.observe(*view)
         if self.phase == "approach" and self._in_view.any():
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
-            append_view(self._observations, (observed.row, observed.col, window, at_s))
+            append_view(self._observations, view)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        self.map.correct(
-            observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
-        )
+        self.map.correct(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
         """Apply changed settings from now on."""
@@ -197,12 +195,11 @@ class PerimeterPlanner:
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
 
 
-def perimeter_planner(
-    scenario: Scenario, section: VehicleSection, ground: Ground
-) -> PerimeterPlanner:
-    """Return the planner of one vehicle, with the scenario's rule."""
-    planner, cell_m = scenario.planner, ground.landscape.cell_size_m
-    settings = PerimeterSettings(
+def perimeter_settings(
+    planner: PlannerSection, speed_cells_s: float, path: PathSettings
+) -> PerimeterSettings:
+    """Return the settings of a scenario's planner."""
+    return PerimeterSettings(
         rule=cast(Rule, planner.rule),
         alpha=planner.alpha,
         clockwise_first=planner.first_direction == "clockwise",
@@ -212,7 +209,16 @@ def perimeter_planner(
         reversal_margin=planner.reversal_margin,
         min_gain_cells=planner.min_gain_cells,
         dwell_s=planner.dwell_s,
-        speed_cells_s=section.airspeed_m_s / cell_m,
-        path=path_settings(scenario, cell_m),
+        speed_cells_s=speed_cells_s,
+        path=path,
     )
+
+
+def perimeter_planner(
+    scenario: Scenario, section: VehicleSection, ground: Ground
+) -> PerimeterPlanner:
+    """Return the planner of one vehicle, with the scenario's rule."""
+    cell_m = ground.landscape.cell_size_m
+    speed_cells_s, path = section.airspeed_m_s / cell_m, path_settings(scenario, cell_m)
+    settings = perimeter_settings(scenario.planner, speed_cells_s, path)
     return PerimeterPlanner(settings, ground.landscape.shape, ground.centre, ground.burns_from_s)

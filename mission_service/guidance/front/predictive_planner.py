@@ -23,12 +23,13 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
 from mission_service.guidance.front.front_path import (
@@ -105,7 +106,7 @@ class PredictivePlanner:
 
     def observe(self, observed: Observed) -> None:
         """Update map and estimate by a camera window."""
-        seen = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
+        seen = view_of(observed)
         if self.phase != "monitor":
             self._in_view = self.map.observe(*seen)
             if self.phase == "approach" and self._in_view.any():
@@ -118,9 +119,9 @@ class PredictivePlanner:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        window = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
-        self.map.correct(*window)
-        self.estimate.correct(*window)
+        seen = view_of(observed)
+        self.map.correct(*seen)
+        self.estimate.correct(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a wind measured in the air; its direction is from true north."""
@@ -131,8 +132,7 @@ class PredictivePlanner:
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """Set the vehicle's position; return a decision at each new cell of the grid."""
-        bearing = bearing_deg(self.map, row, col)
-        circling = self.phase == "initial circle"
+        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
             bearing = bearing_deg(self.map, row, col)

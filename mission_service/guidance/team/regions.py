@@ -15,6 +15,7 @@ Places are *lifted*: the count of cells continues around the ring, so that a reg
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,10 @@ class Border(NamedTuple):
 
     left: Side
     right: Side
+
+    def with_side(self, side: Side, *, left: bool) -> "Border":
+        """Return the border with one side replaced."""
+        return self._replace(left=side) if left else self._replace(right=side)
 
 
 class BorderMessage(NamedTuple):
@@ -73,11 +78,9 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
     """Return the cells [begin, end), lifted, that a vehicle serves by its sides of the borders."""
-    last = index + 1 == len(regions.borders)
-    end = regions.borders[0].left.place + regions.cells if last else 0
-    return regions.borders[index].right.place, (
-        end if last else regions.borders[index + 1].left.place
-    )
+    after = (index + 1) % len(regions.borders)
+    end = regions.borders[after].left.place + (0 if after else regions.cells)
+    return regions.borders[index].right.place, end
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
@@ -102,8 +105,7 @@ def owners(regions: Regions) -> Integers:
     """Return the index of the vehicle that owns each cell (n)."""
     begins = ledger(regions)
     owner = np.full(regions.cells, -1, np.int64)
-    for index, begin in enumerate(begins):
-        end = begins[index + 1] if index + 1 < len(begins) else begins[0] + regions.cells
+    for index, (begin, end) in enumerate(pairwise((*begins, begins[0] + regions.cells))):
         owner[np.arange(begin, end) % regions.cells] = index
     return owner
 
@@ -119,8 +121,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
     side = border.left if left else border.right
     if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
         raise ValueError(f"a border at {side.place} cannot be offered at {place} now")
-    offered = side._replace(offered=place)
-    return border._replace(left=offered) if left else border._replace(right=offered)
+    return border.with_side(side._replace(offered=place), left=left)
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
@@ -137,9 +138,8 @@ def with_message(regions: Regions, index: int, message: BorderMessage, *, left: 
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
         return regions
-    received = Side(message.place, message.version)
-    border = border._replace(left=received) if left else border._replace(right=received)
-    return with_border(regions, index, border)
+    received = border.with_side(Side(message.place, message.version), left=left)
+    return with_border(regions, index, received)
 
 
 def with_border(regions: Regions, index: int, border: Border) -> Regions:

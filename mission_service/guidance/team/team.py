@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_path import (
     PathSettings,
@@ -89,8 +90,7 @@ class Team:
 
     def add_view(self, observed: Observed) -> NDArray[np.bool_]:
         """Update the map by a camera window; return the bearings (360) in view."""
-        window = window_codes(observed.cells)
-        seen = (observed.row, observed.col, window, observed.at_us / 1e6)
+        seen = view_of(observed)
         if not self.surveyed and not self.settings.ignition_known:
             append_view(self._observations, seen)
         return self.map.observe(*seen)
@@ -179,8 +179,7 @@ class TeamMember:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window to the team's map."""
-        window = window_codes(observed.cells)
-        self._team.map.correct(observed.row, observed.col, window, observed.at_us / 1e6)
+        self._team.map.correct(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Do nothing: the rules of teams do not use the wind."""
