@@ -193,7 +193,7 @@ class PlannerSection(Section):
 
     @field_validator("rule")
     @classmethod
-    def _rule_known(cls, rule: str) -> str:
+    def _rule_exists(cls, rule: str) -> str:
         way_named(rule)
         return rule
 
@@ -410,7 +410,7 @@ class VehicleSection(Section):
 
     @field_validator("signing_key")
     @classmethod
-    def _key_not_here(cls, source: str | None) -> str | None:
+    def _key_is_source(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
             raise ValueError(
                 'give the source of the key, as "file:PATH" or "env:NAME"; '

@@ -70,7 +70,7 @@ class MqttSection(Section):
 
     @field_validator("password")
     @classmethod
-    def _password_not_here(cls, source: str | None) -> str | None:
+    def _password_is_source(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
             raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
         return source

@@ -4,16 +4,8 @@ An alarm is raised when its cause is reported and cleared when the end of the ca
 end of a text's cause is not reported: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
+from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
-from mission_service.events import (
-    AutopilotText,
-    EstimatorStatusChanged,
-    FenceStatusChanged,
-    LandedStateChanged,
-    SystemStateChanged,
-    ThrustStatusChanged,
-    VehicleEvent,
-)
 from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -26,29 +18,29 @@ MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "au
 LANDED, THRUST = "landed", "thrust"
 
 
-def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
+def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
     """Return announcements and alarms for an autopilot's report; none for other events."""
     match event:
-        case AutopilotText():
+        case events.AutopilotText():
             return _text(vehicle, event)
-        case SystemStateChanged():
+        case events.SystemStateChanged():
             severe = event.state in FAILSAFE_STATES
             words = f"its autopilot is in state {event.state}: a failsafe is active"
             return _alarm(vehicle, STATE, severe, words, "severe")
-        case FenceStatusChanged():
+        case events.FenceStatusChanged():
             words = f"fence breached ({event.kind})" if event.kind else "fence breached"
             return _alarm(vehicle, FENCE, event.breached, words, "severe")
-        case EstimatorStatusChanged():
+        case events.EstimatorStatusChanged():
             words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
-        case ThrustStatusChanged():
+        case events.ThrustStatusChanged():
             failed = vehicle.availability.airborne and not event.sufficient
             sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
             words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
             return _alarm(vehicle, THRUST, failed, words, "severe")
-        case LandedStateChanged(state="landing") if vehicle.availability.airborne:
+        case events.LandedStateChanged(state="landing") if vehicle.availability.airborne:
             return [announce(vehicle, "landing", warning=True)]
-        case LandedStateChanged():
+        case events.LandedStateChanged():
             mode = vehicle.availability.mode
             lands = mode in GOING_HOME  # the autopilot disarms next
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
@@ -80,7 +72,7 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     return [ClearAlarm(vehicle.name, TEXT)]
 
 
-def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
+def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
     line = announce(vehicle, words, warning=event.severity <= WARNING)
     if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):

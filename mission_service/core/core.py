@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
+from mission_service import events
 from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspeed_watch import airspeed_compared
@@ -19,27 +20,6 @@ from mission_service.core.autopilot_reports import (
 )
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.operator_orders import OperatorOrders, hold_again
-from mission_service.events import (
-    AirspeedMeasured,
-    AnyEvent,
-    AnyOperatorEvent,
-    CommandFinished,
-    FenceStatusChanged,
-    LinkLost,
-    LinkRestored,
-    MissionAccepted,
-    MissionProgress,
-    MissionReadBack,
-    ModeChanged,
-    OperatorEvent,
-    Resumed,
-    SystemStateChanged,
-    Telemetry,
-    UploadFinished,
-    VehicleConnected,
-    VehicleEvent,
-    VehicleRebooted,
-)
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
 from mission_service.guidance.way_of_flying import WayOfFlying
@@ -103,14 +83,14 @@ class Core:
     def _way(self) -> WayOfFlying:
         return way_of(self.scenario)
 
-    def handle(self, event: AnyEvent) -> list[AnyCommand]:
+    def handle(self, event: events.AnyEvent) -> list[AnyCommand]:
         """Apply one event; returns the commands that it causes, in order.
 
         Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
         commands = self._handle(event)
-        if self._approvals is not None and not isinstance(event, MissionAccepted):
+        if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
         commands += self.guidance.after(event, commands, self.vehicles)
@@ -139,8 +119,8 @@ class Core:
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_operator
 
-    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
-        if isinstance(event, OperatorEvent):
+    def _handle(self, event: events.AnyEvent) -> list[AnyCommand]:
+        if isinstance(event, events.OperatorEvent):
             return self._on_operator(event)
         vehicle = self.vehicles[event.vehicle]
         availability = vehicle.availability
@@ -149,8 +129,8 @@ class Core:
         commands = self._answer(vehicle, event, decision, was)
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
-    def _on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, Resumed):  # links and commands under way are unknown
+    def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        if isinstance(event, events.Resumed):  # links and commands under way are unknown
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -161,16 +141,16 @@ class Core:
         return [*self._orders.handle(event), *self.guidance.on_operator(event)]
 
     def _answer(
-        self, vehicle: Vehicle, event: VehicleEvent, decision: Decision | None, was: "_Was"
+        self, vehicle: Vehicle, event: events.VehicleEvent, decision: Decision | None, was: "_Was"
     ) -> list[AnyCommand]:
         match event:
-            case Telemetry():
+            case events.Telemetry():
                 return self._telemetry(vehicle, event.at_us / 1e6, decision, was)
-            case ModeChanged():
+            case events.ModeChanged():
                 return self._mode_changed(vehicle, event, was)
-            case VehicleRebooted():
+            case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
-            case SystemStateChanged() | FenceStatusChanged():
+            case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
                 if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
                     commands += self._taken_over(vehicle)
@@ -188,11 +168,11 @@ class Core:
             commands += self._found_in_air(vehicle, was)
         return [*commands, *self._moved(vehicle, at_s, decision)]
 
-    def _connected(self, vehicle: Vehicle, event: VehicleConnected) -> list[AnyCommand]:
+    def _connected(self, vehicle: Vehicle, event: events.VehicleConnected) -> list[AnyCommand]:
         vehicle.atomic_upload = event.atomic_upload
         return [announce(vehicle, f"connected ({event.stack})")]
 
-    def _link_lost(self, vehicle: Vehicle, event: LinkLost) -> list[AnyCommand]:
+    def _link_lost(self, vehicle: Vehicle, event: events.LinkLost) -> list[AnyCommand]:
         then = "the mission on board ends in a loiter"
         left = vehicle.availability.taken_over or vehicle.availability.recalled
         if left or not self.guidance.in_mission(vehicle.name):
@@ -200,15 +180,17 @@ class Core:
         words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
         return [announce(vehicle, words, warning=True)]
 
-    def _link_restored(self, vehicle: Vehicle, event: LinkRestored) -> list[AnyCommand]:
+    def _link_restored(self, vehicle: Vehicle, event: events.LinkRestored) -> list[AnyCommand]:
         vehicle.flown_line = None  # a new mission is due, because the front has moved
         return [announce(vehicle, "link restored")]
 
-    def _airspeed_measured(self, vehicle: Vehicle, event: AirspeedMeasured) -> list[AnyCommand]:
+    def _airspeed_measured(
+        self, vehicle: Vehicle, event: events.AirspeedMeasured
+    ) -> list[AnyCommand]:
         vehicle.airspeed_m_s = event.airspeed_m_s
         return []
 
-    def _progressed(self, vehicle: Vehicle, event: MissionProgress) -> list[AnyCommand]:
+    def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # later, the takeoff item is completed
         return []
 
@@ -335,7 +317,9 @@ class Core:
         vehicle.return_again_at_s = None
         return [Return(vehicle.name)]
 
-    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
+    def _mode_changed(
+        self, vehicle: Vehicle, event: events.ModeChanged, was: "_Was"
+    ) -> list[AnyCommand]:
         availability, vehicle.mode = vehicle.availability, event.mode
         if was.armed and not event.armed:
             return self._disarmed(vehicle, was.airborne)
@@ -379,7 +363,7 @@ class Core:
         self.traffic.forget(vehicle.name)
         return [*ended, announce(vehicle, "landed")]
 
-    def _read_back(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
+    def _read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
         """Continue by the mission read back after a restart; a burn only announces it."""
         at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
@@ -443,7 +427,7 @@ class Core:
 
     # Missions ---------------------------------------------------------------------------------
 
-    def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
+    def _upload_finished(self, vehicle: Vehicle, event: events.UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
         pending, accepted = vehicle.pending, event.outcome == "accepted"
@@ -478,7 +462,9 @@ class Core:
             return self._start(vehicle, at_s)
         return []
 
-    def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
+    def _command_finished(
+        self, vehicle: Vehicle, event: events.CommandFinished
+    ) -> list[AnyCommand]:
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
@@ -514,7 +500,7 @@ class Core:
             return False
         return self.guidance.in_mission(vehicle.name) or not availability.airborne
 
-    def _start_was_announced(self, vehicle: Vehicle, event: CommandFinished) -> bool:
+    def _start_was_announced(self, vehicle: Vehicle, event: events.CommandFinished) -> bool:
         """Return whether a start in flight was announced before and nothing has ended it since."""
         announced = vehicle.start_confirmed and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
@@ -542,15 +528,15 @@ class Core:
         return [*ended, *back_under_control(vehicle), words]
 
     # Handlers of events that do not depend on the vehicle's earlier state.
-    _ANSWERS: ClassVar[dict[type[VehicleEvent], Callable[..., list[AnyCommand]]]] = {
-        UploadFinished: _upload_finished,
-        VehicleConnected: _connected,
-        LinkLost: _link_lost,
-        LinkRestored: _link_restored,
-        CommandFinished: _command_finished,
-        MissionReadBack: _read_back,
-        AirspeedMeasured: _airspeed_measured,
-        MissionProgress: _progressed,
+    _ANSWERS: ClassVar[dict[type[events.VehicleEvent], Callable[..., list[AnyCommand]]]] = {
+        events.UploadFinished: _upload_finished,
+        events.VehicleConnected: _connected,
+        events.LinkLost: _link_lost,
+        events.LinkRestored: _link_restored,
+        events.CommandFinished: _command_finished,
+        events.MissionReadBack: _read_back,
+        events.AirspeedMeasured: _airspeed_measured,
+        events.MissionProgress: _progressed,
     }
 
 

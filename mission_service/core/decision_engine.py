@@ -8,27 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
+from mission_service import events
 from mission_service.commands import AnyCommand, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
-from mission_service.events import (
-    SERVICE,
-    CommandFinished,
-    EstimatorStatusChanged,
-    FenceStatusChanged,
-    GpsFixChanged,
-    LinkLost,
-    LinkRestored,
-    ModeChanged,
-    Observed,
-    OrderGiven,
-    SystemStateChanged,
-    Telemetry,
-    UploadFinished,
-    VehicleConnected,
-    VehicleEvent,
-    VehicleRebooted,
-    WindMeasured,
-)
 from mission_service.guidance.protocol import Decision, Steered
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import (
@@ -59,10 +41,10 @@ class DecisionEngine:
         burn = scenario.burn
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
-    def apply(self, event: VehicleEvent) -> Decision | None:
+    def apply(self, event: events.VehicleEvent) -> Decision | None:
         """Apply one event; returns the planner's decision, if any."""
         availability = self.availability[event.vehicle]
-        if isinstance(event, Telemetry):
+        if isinstance(event, events.Telemetry):
             return self._moved(availability, event)
         change = self._CHANGES.get(type(event))
         if change is not None:
@@ -81,10 +63,10 @@ class DecisionEngine:
             availability = self.availability[command.vehicle]
             availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
-    def apply_order(self, name: str, event: OrderGiven) -> bool:
+    def apply_order(self, name: str, event: events.OrderGiven) -> bool:
         """Apply an order; return whether it is executed. Its mode then counts as ordered."""
         availability = self.availability[name]
-        if event.by == SERVICE and not availability.flies:
+        if event.by == events.SERVICE and not availability.flies:
             return False
         if availability.needs_confirmation(event.order) and not event.confirmed:
             return False
@@ -105,43 +87,53 @@ class DecisionEngine:
         availability.recalled &= not holds_now
         return holds_now
 
-    def _observed(self, availability: VehicleAvailability, event: Observed) -> None:
+    def _observed(self, availability: VehicleAvailability, event: events.Observed) -> None:
         planner = self.planners[event.vehicle]
         (planner.correct if event.corrects else planner.observe)(event)
 
-    def _wind_measured(self, availability: VehicleAvailability, event: WindMeasured) -> None:
+    def _wind_measured(self, availability: VehicleAvailability, event: events.WindMeasured) -> None:
         if availability.airborne:  # on the ground the estimate is unreliable
             availability.wind_m_s = event.speed_m_s
             self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, event.at_us / 1e6)
 
     def _on_link(
-        self, availability: VehicleAvailability, event: VehicleConnected | LinkRestored | LinkLost
+        self,
+        availability: VehicleAvailability,
+        event: events.VehicleConnected | events.LinkRestored | events.LinkLost,
     ) -> None:
-        availability.online = not isinstance(event, LinkLost)
+        availability.online = not isinstance(event, events.LinkLost)
         if not availability.online:
             self.planners[event.vehicle].left(event.at_us / 1e6)
 
-    def _rebooted(self, availability: VehicleAvailability, event: VehicleRebooted) -> None:
+    def _rebooted(self, availability: VehicleAvailability, event: events.VehicleRebooted) -> None:
         availability.restart()
         self.planners[event.vehicle].left(event.at_us / 1e6)
 
     def _answered(
-        self, availability: VehicleAvailability, event: CommandFinished | UploadFinished
+        self,
+        availability: VehicleAvailability,
+        event: events.CommandFinished | events.UploadFinished,
     ) -> None:
-        kind = UploadMission if isinstance(event, UploadFinished) else ANSWERS.get(event.command)
+        kind = (
+            UploadMission
+            if isinstance(event, events.UploadFinished)
+            else ANSWERS.get(event.command)
+        )
         if kind is not None:
             availability.on_acknowledged(kind, event.at_us / 1e6)
 
     def _status_changed(
-        self, availability: VehicleAvailability, event: SystemStateChanged | FenceStatusChanged
+        self,
+        availability: VehicleAvailability,
+        event: events.SystemStateChanged | events.FenceStatusChanged,
     ) -> None:
-        if isinstance(event, SystemStateChanged):
+        if isinstance(event, events.SystemStateChanged):
             availability.system_state = event.state
         else:
             availability.fence_breached = event.breached
         self._look_for_failsafe(event.vehicle, event.at_us / 1e6)
 
-    def _mode_changed(self, availability: VehicleAvailability, event: ModeChanged) -> None:
+    def _mode_changed(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
         at_s, before = event.at_us / 1e6, (availability.mode, availability.armed)
         availability.mode, availability.armed = event.mode, event.armed
         if not event.armed:
@@ -164,7 +156,7 @@ class DecisionEngine:
                 self.planners[event.vehicle].left(at_s)
 
     def _mode_chosen(
-        self, availability: VehicleAvailability, event: ModeChanged, armed_now: bool
+        self, availability: VehicleAvailability, event: events.ModeChanged, armed_now: bool
     ) -> None:
         """Classify a mode of an armed vehicle, other than its mission, as ordered or not."""
         at_s = event.at_us / 1e6
@@ -184,18 +176,22 @@ class DecisionEngine:
             self.planners[name].left(at_s)
 
     def _position_measured(
-        self, availability: VehicleAvailability, event: GpsFixChanged | EstimatorStatusChanged
+        self,
+        availability: VehicleAvailability,
+        event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
         """Record whether positions are reliable; without them the vehicle leaves its planner."""
         was_good = availability.position_good
-        if isinstance(event, GpsFixChanged):
+        if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good
         else:
             availability.estimator_healthy = event.healthy
         if was_good and not availability.position_good:
             self.planners[event.vehicle].left(event.at_us / 1e6)
 
-    def _moved(self, availability: VehicleAvailability, telemetry: Telemetry) -> Decision | None:
+    def _moved(
+        self, availability: VehicleAvailability, telemetry: events.Telemetry
+    ) -> Decision | None:
         x_m, y_m = self._landscape.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
         if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
             return None
@@ -215,18 +211,18 @@ class DecisionEngine:
             return None
         return self.planners[telemetry.vehicle].at(row, col, at_s)
 
-    _CHANGES: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
-        Observed: _observed,
-        WindMeasured: _wind_measured,
-        VehicleConnected: _on_link,
-        LinkRestored: _on_link,
-        LinkLost: _on_link,
-        VehicleRebooted: _rebooted,
-        ModeChanged: _mode_changed,
-        CommandFinished: _answered,
-        UploadFinished: _answered,
-        SystemStateChanged: _status_changed,
-        FenceStatusChanged: _status_changed,
-        GpsFixChanged: _position_measured,
-        EstimatorStatusChanged: _position_measured,
+    _CHANGES: ClassVar[dict[type[events.VehicleEvent], Callable[..., None]]] = {
+        events.Observed: _observed,
+        events.WindMeasured: _wind_measured,
+        events.VehicleConnected: _on_link,
+        events.LinkRestored: _on_link,
+        events.LinkLost: _on_link,
+        events.VehicleRebooted: _rebooted,
+        events.ModeChanged: _mode_changed,
+        events.CommandFinished: _answered,
+        events.UploadFinished: _answered,
+        events.SystemStateChanged: _status_changed,
+        events.FenceStatusChanged: _status_changed,
+        events.GpsFixChanged: _position_measured,
+        events.EstimatorStatusChanged: _position_measured,
     }

@@ -3,20 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from mission_service import events
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
-from mission_service.events import (
-    SERVICE,
-    Aborted,
-    AnyOperatorEvent,
-    MissionAccepted,
-    MissionRefused,
-    MissionRequested,
-    Order,
-    OrderGiven,
-)
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -45,22 +36,22 @@ class OperatorOrders:
         self._start = start
         self._approvals = approvals
 
-    def handle(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event; returns the commands that it causes."""
         match event:
-            case OrderGiven():
+            case events.OrderGiven():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
-            case Aborted():
+            case events.Aborted():
                 why = f"aborted by {event.by}"
                 return [
                     *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
                     *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
                 ]
-            case MissionRequested():
+            case events.MissionRequested():
                 return self._to_each(
                     event.vehicle, lambda vehicle: self._request_mission(vehicle, event.by)
                 )
-            case MissionAccepted() | MissionRefused():
+            case events.MissionAccepted() | events.MissionRefused():
                 return self._decided_on(event)
             case _:
                 return []
@@ -70,7 +61,7 @@ class OperatorOrders:
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
-    def _ordered(self, vehicle: Vehicle, event: OrderGiven) -> list[AnyCommand]:
+    def _ordered(self, vehicle: Vehicle, event: events.OrderGiven) -> list[AnyCommand]:
         """Execute an order; it needs confirmation if it would end a mode that was not ordered."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
@@ -81,7 +72,7 @@ class OperatorOrders:
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
-        if event.by == SERVICE:
+        if event.by == events.SERVICE:
             words = f"no order is sent: it stays in mode {vehicle.availability.mode}"
             return [announce(vehicle, words)]
         availability = vehicle.availability
@@ -95,7 +86,7 @@ class OperatorOrders:
         words = f"{question}; repeat the order with confirmation to execute it"
         return [announce(vehicle, words, warning=True)]
 
-    def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
+    def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
         """Return the reason why an order cannot be carried out, even if confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
@@ -104,7 +95,7 @@ class OperatorOrders:
             return "its link is lost: order resume again when the link is restored"
         return ""
 
-    def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
+    def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
         """Order a hold, which begins after a mode that the autopilot or pilot selected."""
         at_s, mode = event.at_us / 1e6, vehicle.availability.mode
         if self.decision_engine.apply_abort(vehicle.name):
@@ -116,7 +107,9 @@ class OperatorOrders:
         )
         return [announce(vehicle, words, warning=True)]
 
-    def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
+    def _order(
+        self, vehicle: Vehicle, order: events.Order, by: str, at_s: float
+    ) -> list[AnyCommand]:
         match order:
             case "hold":
                 return self._hold(vehicle, by, at_s, "hold ordered")
@@ -203,11 +196,13 @@ class OperatorOrders:
         """Withdraw the proposed mission of a vehicle."""
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
-    def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
+    def _decided_on(
+        self, event: events.MissionAccepted | events.MissionRefused
+    ) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)
         if self._approvals is None or vehicle is None:
             return []
-        if isinstance(event, MissionAccepted):
+        if isinstance(event, events.MissionAccepted):
             mission = self._approvals.accepted(vehicle, event.mission_hash)
             if mission is not None:
                 words = f"mission {mission.mission_id} accepted by {event.by}"

@@ -12,16 +12,8 @@ from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spread
 from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
+from mission_service import events
 from mission_service.config.sections import BurnSection
-from mission_service.events import (
-    Corrected,
-    Erased,
-    IgnitionReported,
-    Observed,
-    Redone,
-    Undone,
-    WindSet,
-)
 from mission_service.fire.correction_log import (
     CorrectionLog,
     observations_held,
@@ -118,22 +110,22 @@ class EstimatedFire:
         """
         before = self.version
         match event:
-            case IgnitionReported():
+            case events.IgnitionReported():
                 points_m = self._landscape.xy_of_places(event.points)
                 self.ignite(_sources(points_m, event.lit_at_us / 1e6))
-            case Corrected() | Erased() | Undone() | Redone():
-                if isinstance(event, Corrected):
+            case events.Corrected() | events.Erased() | events.Undone() | events.Redone():
+                if isinstance(event, events.Corrected):
                     # Raises for an invalid shape before the log changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.apply(event)
                 self._collect_observations()
-            case Observed() if self._burn.camera_corrects:
+            case events.Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
                 self._seen.fold(event.row, event.col, event.cells, at_s, fire)
                 if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
                     self._collect_observations()
-            case WindSet():
+            case events.WindSet():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
                 pass

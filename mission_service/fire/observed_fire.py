@@ -7,28 +7,13 @@ import contextlib
 from collections.abc import Iterable
 
 from firemodel.errors import FireModelError
+from mission_service import events
 from mission_service.commands import AnyCommand, Drop
 from mission_service.config.scenario import Scenario
-from mission_service.events import (
-    AnyEvent,
-    AnyOperatorEvent,
-    Corrected,
-    DropFinished,
-    Erased,
-    EstimatorStatusChanged,
-    GpsFixChanged,
-    IgnitionReported,
-    Observed,
-    Redone,
-    Telemetry,
-    Undone,
-    VehicleRebooted,
-    WindSet,
-)
 from mission_service.fire.camera import camera_of
 from mission_service.fire.simulated_fire import SimulatedFire, Window
 
-OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)
+OF_FIRE = (events.Corrected, events.Erased, events.Undone, events.Redone, events.WindSet)
 
 
 class ObservedFire:
@@ -45,25 +30,25 @@ class ObservedFire:
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
-    def camera_observation(self, fix: Telemetry) -> Observed | None:
+    def camera_observation(self, fix: events.Telemetry) -> events.Observed | None:
         """Return the observation of a vehicle's camera at a position, if an image is due.
 
         None while the vehicle's position is unreliable, because the image would be misplaced.
         """
         return self.seen_from(fix) if self._is_due(fix) else None
 
-    def _is_due(self, fix: Telemetry) -> bool:
+    def _is_due(self, fix: events.Telemetry) -> bool:
         """Return whether an image is due; if so, the next is due one period later."""
         if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
 
-    def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
+    def seen_from(self, fix: events.Telemetry, wider_cells: float = 0.0) -> events.Observed | None:
         """Return the observation from a position; the footprint is widened by ``wider_cells``."""
         return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
-    def apply_report(self, event: AnyOperatorEvent) -> Window | None:
+    def apply_report(self, event: events.AnyOperatorEvent) -> Window | None:
         """Apply an operator's report; return a window around the changed cells, or None.
 
         Raises FireModelError for an invalid report, which changes nothing.
@@ -72,18 +57,18 @@ class ObservedFire:
             self.world.advance(event.at_us)
         return self.world.apply_report(event)
 
-    def on_event(self, event: AnyEvent) -> None:
+    def on_event(self, event: events.AnyEvent) -> None:
         """Apply an event: ignitions, completed drops, changes of a position's reliability."""
-        if isinstance(event, GpsFixChanged):
+        if isinstance(event, events.GpsFixChanged):
             self._set_fault(event.vehicle, "fix", event.good)
-        elif isinstance(event, EstimatorStatusChanged):
+        elif isinstance(event, events.EstimatorStatusChanged):
             self._set_fault(event.vehicle, "estimator", event.healthy)
-        elif isinstance(event, VehicleRebooted):
+        elif isinstance(event, events.VehicleRebooted):
             self._faults[event.vehicle].clear()
-        elif isinstance(event, IgnitionReported):
+        elif isinstance(event, events.IgnitionReported):
             self.world.advance(event.at_us)  # else ignition would be at the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
-        elif isinstance(event, DropFinished):
+        elif isinstance(event, events.DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
@@ -95,14 +80,16 @@ class ObservedFire:
         else:
             faults.add(source)
 
-    def apply_history(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
+    def apply_history(
+        self, event: events.AnyEvent, commands: Iterable[AnyCommand] = ()
+    ) -> Window | None:
         """Apply an event of a journal; returns the window of changed cells."""
         found = None
         if isinstance(event, OF_FIRE):
             # An invalid report is in a journal if the run was killed before its reversal.
             with contextlib.suppress(FireModelError):
                 found = self.apply_report(event)
-        elif isinstance(event, Telemetry):
+        elif isinstance(event, events.Telemetry):
             self._is_due(event)
         self.on_event(event)
         for command in commands:

@@ -98,8 +98,8 @@ def first_mission(
     """Return the mission that takes off, climbs clear of the terrain, and flies the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
-    on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
-    first_m = round(on_the_way_m + min(CLIMBS_FIRST_M, section.altitude_agl_m), 1)
+    ground_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
+    first_m = round(ground_m + min(CLIMBS_FIRST_M, section.altitude_agl_m), 1)
     up = takeoff(section.home_lat_deg, section.home_lon_deg, min(first_m, altitude_m))
     return (up, *loiter_mission(landscape, circle, altitude_m, landing))
 

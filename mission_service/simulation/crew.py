@@ -20,7 +20,7 @@ class SimulatedCrew:
     ) -> None:
         self._station = burn.stations[0].name
         self._items = burn.go_items
-        self._thinks_us = round(thinks_s * 1e6)
+        self._delay_us = round(thinks_s * 1e6)
         self._heartbeat_us = round(burn.approver_timeout_s * 1e6 / 3)
         self._script = list(script)
         self._present_us = 0
@@ -37,7 +37,7 @@ class SimulatedCrew:
             self._present_us = now_us + self._heartbeat_us
             events.append(OperatorHeartbeat(now_us, NAME, self._station))
         if awaited.answers and now_us >= self._answers_us:
-            self._answers_us = now_us + self._thinks_us
+            self._answers_us = now_us + self._delay_us
             events += [
                 ChecklistAnswered(now_us, NAME, self._station, item, True) for item in self._items
             ]
@@ -48,7 +48,7 @@ class SimulatedCrew:
             return []
         if plan_hash != self._considered:
             self._considered, self._since_us = plan_hash, now_us
-        if now_us - self._since_us < self._thinks_us:
+        if now_us - self._since_us < self._delay_us:
             return []
         self._since_us = now_us  # an approval without effect is repeated after ``thinks_s``
         return [Approved(now_us, NAME, self._station, plan_hash)]

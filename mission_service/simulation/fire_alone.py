@@ -27,8 +27,8 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
     fronts, or for a folder that cannot be written to.
     """
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
-    taken_over = scenario.fire.perimeter or scenario.fire.arrival
-    if first_s >= scenario.duration_s and not taken_over:
+    given = scenario.fire.perimeter or scenario.fire.arrival
+    if first_s >= scenario.duration_s and not given:
         raise ScenarioError(
             f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
             f"duration_s = {scenario.duration_s:g}"

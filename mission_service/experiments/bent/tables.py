@@ -114,8 +114,8 @@ def _negotiation_lines(runs: Sequence[Row], later: Sequence[Row], importance: st
         ("centre", "Center of Importance"),
         ("arrival", "First There (idea)"),
     ):
-        taken = [run for run in [*runs, *later] if run["negotiation"] == negotiation]
-        costs = averages([run for run in taken if run["planner"] != "predictive-kept"], importance)
+        chosen = [run for run in [*runs, *later] if run["negotiation"] == negotiation]
+        costs = averages([run for run in chosen if run["planner"] != "predictive-kept"], importance)
         thesis = THESIS_NEGOTIATIONS[importance].get(negotiation)
         line = f"{label:24}"
         for which in (0, 1):

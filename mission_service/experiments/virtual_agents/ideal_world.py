@@ -80,7 +80,7 @@ class Radio:
         self._rules = rules
         self._range_m = range_m
         self._rng = np.random.default_rng((seed, 1))
-        self._under_way: deque[tuple[float, AnyMessage, list[int]]] = deque()
+        self._in_transit: deque[tuple[float, AnyMessage, list[int]]] = deque()
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
         """Send a message from UAV ``sender``; ``places_m`` (n, 2) are the positions of all UAVs."""
@@ -92,12 +92,12 @@ class Radio:
         if loss > 0.0:
             receives &= self._rng.random(len(receives)) >= loss
         receivers = np.flatnonzero(receives).tolist()
-        self._under_way.append((at_s + self._rules.delay_s, message, receivers))
+        self._in_transit.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
         """Yield receivers and the messages that reach them now."""
-        while self._under_way and self._under_way[0][0] <= at_s + 1e-9:
-            _, message, receivers = self._under_way.popleft()
+        while self._in_transit and self._in_transit[0][0] <= at_s + 1e-9:
+            _, message, receivers = self._in_transit.popleft()
             for receiver in receivers:
                 yield receiver, message
 

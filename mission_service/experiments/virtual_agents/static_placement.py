@@ -31,8 +31,8 @@ class Placement:
 
 
 @kernel
-def add_disc(weights, taken, row, col, radius, sign):  # type: ignore[no-untyped-def]
-    """Add ``sign`` to ``taken`` within ``radius`` of a place; return the weight that changed.
+def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
+    """Add ``sign`` to ``counts`` within ``radius`` of a place; return the weight that changed.
 
     This is the weight that the disc adds to the others (sign 1) or that is lost without it (-1).
     All in cells; a cell counts if its centre is within the radius.
@@ -42,25 +42,25 @@ def add_disc(weights, taken, row, col, radius, sign):  # type: ignore[no-untyped
     for r in range(max(math.ceil(row - radius), 0), min(math.floor(row + radius), rows - 1) + 1):
         half = math.sqrt(max(radius * radius - (r - row) ** 2, 0.0))
         for c in range(max(math.ceil(col - half), 0), min(math.floor(col + half), cols - 1) + 1):
-            if taken[r, c] == (0 if sign > 0 else 1):
+            if counts[r, c] == (0 if sign > 0 else 1):
                 changed += weights[r, c]
-            taken[r, c] += sign
+            counts[r, c] += sign
     return changed
 
 
 @kernel
-def covered(weights, taken, places, radius):  # type: ignore[no-untyped-def]
-    """Return the weight that discs at ``places`` cover; ``taken`` is 0 before and after."""
+def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
+    """Return the weight that discs at ``places`` cover; ``counts`` is 0 before and after."""
     total = 0.0
     for place in places:
-        total += add_disc(weights, taken, place[0], place[1], radius, 1)
+        total += add_disc(weights, counts, place[0], place[1], radius, 1)
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
 @kernel
-def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped-def]
+def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
     """Return the allowed cell where a disc covers the most free weight, and that weight.
 
     ``sums`` (rows, cols + 1) is a work array for sums along rows.
@@ -69,7 +69,7 @@ def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped
     for r in range(rows):
         sums[r, 0] = 0.0
         for c in range(cols):
-            sums[r, c + 1] = sums[r, c] + (weights[r, c] if taken[r, c] == 0 else 0.0)
+            sums[r, c + 1] = sums[r, c] + (weights[r, c] if counts[r, c] == 0 else 0.0)
     reach = math.floor(radius)
     best, best_row, best_col = -1.0, 0, 0
     for row in range(rows):
@@ -85,7 +85,7 @@ def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped
 
 
 @kernel
-def settle(weights, taken, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
+def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
     """Move each disc in turn to where it adds most, until none gains; return the covered weight.
 
     ``places`` (n, 2) are changed; those with a negative row are not placed yet.
@@ -93,31 +93,31 @@ def settle(weights, taken, allowed, places, order, radius, sums):  # type: ignor
     total = 0.0
     for i in order:
         if places[i, 0] >= 0:
-            total += add_disc(weights, taken, places[i, 0], places[i, 1], radius, 1)
+            total += add_disc(weights, counts, places[i, 0], places[i, 1], radius, 1)
     gained = True
     while gained:
         gained = False
         for i in order:
             lost = 0.0
             if places[i, 0] >= 0:
-                lost = add_disc(weights, taken, places[i, 0], places[i, 1], radius, -1)
-            row, col, found = best_cell(weights, taken, allowed, radius, sums)
+                lost = add_disc(weights, counts, places[i, 0], places[i, 1], radius, -1)
+            row, col, found = best_cell(weights, counts, allowed, radius, sums)
             if places[i, 0] < 0 or found > lost + 1e-9:
                 places[i, 0], places[i, 1] = row, col
                 gained = True
-            total += add_disc(weights, taken, places[i, 0], places[i, 1], radius, 1) - lost
+            total += add_disc(weights, counts, places[i, 0], places[i, 1], radius, 1) - lost
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
 @kernel
-def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-def]
+def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
     """Shift discs by parts of a cell while that adds weight; return the covered weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
-        total += add_disc(weights, taken, place[0], place[1], radius, 1)
+        total += add_disc(weights, counts, place[0], place[1], radius, 1)
     step = 0.5
     while step >= MIN_STEP_CELLS:
         gained = False
@@ -127,19 +127,19 @@ def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-
                 col = place[1] + step * round(math.cos(side * math.pi / 4.0))
                 r, c = math.floor(row + 0.5), math.floor(col + 0.5)
                 if 0 <= r < rows and 0 <= c < cols and allowed[r, c]:
-                    lost = add_disc(weights, taken, place[0], place[1], radius, -1)
-                    found = add_disc(weights, taken, row, col, radius, 1)
+                    lost = add_disc(weights, counts, place[0], place[1], radius, -1)
+                    found = add_disc(weights, counts, row, col, radius, 1)
                     if found > lost + 1e-9:
                         place[0], place[1] = row, col
                         total += found - lost
                         gained = True
                     else:
-                        add_disc(weights, taken, row, col, radius, -1)
-                        add_disc(weights, taken, place[0], place[1], radius, 1)
+                        add_disc(weights, counts, row, col, radius, -1)
+                        add_disc(weights, counts, place[0], place[1], radius, 1)
         if not gained:
             step *= 0.5
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
@@ -152,9 +152,9 @@ def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
     total = float(weights.sum())
     if total == 0.0:
         return 1.0
-    taken = np.zeros(weights.shape, dtype=np.int64)
+    counts = np.zeros(weights.shape, dtype=np.int64)
     places = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-    return float(covered(weights.astype(np.float64), taken, places, radius_cells)) / total
+    return float(covered(weights.astype(np.float64), counts, places, radius_cells)) / total
 
 
 def best_placement(
@@ -186,7 +186,7 @@ def best_placement(
     near[cells[:, 0], cells[:, 1]] = True
     part = np.ascontiguousarray(weights[box], dtype=np.float64)
     free = np.ascontiguousarray(near[box])
-    taken = np.zeros(part.shape, dtype=np.int64)
+    counts = np.zeros(part.shape, dtype=np.int64)
     sums = np.empty((part.shape[0], part.shape[1] + 1))
     rng = np.random.default_rng(seed)
     best, best_places = -1.0, np.empty((0, 2))
@@ -202,12 +202,12 @@ def best_placement(
                 float
             )
         order = rng.permutation(count)
-        found = float(settle(part, taken, free, places, order, radius_cells, sums))
+        found = float(settle(part, counts, free, places, order, radius_cells, sums))
         if found > best + 1e-9:
             best, best_places = found, places
         if best >= weights.sum() - 1e-9:
             break
-    best = float(refine(part, taken, free, best_places, radius_cells))
+    best = float(refine(part, counts, free, best_places, radius_cells))
     return Placement(best_places + corner, best / float(weights.sum()))
 
 

@@ -18,15 +18,9 @@ def back_and_forth(region: Region, course: Course) -> Course:
 
 def highest_dynamic(region: Region, course: Course) -> Course:
     """Fly to the cell of highest importance now, chosen anew at every cell (4.1.2)."""
-    ring = region.ring
+    ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = highest(
-        ring.spread_rate_m_s,
-        ring.visited_at_s,
-        region.begin,
-        region.end,
-        region.own_cell,
-        region.at_s,
-        region.exponential,
+        ring.spread_rate_m_s, ring.visited_at_s, *cells, region.at_s, region.exponential
     )
     return course_to(region, int(target))
 
@@ -42,18 +36,11 @@ def predictive(region: Region, course: Course) -> Course:
     As in the pseudocode, the previous target is kept unless a path is better. Times are flight
     times, for which the thesis has "+ 1, + 2".
     """
-    ring = region.ring
+    ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = best_path(
-        ring.spread_rate_m_s,
-        ring.visited_at_s,
-        ring.step_m,
-        region.begin,
-        region.end,
-        region.own_cell,
+        *(ring.spread_rate_m_s, ring.visited_at_s, ring.step_m, *cells),
         region.own_cell if course.target is None else course.target,
-        region.at_s,
-        region.speed_m_s,
-        region.exponential,
+        *(region.at_s, region.speed_m_s, region.exponential),
     )
     return course_to(region, int(target))
 

@@ -23,14 +23,14 @@ def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
     """Return the fleet at ``at_s``, without vehicles whose last report is too old."""
-    known_reports = sorted(
+    recent = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
     return ActiveFleet(
-        np.array([one.member for one in known_reports], np.int64),
-        np.array([_dead_reckoned_cell(one, ring, at_s) for one in known_reports], np.int64),
-        np.array([one.clockwise for one in known_reports], np.bool_),
-        np.array([one.speed_m_s for one in known_reports]),
+        np.array([one.member for one in recent], np.int64),
+        np.array([_dead_reckoned_cell(one, ring, at_s) for one in recent], np.int64),
+        np.array([one.clockwise for one in recent], np.bool_),
+        np.array([one.speed_m_s for one in recent]),
     )
 
 
