@@ -398,14 +398,17 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="How uneven the fire is taken to be; 0: the vehicle circles."),
+        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="How much more importance behind than ahead makes a vehicle turn."),
+        Meta(
+            description="Share by which importance behind must exceed importance ahead for a turn."
+        ),
     ] = None
     dwell_s: Annotated[
-        Annotated[float, Meta(ge=0, le=1e7)] | None, Meta(description="From one turn to the next.")
+        Annotated[float, Meta(ge=0, le=1e7)] | None,
+        Meta(description="Minimum time from one turn to the next."),
     ] = None
 
     @property
