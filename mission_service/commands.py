@@ -11,7 +11,7 @@ from mission_service.peer_messages import AnyMessage
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
-CONFIRM = "confirm:"  # prefix of an announcement: the order needs confirmation
+CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation
 
 
 class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -42,14 +42,14 @@ class ProposeMission(Command, frozen=True, tag=True):
 
 
 class WithdrawMission(Command, frozen=True, tag=True):
-    """WithdrawPlan a proposed mission, so that it can no longer be accepted."""
+    """Withdraw a proposed mission, so that it can no longer be accepted."""
 
     mission_id: int
     why: str
 
 
 class StartMission(Command, frozen=True, tag=True):
-    """Arm where needed and fly the mission."""
+    """Arm if necessary and fly the mission."""
 
 
 class Hold(Command, frozen=True, tag=True):
@@ -76,7 +76,7 @@ class ChangeSpeed(Command, frozen=True, tag=True):
 
 
 class DirectionDecision(Command, frozen=True, tag=True):
-    """A planner's decision on the direction; importances are 0 where the rule has none."""
+    """A planner's decision on the direction; importances are 0 if the rule does not use them."""
 
     direction: Direction
     reversed: bool
@@ -114,7 +114,7 @@ class BroadcastMessage(Command, frozen=True, tag=True):
 
 
 class ClimbAndHold(Command, frozen=True, tag=True):
-    """Leave the mission, climb at this place to this altitude, and hold there."""
+    """Leave the mission, climb at this position to this altitude, and hold there."""
 
     lat_deg: float
     lon_deg: float
@@ -129,7 +129,7 @@ class ProposePlan(Command, frozen=True, tag=True):
 
 
 class WithdrawPlan(Command, frozen=True, tag=True):
-    """WithdrawPlan a plan that was proposed or approved."""
+    """Withdraw a plan that was proposed or approved."""
 
     plan_hash: str
     why: str
@@ -138,7 +138,7 @@ class WithdrawPlan(Command, frozen=True, tag=True):
 class Drop(Command, frozen=True, tag=True):
     """Release one sphere now: drop ``number`` of the plan with this hash.
 
-    The predicted landing, from height, speed and wind, is at ``lat_deg``, ``lon_deg``.
+    ``lat_deg`` and ``lon_deg`` are the landing predicted from height, speed and wind.
     """
 
     plan_hash: str
@@ -167,8 +167,8 @@ AnyCommand = (
     | Drop
 )
 
-# Commands that the vehicle's client carries out, by their names in the bridge's table
-# (``autopilot_bridge/vehicle/orders.py``); their fields are its arguments, in order.
+# Names in the bridge's table (``autopilot_bridge/vehicle/orders.py``) of the commands that the
+# vehicle's client executes; the fields of a command are its arguments, in order.
 ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",

@@ -1,4 +1,4 @@
-"""Errors of the service. Each text is one line that states what, where, and what to do."""
+"""Errors of the service. Each text is one line with the place, the cause and the remedy."""
 
 
 class MissionServiceError(Exception):
@@ -22,19 +22,19 @@ class ControlError(MissionServiceError):
 
 
 class StateError(MissionServiceError):
-    """A snapshot cannot be used; the message states why. The journal holds the same state."""
+    """A snapshot cannot be used; the message states the reason. A journal has the same state."""
 
 
 class RefusedEventError(MissionServiceError):
-    """An event that cannot be journalled or handled; it is neither carried out nor journalled."""
+    """An event that cannot be journalled or handled; it has no effect and is not journalled."""
 
 
 class UnhandledLineError(JournalError):
-    """A line of a journal that a restart cannot handle; the message names file and line."""
+    """A restart cannot handle a line of a journal; the message names file and line."""
 
 
 class NotRecordedError(MissionServiceError):
-    """Nothing was done, because the journal could not be written."""
+    """A request had no effect, because the journal could not be written."""
 
 
 class FlightError(MissionServiceError):

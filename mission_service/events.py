@@ -29,7 +29,7 @@ Name = Annotated[str, Meta(min_length=1)]
 
 
 class Event(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """Something that happened to one vehicle at mission time ``at_us``."""
+    """An event of one vehicle at mission time ``at_us``."""
 
     at_us: MissionUs
     vehicle: Name
@@ -53,7 +53,7 @@ class LinkRestored(Event, frozen=True, tag=True):
 
 
 class VehicleRebooted(Event, frozen=True, tag=True):
-    """The autopilot was restarted: its clock began again."""
+    """The autopilot was restarted, and its clock was reset."""
 
 
 class Telemetry(Event, frozen=True, tag=True):
@@ -102,7 +102,7 @@ class AirspeedMeasured(Event, frozen=True, tag=True):
 
 
 class ThrustStatusChanged(Event, frozen=True, tag=True):
-    """The thrust is sufficient, or not: the vehicle sinks at full throttle (VFR_HUD)."""
+    """Whether the thrust is sufficient: the vehicle does not sink at full throttle (VFR_HUD)."""
 
     sufficient: bool
     throttle_percent: Count
@@ -157,13 +157,13 @@ class PeerLinkChanged(Event, frozen=True, tag=True):
 
 
 class BatteryUpdated(Event, frozen=True, tag=True):
-    """The remaining charge of the battery has changed."""
+    """A change of the remaining battery charge."""
 
     percent: Percent
 
 
 class GpsFixChanged(Event, frozen=True, tag=True):
-    """The kind of position fix has changed; ``good``: a fix in three dimensions."""
+    """A change of the kind of position fix; ``good``: a 3-D fix."""
 
     good: bool
     fix: str
@@ -177,7 +177,7 @@ class AutopilotText(Event, frozen=True, tag=True):
 
 
 class SystemStateChanged(Event, frozen=True, tag=True):
-    """The system state has changed: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
+    """A change of the system state: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
 
     state: str
 
@@ -189,7 +189,7 @@ class LandedStateChanged(Event, frozen=True, tag=True):
 
 
 class FenceStatusChanged(Event, frozen=True, tag=True):
-    """Whether a fence is breached, and which: ``boundary``, ``highest altitude`` ..."""
+    """Whether a fence is breached, and its kind: ``boundary``, ``highest altitude`` ..."""
 
     breached: bool
     kind: str
@@ -203,7 +203,7 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
 
 
 class DropFinished(Event, frozen=True, tag=True):
-    """The outcome of one ``Drop``; it is unknown where neither ``done`` nor ``refused`` is set."""
+    """The outcome of one ``Drop``; it is unknown if neither ``done`` nor ``refused`` is set."""
 
     plan_hash: str
     number: Count
@@ -234,7 +234,7 @@ class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 class OperatorEvent(_ByUser, frozen=True, tag=True, kw_only=True):
-    """An action or a report of an operator at ``station``; it is not of one vehicle.
+    """An action or a report of an operator at ``station``.
 
     ``may_approve``: whether the user has the role approve, as checked by the interface.
     """
@@ -334,7 +334,7 @@ class Aborted(OperatorEvent, frozen=True, tag=True):
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
-    """An operator's display is open; sent every few seconds."""
+    """A report, every few seconds, that an operator's display is open."""
 
 
 class Resumed(OperatorEvent, frozen=True, tag=True):
@@ -367,7 +367,7 @@ class OrderGiven(OperatorEvent, frozen=True, tag=True):
     confirmed: bool = False
 
 
-SERVICE = "service"  # ``by`` of the service's own orders; no interface accepts it
+SERVICE = "service"  # ``by`` of the service's orders; interfaces refuse it
 
 
 class MissionRequested(OperatorEvent, frozen=True, tag=True):
@@ -393,19 +393,22 @@ class MissionRefused(OperatorEvent, frozen=True, tag=True):
 class SettingsChanged(OperatorEvent, frozen=True, tag=True):
     """Settings of the planners changed; None leaves a setting as it is.
 
-    Each has the name that it has in the scenario's table ``[planner]``.
+    The names are those of the scenario's table ``[planner]``.
     """
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="How uneven the fire is taken to be; 0: the vehicle circles."),
+        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="How much more importance behind than ahead makes a vehicle turn."),
+        Meta(
+            description="Share by which importance behind must exceed importance ahead for a turn."
+        ),
     ] = None
     dwell_s: Annotated[
-        Annotated[float, Meta(ge=0, le=1e7)] | None, Meta(description="From one turn to the next.")
+        Annotated[float, Meta(ge=0, le=1e7)] | None,
+        Meta(description="Minimum time from one turn to the next."),
     ] = None
 
     @property

@@ -6,11 +6,11 @@ M_PER_DEG = 111_195.0  # of latitude
 
 
 def offset_m(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """How far north and east of a place (lat_deg, lon_deg) another is."""
+    """Return metres north and east from a place (lat_deg, lon_deg) to another."""
     north_m = M_PER_DEG * (other[0] - one[0])
     return north_m, M_PER_DEG * (other[1] - one[1]) * math.cos(math.radians(one[0]))
 
 
 def distance_m(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Between two places (lat_deg, lon_deg)."""
+    """Return the distance in metres between two places (lat_deg, lon_deg)."""
     return math.hypot(*offset_m(one, other))

@@ -1,4 +1,4 @@
-"""A plan of one ignition line as data: what a person approves, by its hash."""
+"""A plan of one ignition line as data; operators approve it by its hash."""
 
 import hashlib
 
@@ -6,30 +6,30 @@ import msgspec
 
 
 class PathPoint(msgspec.Struct, frozen=True):
-    """A corner of the path; flown straight and at constant speed from one to the next."""
+    """A corner of the path, which is straight and flown at constant speed between corners."""
 
     lat_deg: float
     lon_deg: float
     altitude_amsl_m: float
     height_m: float  # above the ground, by the plan
-    after_s: float  # the plan's begin
+    after_s: float  # after the plan's start
 
 
 class PlannedDrop(msgspec.Struct, frozen=True):
-    """Where an ignition sphere is to lie on the ground, and when it is dropped."""
+    """The planned position of an ignition sphere on the ground, and the time of its drop."""
 
-    number: int  # in the plan, from 0 in the order of dropping
+    number: int  # in the plan, from 0 in the order of drops
     lat_deg: float
     lon_deg: float
-    after_s: float  # the plan's begin
+    after_s: float  # after the plan's start
 
 
 class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """One ignition line, with all that it was planned on.
+    """One ignition line, with all inputs of its plan.
 
-    ``digest`` is that of the burn unit, its fence and people, and of the settings.
-    ``min_time_margin_s``: the least time, over path and drops, that fire is away. ``skipped``:
-    places (lat, lon) on the line that are not safe to drop at.
+    ``digest`` is a hash of the burn unit, its fence and people, and of the settings.
+    ``min_time_margin_s`` is the minimum time, over path and drops, until the arrival of fire.
+    ``skipped`` are places (lat, lon) on the line where a drop is not safe.
     """
 
     vehicle: str
@@ -49,10 +49,10 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     time_margin_s: float
     distance_margin_m: float
     min_time_margin_s: float
-    spheres_left: int  # after it
+    spheres_left: int  # after the plan
     digest: str
 
 
 def plan_hash(plan: IgnitionPlan) -> str:
-    """What names a plan: SHA-256 of its JSON, in hexadecimal. Any other plan has another one."""
+    """Return the hash that identifies a plan: SHA-256 of its JSON, in hexadecimal."""
     return hashlib.sha256(msgspec.json.encode(plan)).hexdigest()

@@ -1,13 +1,13 @@
 """Messages between UAVs, as data. ``at_us`` is the sender's mission time.
 
-A cell is the number ``row * cols + col`` in the landscape's grid; cells are in rising order.
+A cell is the number ``row * cols + col`` in the landscape's grid; cells are in ascending order.
 """
 
 from typing import Annotated
 
 import msgspec
 
-# Limits are checked when a message is decoded: the kernels compute with 64 bits.
+# Limits are checked when a message is decoded, because kernels compute with 64 bits.
 Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
 Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell or a tile, or a count
 
@@ -22,9 +22,9 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class State(Message, frozen=True, tag=True):
     """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
 
-    ``orbit_*`` is the circle that the UAV flies or flies to; the sender has checked it against the
-    orbits of the UAVs in its map. A negative radius is anticlockwise, as in MAVLink: the paper's
-    orbit has -150. A UAV on its way home has no virtual agent. ``goal_*`` is None for a UAV that
+    ``orbit_*`` is the circle that the UAV flies or approaches; the sender has checked it against
+    the orbits of the UAVs in its table. A negative radius is anticlockwise, as in MAVLink; the
+    paper's orbit has -150. A returning UAV has no virtual agent. ``goal_*`` is None for a UAV that
     stays on its orbit.
     """
 
@@ -57,8 +57,8 @@ class FireUpdate(Message, frozen=True, tag=True):
 class Digest(Message, frozen=True, tag=True):
     """Checksums of the tiles of the sender's fire map, as (tile, checksum).
 
-    Tiles from ``first`` up to ``end`` that are not listed are empty there. With an empty range
-    the digest is a query for the cells of the tiles listed, which differ in other maps.
+    Unlisted tiles from ``first`` up to ``end`` are empty in the sender's map. With an empty range
+    the digest is a query for the cells of the listed tiles, which differ from another map.
     """
 
     tiles: tuple[tuple[Number, Number], ...]
@@ -67,7 +67,7 @@ class Digest(Message, frozen=True, tag=True):
 
 
 class Difference(Message, frozen=True, tag=True):
-    """Cells that other maps lack, as runs: (first cell, count, seen_at_us, burning).
+    """Cells missing in other maps, as runs: (first cell, count, seen_at_us, burning).
 
     For the tiles in ``whole`` the runs are complete.
     """
@@ -77,7 +77,7 @@ class Difference(Message, frozen=True, tag=True):
 
 
 class Leaving(Message, frozen=True, tag=True):
-    """The sender flies home and removes its virtual agent; its messages pause until its return."""
+    """The sender flies home, removes its virtual agent and pauses its messages."""
 
     why: str
 

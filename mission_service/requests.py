@@ -1,14 +1,14 @@
 """The requests of operators: one table for all interfaces. Pure.
 
-A request is a JSON object: ``do`` names it, ``by`` names the user, ``station`` the place; further
-keys are its own. One struct defines a request completely: its keys with bounds and help texts, its
-own help text (the docstring; its first line is the summary), role, HTTP path, whether MQTT accepts
-it, an example, and the event that it becomes. HTTP routes and their description, MQTT commands and
-their schemas, the control socket and the command line are generated from these structs.
+A request is a JSON object: ``do`` names the request, ``by`` the user, ``station`` the place of the
+user; further keys depend on the request. One struct defines a request completely: its keys with
+bounds and help texts, its help text (the docstring, with the summary in its first line), role, HTTP
+path, acceptance over MQTT, an example, and the resulting event. HTTP routes and their description,
+MQTT commands and their schemas, the control socket and the command line are generated from these
+structs.
 
 This module has the requests that every guidance accepts (``OF_EVERY_RUN``) and those accepted by
-guidances that steer vehicles by missions (``OF_VEHICLES``). Requests of a single guidance are in
-its folder.
+guidances that fly missions (``OF_VEHICLES``). Requests of a single guidance are in its folder.
 """
 
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from mission_service import events
 from mission_service.errors import RequestError
 
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
-MAX_DURATION_S = 1e7  # longer times are taken for an error
-MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are taken for an error
-MAX_FIRE_LENGTH_M = 500_000.0  # the same for outlines of fires mapped by others
+MAX_DURATION_S = 1e7  # longer times are refused as errors
+MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as errors
+MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other sources
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
@@ -67,37 +67,37 @@ class Request(
     ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
-    # The event's type; its fields are time, user, station and the request's own keys in order.
+    # The event's type; its fields are time, user, station and the request's further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
-    role: ClassVar[Role]  # that a user needs
+    role: ClassVar[Role]  # required of the user
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
-    operation: ClassVar[str | None] = None  # its id in OpenAPI; None: made from its path
-    # Whether MQTT accepts it: not if drops may follow, because a broker identifies no user.
+    operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
+    # Whether MQTT accepts it: not if it may cause drops, because a broker identifies no user.
     over_mqtt: ClassVar[bool] = True
     max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
-    example: ClassVar[dict[str, Any]] = {}  # its own keys, with values that are accepted
+    example: ClassVar[dict[str, Any]] = {}  # valid values of the request's further keys
 
     by: Name
     station: Name
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """The event that it becomes at mission time ``at_us``. Raises RequestError."""
+        """Return the event of the request at mission time ``at_us``. Raises RequestError."""
         own = (getattr(self, name) for name in self.__struct_fields__[len(OPERATOR_FIELDS) :])
         return self.makes(*self.user(at_us), *own)
 
     def user(self, at_us: int) -> tuple[int, str, str]:
-        """The fields with which all events of operators begin."""
+        """Return the first fields of all operator events: time, user and station."""
         return at_us, self.by.strip(), self.station
 
 
 def name_of(kind: type[Request]) -> str:
-    """What ``do`` is for requests of this kind."""
+    """Return the value of ``do`` for requests of this kind."""
     return str(kind.__struct_config__.tag)
 
 
 def summary_of(kind: type[Request]) -> str:
-    """The first line of a request's help text."""
+    """Return the first line of a request's help text."""
     return (kind.__doc__ or "").partition("\n")[0]
 
 
@@ -131,10 +131,10 @@ class Correct(FireRequest, frozen=True):
     ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Corrected``."""
+        """Return the event ``Corrected``."""
         count, least = len(self.points), _MIN_POINTS[self.shape]
         if count < least or (self.shape == "point" and count > 1):
-            raise RequestError(f"correct: a {self.shape} of {count} places; it takes {least}")
+            raise RequestError(f"correct: a {self.shape} of {count} points; it requires {least}")
         if self.shape == "polygon":
             refuse_no_polygon("correct", self.points)
         marked_at_us = at_us + round(self.in_s * 1e6)
@@ -156,7 +156,7 @@ class Lit(FireRequest, frozen=True):
     )
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Lit``."""
+        """Return the event ``IgnitionReported``."""
         return events.IgnitionReported(
             *self.user(at_us), self.points, at_us - round(self.ago_s * 1e6)
         )
@@ -173,7 +173,7 @@ class Erase(FireRequest, frozen=True):
     radius_m: Radius
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """As its keys are, but for a radius of 0."""
+        """Return the event ``Erased``; raises RequestError for a radius of 0."""
         if self.radius_m == 0.0:
             raise RequestError("erase: radius_m must be more than 0")
         return super().event(at_us)
@@ -230,7 +230,7 @@ class OrderRequest(Request, frozen=True):
     ] = False
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """``Ordered``, with the request's name as the order."""
+        """Return the event ``OrderGiven``, with the request's name as the order."""
         order = cast("events.Order", name_of(type(self)))
         return events.OrderGiven(*self.user(at_us), self.vehicle, order, self.confirmed)
 
@@ -292,7 +292,7 @@ def _settings_event(request: Any, at_us: int) -> events.AnyOperatorEvent:
     return Request.event(request, at_us)
 
 
-# Its keys are the fields of its event: all settings that may be changed in flight.
+# The keys are the fields of the event: all settings that may be changed in flight.
 Settings = cast(
     "type[Request]",
     msgspec.defstruct(
@@ -329,7 +329,7 @@ class Replay(Request, frozen=True):
     seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """None: only replays accept it, and handle it themselves."""
+        """Raise RequestError: only replays accept this request, and handle it without an event."""
         raise RequestError("replay: this run is not a replay")
 
 
@@ -338,7 +338,7 @@ OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
 
 
 def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
-    """Raises RequestError if corners (lat_deg, lon_deg) make no polygon."""
+    """Raise RequestError if corners (lat_deg, lon_deg) form no polygon."""
     import shapely
 
     if len(points) < 3:

@@ -22,7 +22,7 @@ class Broker:
 
 
 def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker:
-    """Parse HOST or HOST:PORT. Raises MissionServiceError, which names ``option``."""
+    """Parse HOST or HOST:PORT. Raises MissionServiceError with the name of the option."""
     found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\])(?::(\d{1,5}))?", text)
     number = int(found[2] or port) if found else 0
     if found is None or not 0 < number < 65536 or not is_host(found[1]):
@@ -31,7 +31,7 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 
 
 def is_host(text: str) -> bool:
-    """Whether a name can be resolved; Python raises UnicodeError for some that cannot."""
+    """Return whether a host name is valid (IDNA); Python raises UnicodeError for some others."""
     try:
         text.encode("idna")
     except UnicodeError:
@@ -40,7 +40,7 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """Check a prefix of topics. Raises MissionServiceError if it cannot begin a topic."""
+    """Check a prefix of topics. Raises MissionServiceError for an invalid prefix."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
             f"{option} {prefix}: write the beginning of a topic, as in uav/east"
@@ -49,10 +49,10 @@ def check_prefix(prefix: str, option: str = "--prefix") -> str:
 
 
 def site_of(scenario_name: str) -> str:
-    """The name of a scenario as one level of a topic."""
+    """Return the name of a scenario as one level of a topic."""
     return re.sub(r"[^\w-]+", "-", scenario_name).strip("-") or "site"
 
 
 def site_topic(prefix: str, site: str) -> str:
-    """The beginning of all topics of a site."""
+    """Return the beginning of all topics of a site."""
     return f"{prefix}/{VERSION}/{site}"

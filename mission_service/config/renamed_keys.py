@@ -1,23 +1,17 @@
-"""Names of version 0.1 in scenario files, for an error that states the present name."""
+"""Keys of version 0.1 in scenario files, for an error that states the present key."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-# By table; a list of tables (``[[vehicles]]``) has its name.
+# By table; ``[[vehicles]]`` is a list of tables.
 RENAMED: Mapping[str, Mapping[str, str]] = {
     "planner": {
         "worst_age_s": "max_revisit_s",
         "unseen_advance_m": "max_unseen_advance_m",
         "least_gain_cells": "min_gain_cells",
     },
-    "mission": {
-        "lead_m": "lookahead_m",
-        "least_upload_interval_s": "min_upload_interval_s",
-    },
-    "formation": {
-        "apart_by_height_m": "vertical_separation_m",
-        "talks": "peer_messaging",
-    },
+    "mission": {"lead_m": "lookahead_m", "least_upload_interval_s": "min_upload_interval_s"},
+    "formation": {"apart_by_height_m": "vertical_separation_m", "talks": "peer_messaging"},
     "burn": {
         "most_drops_per_min": "max_drops_per_min",
         "miss_m": "max_miss_m",
@@ -35,10 +29,10 @@ RENAMED_RULES: Mapping[str, str] = {"damped": "islam_hu_damped", "literal": "isl
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Names of version 0.1 in a scenario, each as a line with the present name.
+    """Yield the keys of version 0.1 in a scenario, each as a line with the present key.
 
     Args:
-        data: The scenario as TOML has it.
+        data: The scenario as parsed from TOML.
 
     Yields:
         ``TABLE.OLD: was renamed in version 0.2; write NEW``.

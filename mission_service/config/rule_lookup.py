@@ -1,8 +1,8 @@
-"""The valid values of ``planner.rule``: ways of flying, looked up when a scenario is checked.
+"""The lookup of ways of flying by ``planner.rule``, used when a scenario is checked.
 
 Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by their
-address: this module imports nothing from the packages that fly.
+other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by address,
+so this module imports no planner.
 """
 
 import re
@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package: its table has the same name
+NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package, and of its table
 
 
 class Way(Protocol):
@@ -23,52 +23,52 @@ class Way(Protocol):
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """Its values of ``planner.rule``."""
+        """The values of ``planner.rule`` for this way of flying."""
 
     @property
     def section(self) -> type[BaseModel] | None:
-        """The model of the table that has the rule's name; None: there is no such table."""
+        """The model of the table with the rule's name; None for a rule without a table."""
 
     @property
     def prescribed(self) -> bool:
-        """Whether it burns the unit of the table ``[burn]``."""
+        """Whether its vehicles ignite the unit of the table ``[burn]``."""
 
     @property
     def messages_peers(self) -> bool:
         """Whether its vehicles exchange messages with those of other processes."""
 
     def check(self, scenario: Any) -> None:
-        """Raise ValueError if it cannot fly the scenario's vehicles or tables."""
+        """Raise ValueError if the scenario's vehicles or tables cannot be flown."""
 
 
 @cache
 def own_ways() -> Mapping[str, Way]:
-    """The ways of flying of this package, by rule."""
+    """Return the ways of flying of this package, by rule."""
     ways: tuple[Way, ...] = OWN.load()
     return {rule: way for way in ways for rule in way.rules}
 
 
 def rules() -> list[str]:
-    """All rules: those of this package, then those of other packages."""
+    """Return all rules: those of this package, then those of other packages."""
     others = {each.name for each in entry_points(group=GROUP)} - own_ways().keys()
     return [*own_ways(), *sorted(others)]
 
 
 def versions_of_others() -> dict[str, str]:
-    """The versions of the other packages that have rules, by the address of each rule."""
+    """Return the versions of the other packages that have rules, by the address of each rule."""
     points = entry_points(group=GROUP)
     return {each.value: "" if each.dist is None else each.dist.version for each in points}
 
 
 @cache
 def way_named(rule: str) -> Way:
-    """The way of flying of a rule. Raises ValueError if there is none, or it cannot be loaded."""
+    """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
     own = own_ways().get(rule)
     if own is not None:
         return own
     found = list(entry_points(group=GROUP, name=rule))
     if not found:
-        raise ValueError(f"no such rule; there are {', '.join(rules())}")
+        raise ValueError(f"no such rule; available are {', '.join(rules())}")
     if len(found) > 1:
         where = ", ".join(each.value for each in found)
         raise ValueError(f"{len(found)} packages have a rule of that name: {where}")
@@ -76,10 +76,10 @@ def way_named(rule: str) -> Way:
 
 
 def _of_another_package(point: EntryPoint) -> Way:
-    """The way of flying at an entry point. Raises ValueError."""
+    """Return the way of flying at an entry point. Raises ValueError."""
     where = f"entry point {point.name} = {point.value}"
     if re.fullmatch(NAME, point.name) is None:
-        raise ValueError(f"{where}: a rule is named in lower case letters, digits and _")
+        raise ValueError(f"{where}: the name of a rule has only lower-case letters, digits and _")
     try:
         way: Way = point.load()
     except Exception as error:  # an import of another package may raise anything

@@ -1,4 +1,4 @@
-"""Reads a scenario: one TOML file into frozen models that refuse unknown keys."""
+"""Reads a scenario, one TOML file, into frozen models that refuse unknown keys."""
 
 import re
 import tomllib
@@ -6,14 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    AwareDatetime,
-    BaseModel,
-    Field,
-    ValidationError,
-    create_model,
-    model_validator,
-)
+from pydantic import AwareDatetime, BaseModel, Field, ValidationError, create_model, model_validator
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
@@ -44,7 +37,7 @@ S = TypeVar("S", bound=Section)
 
 
 class Scenario(Section):
-    """A whole scenario. Mission time 0 is the start of the fire's clock.
+    """A complete scenario. Mission time 0 is the start of the simulated fire.
 
     ``time_zero`` is the calendar time of mission time 0, with its UTC offset, for output files.
     ``only`` names the single vehicle that this process flies, if other processes fly the others.
@@ -77,36 +70,36 @@ class Scenario(Section):
         if len(set(names)) != len(names):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
-            raise ValueError("it needs either weather entries or a weather_file")
+            raise ValueError("give either weather entries or a weather_file")
         lit = self.ignition or self.burn_flown is not None
         if not (lit or self.fire.perimeter or self.fire.arrival):
             raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         if self.only is not None and self.only not in names:
-            raise ValueError(f"only: no vehicle {self.only}; there are {', '.join(names)}")
+            raise ValueError(f"only: no vehicle {self.only}; the scenario has {', '.join(names)}")
         _refuse_shared_ports(self.vehicles)
         if self.fire.initial_cells is not None and not self.ignition:
-            raise ValueError("fire.initial_cells needs an ignition to grow from")
+            raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
         self.way.check(self)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
-            raise ValueError("weather entries must start at at_s = 0 and be later one by one")
+            raise ValueError("weather entries must start at at_s = 0 and have increasing times")
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
 
     @property
     def way(self) -> Way:
-        """The way of flying of its rule."""
+        """The way of flying of the scenario's rule."""
         return way_named(self.planner.rule)
 
     @property
     def burn_flown(self) -> BurnSection | None:
-        """The burn, if this scenario flies one."""
+        """The burn, if the scenario's rule flies one."""
         return self.burn if self.way.prescribed else None
 
     @property
     def first_flight_s(self) -> float:
-        """The earliest mission time at which vehicles take off."""
+        """The earliest mission time of a takeoff."""
         return max(self.start_s, self.deploy_at_s)
 
     @property
@@ -118,13 +111,13 @@ class Scenario(Section):
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
-    """Raise ValueError unless each vehicle flown through MAVSDK has a port of its own."""
+    """Raise ValueError unless each vehicle with backend MAVSDK has a separate port."""
     for vehicle in vehicles:
         if vehicle.backend != "mavsdk":
             continue
         if "link" not in vehicle.model_fields_set:
             raise ValueError(
-                f'{vehicle.name}: backend = "mavsdk" needs a link with a port of its own, '
+                f'{vehicle.name}: backend = "mavsdk" needs a link with a separate port, '
                 'as in link = "udpin:127.0.0.1:14551"'
             )
         try:
@@ -135,18 +128,18 @@ def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
             if other is not vehicle and _port(other.link) == _port(vehicle.link):
                 raise ValueError(
                     f"{vehicle.name} and {other.name} have the same port ({vehicle.link}); with "
-                    'backend = "mavsdk" each vehicle needs one of its own'
+                    'backend = "mavsdk" each vehicle needs a separate port'
                 )
 
 
 def _port(link: str) -> str:
-    """The port or serial device of a link, without its host."""
+    """Return the port or serial device of a link, without its host."""
     kind, _, rest = link.partition(":")
     return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
 
 
 def scenario_path(name: str) -> Path:
-    """The file of a scenario, from its path or the name of a scenario shipped with the package."""
+    """Return the file of a scenario, from its path or the name of a shipped scenario."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -155,15 +148,15 @@ def scenario_path(name: str) -> Path:
 
 
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
-    """Read a scenario file (or a shipped one by name), apply ``key=value`` overrides, check it.
+    """Read a scenario from a file or by shipped name, apply ``key=value`` overrides, check it.
 
-    Raises ScenarioError in one line: file, key, value, reason.
+    Raises ScenarioError with file, key, value and reason in one line.
     """
     return load_run(name, overrides)[0]
 
 
 def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
-    """As ``load_scenario``, with the daemon's settings from its table [service]."""
+    """Read a scenario as ``load_scenario`` does, and the daemon's settings in [service]."""
     path = scenario_path(name)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -180,7 +173,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """As ``load_run``, from the content of a file or of a journal's header."""
+    """Check a run as ``load_run`` does, from the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
     for renamed in renamed_keys(data):
@@ -199,7 +192,7 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
 
 
 def _with_table_of(planner: Any) -> type[Scenario]:
-    """The model of a scenario, with the own table of the planner's rule."""
+    """Return the model of a scenario, including the table of the planner's rule."""
     rule = planner.get("rule") if isinstance(planner, dict) else None
     try:
         section = way_named(rule).section if isinstance(rule, str) else None
@@ -210,18 +203,18 @@ def _with_table_of(planner: Any) -> type[Scenario]:
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """The model of a scenario with a further table. Raises ScenarioError if it has that table."""
+    """Return the model of a scenario with a further table. Raises ScenarioError for a duplicate."""
     if name in Scenario.model_fields:
-        raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; name it otherwise")
+        raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; rename the rule")
     needed = any(field.is_required() for field in section.model_fields.values())
     added: dict[str, Any] = {name: (section, ... if needed else Field(default_factory=section))}
     return create_model("Scenario", __base__=Scenario, **added)
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """The table with the name of the scenario's rule; with its defaults, if it is missing.
+    """Return the table with the name of the scenario's rule; a missing table has its defaults.
 
-    Raises ScenarioError if it is missing and has keys without a default.
+    Raises ScenarioError for a missing table whose keys have no defaults.
     """
     found = getattr(scenario, scenario.planner.rule, None)
     try:
@@ -232,7 +225,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
-    """The value at these keys of the file."""
+    """Return the part of the file at these keys as a model; raises ScenarioError."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -240,7 +233,7 @@ def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...]
 
 
 def _in_layers(scenario: Scenario) -> Scenario:
-    """The scenario with an altitude layer for each vehicle without ``altitude_agl_m``."""
+    """Return the scenario with an altitude layer for each vehicle without ``altitude_agl_m``."""
     vehicles = tuple(
         vehicle
         if "altitude_agl_m" in vehicle.model_fields_set
@@ -253,12 +246,12 @@ def _in_layers(scenario: Scenario) -> Scenario:
 
 
 def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any:
-    """A section with its paths made relative to the scenario's folder; the files must exist."""
+    """Return a section with paths resolved in the scenario's folder; the files must exist."""
     if isinstance(section, Path):
         found = (scenario_path.parent / section).resolve()
         if not found.is_file():
-            what = "is a folder, not a file" if found.is_dir() else "no such file"
-            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {what}: {found}")
+            fault = "is a folder, not a file" if found.is_dir() else "no such file"
+            raise ScenarioError(f"{scenario_path}: {'.'.join(keys)}: {fault}: {found}")
         return found
     if keys[-1:] in (("signing_key",), ("password",)) and section and section.startswith("file:"):
         path = Path(section.removeprefix("file:")).expanduser()
@@ -269,29 +262,26 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
             for place, part in enumerate(section)
         )
     if isinstance(section, Section):
-        names = type(section).model_fields
-        values = {
-            name: _with_paths(getattr(section, name), scenario_path, (*keys, name))
-            for name in names
-        }
-        return section.model_copy(update=values)
+        values = (
+            (name, _with_paths(getattr(section, name), scenario_path, (*keys, name)))
+            for name in type(section).model_fields
+        )
+        return section.model_copy(update=dict(values))
     return section
 
 
 def with_signing_key(scenario: Scenario, source: str) -> Scenario:
-    """The scenario with one key for all its vehicles. Raises ScenarioError for a bad source."""
+    """Return the scenario with one key for all vehicles. Raises ScenarioError for a bad source."""
     if re.fullmatch(KEY_SOURCE, source) is None:
-        raise ScenarioError("signing key: name where it is, as file:PATH or env:NAME")
-    vehicles = tuple(
-        vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles
-    )
-    return scenario.model_copy(update={"vehicles": vehicles})
+        raise ScenarioError("signing key: give its source as file:PATH or env:NAME")
+    keyed = (vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles)
+    return scenario.model_copy(update={"vehicles": tuple(keyed)})
 
 
 def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -> Scenario:
-    """The scenario of a process that flies one vehicle only, or exchanges messages with others.
+    """Return the scenario of a process that flies one vehicle, or exchanges messages with others.
 
-    Raises ScenarioError for an unknown vehicle, and for a rule without messages to other processes.
+    Raises ScenarioError for an unknown vehicle, and for a rule that sends no peer messages.
     """
     names = [section.name for section in scenario.vehicles]
     if vehicle is not None and vehicle not in names:
@@ -299,21 +289,22 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
     if peer_messaging and not scenario.way.messages_peers:
         able = " or ".join(f'"{rule}"' for rule, way in own_ways().items() if way.messages_peers)
         raise ScenarioError(
-            f"--broker is for rule = {able}; {scenario.name} flies {scenario.planner.rule}"
+            f"--broker requires rule = {able}; {scenario.name} has rule {scenario.planner.rule}"
         )
     formation = scenario.formation.model_copy(update={"peer_messaging": peer_messaging})
     return scenario.model_copy(update={"only": vehicle, "formation": formation})
 
 
 def flying(scenario: Scenario) -> Scenario:
-    """The scenario itself if vehicles can fly in it; else raises ScenarioError with the reason."""
+    """Return the scenario if vehicles can fly in it; else raise ScenarioError with the reason."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
-    known = scenario.planner.ignition_known and scenario.burn_flown is None
-    if known and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
+    needs_ignition = scenario.planner.ignition_known and scenario.burn_flown is None
+    if needs_ignition and not (scenario.ignition and scenario.ignition[0].lat_deg is not None):
         raise ScenarioError(
-            f"{scenario.name}: the planner needs the position of the fire: make the first ignition "
-            "a point, or set planner.ignition_known = false and reported_lat_deg, reported_lon_deg"
+            f"{scenario.name}: the planner needs the fire's position: give lat_deg and lon_deg of "
+            "the first ignition, or set planner.ignition_known = false, reported_lat_deg and "
+            "reported_lon_deg"
         )
     return scenario
 
@@ -322,7 +313,7 @@ def _in_words(error: ValidationError) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
-    # A value given under the name of a key, perhaps misspelt, may be the secret key itself.
+    # The value of a key with such a name, even if misspelt, may be a secret.
     secret = re.search("key|sign|password|token", key)
     hidden = isinstance(value, dict | list | tuple | BaseModel) or secret
     shown = "" if hidden else f" (got {value!r})"
@@ -337,7 +328,7 @@ def _in_words(error: ValidationError) -> str:
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:
-    """Set ``a.b.0.c=value`` (a TOML value) in the dictionary of a scenario."""
+    """Apply an override ``a.b.0.c=value`` (a TOML value) to the dictionary of a scenario."""
     key, equals, text = override.partition("=")
     if not equals:
         raise ScenarioError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")
@@ -352,4 +343,4 @@ def apply_override(data: dict[str, Any], override: str) -> None:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
         place[int(last) if isinstance(place, list) else last] = value
     except (ValueError, IndexError, TypeError, AttributeError):
-        raise ScenarioError(f"--set {override}: there is no such key in the scenario") from None
+        raise ScenarioError(f"--set {override}: the scenario has no such key") from None

@@ -1,4 +1,4 @@
-"""The tables of a scenario file: frozen models that refuse unknown keys."""
+"""The tables of a scenario file as frozen models that refuse unknown keys."""
 
 import re
 from datetime import datetime
@@ -21,12 +21,11 @@ Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
-# An invalid name may be the secret key itself.
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
 class Section(BaseModel):
-    """A table of the file: read-only, unknown keys refused."""
+    """A table of the file; the model is read-only and refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -43,7 +42,7 @@ class LandscapeSection(Section):
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
-    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # where UTM has zones
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # the range of UTM zones
     lon_deg: Longitude | None = None
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
     fuel_model: int = 1
@@ -64,7 +63,7 @@ class LandscapeSection(Section):
 
     @property
     def layers(self) -> dict[str, Path]:
-        """The files of the layers that have a file of their own."""
+        """The files of the layers that are given as separate files."""
         found = {name: getattr(self, name) for name in LAYERS}
         return {name: path for name, path in found.items() if path is not None}
 
@@ -73,21 +72,21 @@ class LandscapeSection(Section):
         if self.source != "flat":
             self._refuse(("lat_deg", "lon_deg", "elevation_m", "fuel_model"))
         elif self.lat_deg is None or self.lon_deg is None:
-            raise ValueError('source = "flat" needs lat_deg and lon_deg, its middle')
+            raise ValueError('source = "flat" needs lat_deg and lon_deg, the centre of the grid')
         if self.source != "files":
             if self.file or self.layers:
-                raise ValueError('rasters are given; they require source = "files"')
+                raise ValueError('raster files require source = "files"')
             self._refuse(RASTER_KEYS)
         elif (self.file is None) == (not self.layers):
             raise ValueError('source = "files" needs either file, or fuel and the other layers')
         else:
             self._refuse(("rows", "cols", "cell_size_m"))
         if self.bands and self.file is None:
-            raise ValueError("bands are those of a stack: it needs file")
+            raise ValueError("bands requires file, a raster stack")
         return self
 
     def _refuse(self, keys: tuple[str, ...]) -> None:
-        """Raise for a key that would have no effect with this source."""
+        """Raise ValueError for a key that has no effect with this source."""
         for key in keys:
             if getattr(self, key) != type(self).model_fields[key].default:
                 raise ValueError(f'{key} has no effect with source = "{self.source}"; leave it out')
@@ -104,7 +103,7 @@ class FuelMoisture(Section):
 
 
 class WeatherEntry(FuelMoisture):
-    """Weather from ``at_s`` on. Wind 6.1 m (20 ft) above the vegetation."""
+    """Weather from ``at_s`` on; wind is 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
     wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
@@ -112,10 +111,10 @@ class WeatherEntry(FuelMoisture):
 
 
 class WeatherFile(FuelMoisture):
-    """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's own time.
+    """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's local time.
 
-    Moistures missing in the file are those given here. With ``conditioned`` the moistures of dead
-    fuels start from them and follow temperature, humidity and rain.
+    The moistures in this table replace those that the file lacks. With ``conditioned``, moistures
+    of dead fuels start at these values and follow temperature, humidity and rain.
     """
 
     path: Path
@@ -124,7 +123,7 @@ class WeatherFile(FuelMoisture):
 
 
 class Ignition(Section):
-    """An ignition at mission time ``at_s``: a point, or the shapes of a file."""
+    """An ignition at mission time ``at_s``, given by a point or the shapes of a file."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -135,16 +134,16 @@ class Ignition(Section):
     def _one_of_both(self) -> "Ignition":
         point = (self.lat_deg is not None, self.lon_deg is not None)
         if any(point) != all(point) or (self.file is None) != all(point):
-            raise ValueError("needs either lat_deg and lon_deg, or file")
+            raise ValueError("give either lat_deg and lon_deg, or file")
         return self
 
 
 class FireSection(Section):
     """The scheme of fire spread, and the area that has burned at the start.
 
-    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` a raster of arrival
-    times. ``p_spread`` and ``update_s`` belong to the probabilistic scheme, which can also start
-    with a fire of ``initial_cells``, grown from the ignitions by the same rule.
+    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` is a raster of
+    arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme, which can also
+    start with a fire of ``initial_cells``, grown from the ignitions by the same scheme.
     """
 
     scheme: SchemeName = "anyangle"
@@ -170,15 +169,15 @@ class FireSection(Section):
 
 
 class PlannerSection(Section):
-    """The planner: ``rule`` names a way of flying (``rule_lookup.py``).
+    """The planner; ``rule`` names a way of flying (``rule_lookup.py``).
 
-    Rules that begin with ``team.`` direct all vehicles together, on one map.
+    Rules that begin with ``team.`` direct all vehicles together on a shared map.
     """
 
     rule: str = "islam_hu_damped"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
-    # The user's wish for a team, which announces the number of vehicles required for it.
+    # Targets of a team, which announces the number of vehicles that they require.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
@@ -194,7 +193,7 @@ class PlannerSection(Section):
 
     @field_validator("rule")
     @classmethod
-    def _rule_known(cls, rule: str) -> str:
+    def _rule_exists(cls, rule: str) -> str:
         way_named(rule)
         return rule
 
@@ -220,13 +219,11 @@ class FormationSection(Section):
     safety_radius_m: Positive = 30.0
     neighbourhood_m: Positive = 500.0
     range_m: Positive = 2000.0
-    # The paper's velocity obstacles choose headings, which an autopilot in an orbit cannot accept.
+    # No "rvo": velocity obstacles set headings, which an autopilot in an orbit does not accept.
     avoidance: Literal["intent", "none"] = "intent"
-    vertical_separation_m: Positive | None = (
-        None  # vehicles with this height difference need no avoidance
-    )
+    vertical_separation_m: Positive | None = None  # height difference that needs no avoidance
     synchronises: bool = True
-    peer_messaging: bool = False  # with UAVs that other processes fly
+    peer_messaging: bool = False  # with UAVs of other processes
 
 
 LatLon = tuple[Latitude, Longitude]
@@ -245,7 +242,7 @@ GO_ITEMS = (
 
 
 class Station(Section):
-    """A place from which plans may be approved; a margin keeps fire away from it."""
+    """A place from which operators approve plans; planned fire keeps a margin from it."""
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     lat_deg: Latitude
@@ -253,7 +250,7 @@ class Station(Section):
 
 
 class Circle(Section):
-    """People or things to protect: no drop and no low flight within ``radius_m``."""
+    """People or objects to protect: no drop and no low flight within ``radius_m``."""
 
     name: str
     lat_deg: Latitude
@@ -262,14 +259,14 @@ class Circle(Section):
 
 
 class LitLine(Section):
-    """An ignition by the crew: a point or a line, lit as a whole at mission time ``at_s``."""
+    """An ignition by the crew, a point or a line, all of it lit at mission time ``at_s``."""
 
     points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
     at_s: NotNegative = 0.0
 
 
 class Dropper(Section):
-    """The release of a sphere: an output that is set, and after ``hold_s`` reset."""
+    """The release of a sphere by an output that is set, and reset after ``hold_s``."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
@@ -278,7 +275,7 @@ class Dropper(Section):
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
     # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
-    delay_s: NotNegative = 0.2  # from the order to the sphere's fall, link and dropper
+    delay_s: NotNegative = 0.2  # of link and dropper, from the order to the sphere's fall
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
@@ -289,9 +286,9 @@ class Dropper(Section):
 class BurnSection(Section):
     """The prescribed burn of ``rule = "burn"``: unit, ignition pattern and safety limits.
 
-    Corners are (lat, lon). Margins: no drop and no low path where fire is expected within
-    ``time_margin_s``, or nearer than ``distance_margin_m`` (downwind farther by the distance that
-    the wind travels in ``wind_margin_s``), until ``residence_s`` after the fire's arrival.
+    Corners are (lat, lon). Drops and low paths are excluded where fire is expected within
+    ``time_margin_s`` or nearer than ``distance_margin_m`` (downwind, plus the distance that the
+    wind travels in ``wind_margin_s``), until ``residence_s`` after the fire's arrival.
     """
 
     unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
@@ -334,7 +331,7 @@ class BurnSection(Section):
     @model_validator(mode="after")
     def _consistent(self) -> "BurnSection":
         if (self.unit is None) == (self.unit_file is None):
-            raise ValueError("needs either unit (corners) or unit_file")
+            raise ValueError("give either unit (corners) or unit_file")
         if self.safe_height_m <= self.drop_height_m:
             raise ValueError("safe_height_m must be more than drop_height_m")
         min_m = self.speed_m_s * 60.0 / self.max_drops_per_min
@@ -352,8 +349,8 @@ class MissionSection(Section):
     """The conversion of decisions to missions.
 
     With ``approval = "each"`` a mission is sent to its vehicle after an operator has accepted it. A
-    vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the one before it. The vertical
-    separation of vehicles is ``separation_m``.
+    vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle listed before it.
+    The vertical separation of vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -366,7 +363,7 @@ class MissionSection(Section):
 
 
 class LinkSection(Section):
-    """The simulated link of ``sim``: each way, per datagram."""
+    """The simulated link of ``sim``; values apply to each datagram in both directions."""
 
     loss: Share = 0.0
     delay_ms: NotNegative = 20.0
@@ -383,24 +380,24 @@ class VehicleSection(Section):
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
-    signing_key: str | None = None  # source of the key; the key itself would get into the journal
+    signing_key: str | None = None  # source of the key; the journal would contain the key itself
     signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # default: index from 0
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, like ``max_airspeed_m_s``
+    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``max_airspeed_m_s``
     max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
     min_leg_m: Positive = 90.0
     loiter_radius_m: Positive = 90.0
-    # The footprint is a disc of this angle; with camera_along_deg, the angle along the track, it is
-    # a rectangle that turns with the vehicle.
+    # The footprint is a disc of this field of view; with camera_along_deg, the field of view along
+    # the track, it is a rectangle that turns with the vehicle.
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
     endurance_s: Positive | None = None  # time in the air; the vehicle is recalled before its end
-    endurance_reserve_s: NotNegative = 120.0  # remaining time when it is home
+    endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
@@ -413,10 +410,10 @@ class VehicleSection(Section):
 
     @field_validator("signing_key")
     @classmethod
-    def _key_not_here(cls, source: str | None) -> str | None:
+    def _key_is_source(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
             raise ValueError(
                 'give the source of the key, as "file:PATH" or "env:NAME"; '
-                "the key itself must not be in a scenario, which is recorded"
+                "the key itself must not be in a scenario, because journals contain the scenario"
             )
         return source

@@ -1,6 +1,6 @@
 """The table [service] of a scenario file: interfaces, journal and shutdown of the daemon.
 
-It is not part of the scenario and not in the journal, so a run may be resumed on other ports.
+The table is not part of the scenario and not in the journal, so a run can resume on other ports.
 """
 
 import re
@@ -16,10 +16,10 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class HttpSection(Section):
-    """The HTTP interface and the map; beyond loopback, tokens and TLS are required."""
+    """The HTTP interface and the map; other addresses than loopback require tokens and TLS."""
 
     listen: str = "127.0.0.1:8765"
-    hosts: tuple[str, ...] = ()  # other names of this host in URLs
+    hosts: tuple[str, ...] = ()  # further names of this host in URLs
     tokens: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
@@ -35,11 +35,11 @@ class HttpSection(Section):
     @model_validator(mode="after")
     def _safe_beyond_loopback(self) -> "HttpSection":
         if (self.tls_certificate is None) != (self.tls_key is None):
-            raise ValueError("TLS takes both tls_certificate and tls_key")
+            raise ValueError("TLS requires both tls_certificate and tls_key")
         if self.host not in LOOPBACK and (self.tokens is None or self.tls_certificate is None):
             raise ValueError(
-                f"listen = {self.listen!r} is beyond loopback: give tokens, tls_certificate "
-                "and tls_key, or listen on 127.0.0.1"
+                f"listen = {self.listen!r} is not a loopback address: give tokens, "
+                "tls_certificate and tls_key, or listen on 127.0.0.1"
             )
         return self
 
@@ -70,9 +70,9 @@ class MqttSection(Section):
 
     @field_validator("password")
     @classmethod
-    def _password_not_here(cls, source: str | None) -> str | None:
+    def _password_is_source(cls, source: str | None) -> str | None:
         if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
-            raise ValueError('name where the password is, as "file:PATH" or "env:NAME"')
+            raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
         return source
 
 
@@ -126,7 +126,7 @@ class ServiceSection(Section):
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     journal: JournalSection = JournalSection()
-    # The command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold
-    # at the present position, or a return home.
+    # Command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold at
+    # the present position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"
-    shutdown_s: NotNegative = 5.0  # to wait for acknowledgements
+    shutdown_s: NotNegative = 5.0  # maximum wait for acknowledgements

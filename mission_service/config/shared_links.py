@@ -8,9 +8,9 @@ from mission_service.errors import ScenarioError
 
 
 def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
-    """The vehicles grouped by link; links are in the order of the scenario's vehicles.
+    """Return the vehicles grouped by link; links are in the order of the scenario's vehicles.
 
-    Raises ScenarioError, in one line, for vehicles that cannot share their link.
+    Raises ScenarioError for vehicles that cannot share their link.
     """
     of_link: dict[str, list[VehicleSection]] = {}
     for section in sections:
@@ -24,13 +24,13 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
                     raise ScenarioError(
                         f"{other.name} and {section.name} have the system id {section.system_id} "
                         f"on one link, {section.link}: give them different ones (system_id, and "
-                        "MAV_SYS_ID or SYSID_THISMAV of the autopilot), or links of their own"
+                        "MAV_SYS_ID or SYSID_THISMAV of the autopilot), or separate links"
                     )
     return list(of_link.values())
 
 
 def _place_of(link: str) -> str:
-    """The port or device of a link, which only one link may open."""
+    """Return the port or device of a link, which a process can open once."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
@@ -45,10 +45,10 @@ def _refuse(first: VehicleSection, section: VehicleSection) -> None:
     if first.link != section.link:
         raise ScenarioError(
             f"{first.name} ({first.link}) and {section.name} ({section.link}) open the same port: "
-            "write the same link for both, or give each a port of its own"
+            "give both the same link, or separate ports"
         )
     if "mavsdk" in (first.backend, section.backend):
-        raise ScenarioError(f'{both}: with backend = "mavsdk" each vehicle needs a link of its own')
+        raise ScenarioError(f'{both}: with backend = "mavsdk" each vehicle needs a separate link')
     for key in ("signing_key", "signing_link_id"):
         if getattr(first, key) != getattr(section, key):
             raise ScenarioError(f"{both}, so {key} must be the same for both")

@@ -1,8 +1,8 @@
-"""Compares the airspeed of a plane with the one that its missions command. Pure.
+"""Compares the airspeed of a plane with the airspeed that its missions command. Pure.
 
-Autopilots accept an airspeed that they do not fly: ArduPlane 4.6 skips a DO_CHANGE_SPEED item
-outside AIRSPEED_MIN to AIRSPEED_MAX without a report, and PX4 1.17 limits it to FW_AIRSPD_MIN to
-FW_AIRSPD_MAX. Routes, endurance and separation are planned with ``airspeed_m_s``.
+Autopilots accept airspeeds that they do not fly: ArduPlane 4.6 skips a DO_CHANGE_SPEED item outside
+AIRSPEED_MIN to AIRSPEED_MAX without a report, and PX4 1.17 limits it to FW_AIRSPD_MIN to
+FW_AIRSPD_MAX. Paths, endurance and separation are planned with ``airspeed_m_s``.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm
@@ -10,16 +10,15 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S = 2.0  # the greater of these two is the tolerance
-DIFFERENCE_SHARE = 0.15
+DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # the larger of both is the tolerance
 LASTS_S = 60.0  # longer than climbs and turns
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """Raise or clear the alarm about an airspeed that differs from the commanded one.
 
-    The alarm is raised after a difference of ``LASTS_S`` in the mission. It is cleared when the
-    difference or the mission has ended.
+    The alarm is raised when the difference has lasted ``LASTS_S`` in the mission, and cleared when
+    the difference or the mission has ended.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
     availability = vehicle.availability
@@ -36,7 +35,7 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     vehicle.airspeed_alarm = True
     words = (
         f"flies {measured_m_s:.0f} m/s through the air, its missions command {commanded_m_s:g}: "
-        "set its airspeed_m_s to what it can fly, or its autopilot's limits of airspeed"
+        "correct its airspeed_m_s, or its autopilot's limits of airspeed"
     )
     return [RaiseAlarm(vehicle.name, AIRSPEED, words, "warning")]
 

@@ -1,56 +1,48 @@
 """Reports of an autopilot as announcements and alarms for operators. Pure.
 
 An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
-alarm of a text is cleared ``TEXT_STANDS_S`` after the last text, because a text has no end.
+end of a text's cause is not reported: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
+from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
-from mission_service.events import (
-    AutopilotText,
-    EstimatorStatusChanged,
-    FenceStatusChanged,
-    LandedStateChanged,
-    SystemStateChanged,
-    ThrustStatusChanged,
-    VehicleEvent,
-)
 from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
 WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
-# PX4's mission protocol sends these texts as critical after repeated requests; they are not.
+# PX4's mission protocol sends these texts with severity critical after repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LANDED, THRUST = "landed", "thrust"
 
 
-def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-    """Announcements and alarms for an autopilot's report; none for other events."""
+def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
+    """Return announcements and alarms for an autopilot's report; none for other events."""
     match event:
-        case AutopilotText():
+        case events.AutopilotText():
             return _text(vehicle, event)
-        case SystemStateChanged():
+        case events.SystemStateChanged():
             severe = event.state in FAILSAFE_STATES
             words = f"its autopilot is in state {event.state}: a failsafe is active"
             return _alarm(vehicle, STATE, severe, words, "severe")
-        case FenceStatusChanged():
+        case events.FenceStatusChanged():
             words = f"fence breached ({event.kind})" if event.kind else "fence breached"
             return _alarm(vehicle, FENCE, event.breached, words, "severe")
-        case EstimatorStatusChanged():
+        case events.EstimatorStatusChanged():
             words = f"its position estimate is unhealthy: {', '.join(event.problems)}"
             return _alarm(vehicle, ESTIMATOR, not event.healthy, words, "severe")
-        case ThrustStatusChanged():
+        case events.ThrustStatusChanged():
             failed = vehicle.availability.airborne and not event.sufficient
             sinks = f"sinks by {-event.climb_m_s:g} m/s at {event.throttle_percent} % of throttle"
             words = f"{sinks}: engine failure, ice or a downdraught; no command is sent for it"
             return _alarm(vehicle, THRUST, failed, words, "severe")
-        case LandedStateChanged(state="landing") if vehicle.availability.airborne:
+        case events.LandedStateChanged(state="landing") if vehicle.availability.airborne:
             return [announce(vehicle, "landing", warning=True)]
-        case LandedStateChanged():
+        case events.LandedStateChanged():
             mode = vehicle.availability.mode
-            lands = mode in GOING_HOME  # it is disarmed next
+            lands = mode in GOING_HOME  # the autopilot disarms next
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in mode {mode}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
@@ -59,10 +51,10 @@ def reported(vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
 
 
 def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
-    """Raise the alarm about a mode that was not ordered."""
+    """Announce a mode that was not ordered, and raise an alarm."""
     mode = vehicle.availability.mode
-    doing = {"return": ", on its way home", "land": ", landing where it is"}.get(mode, "")
-    until = "nothing is sent to it until it is back in its mission or an operator orders it"
+    doing = {"return": ", returning home", "land": ", landing at its position"}.get(mode, "")
+    until = "no command is sent until it is back in its mission or an operator gives an order"
     words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
     return [announce(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
 
@@ -80,7 +72,7 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     return [ClearAlarm(vehicle.name, TEXT)]
 
 
-def _text(vehicle: Vehicle, event: AutopilotText) -> list[AnyCommand]:
+def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
     line = announce(vehicle, words, warning=event.severity <= WARNING)
     if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):
@@ -96,7 +88,5 @@ def _alarm(
     """Raise an alarm and announce it, or clear it."""
     if not raised:
         return [ClearAlarm(vehicle.name, alarm)]
-    return [
-        announce(vehicle, words, warning=True),
-        RaiseAlarm(vehicle.name, alarm, words, severity),
-    ]
+    raised_alarm = RaiseAlarm(vehicle.name, alarm, words, severity)
+    return [announce(vehicle, words, warning=True), raised_alarm]

@@ -8,14 +8,8 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import (
-    Announce,
-    AnyCommand,
-    Hold,
-    Return,
-    StartMission,
-    UploadMission,
-)
+from mission_service import events
+from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (
@@ -26,27 +20,6 @@ from mission_service.core.autopilot_reports import (
 )
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.operator_orders import OperatorOrders, hold_again
-from mission_service.events import (
-    AirspeedMeasured,
-    AnyEvent,
-    AnyOperatorEvent,
-    CommandFinished,
-    FenceStatusChanged,
-    LinkLost,
-    LinkRestored,
-    MissionAccepted,
-    MissionProgress,
-    MissionReadBack,
-    ModeChanged,
-    OperatorEvent,
-    Resumed,
-    SystemStateChanged,
-    Telemetry,
-    UploadFinished,
-    VehicleConnected,
-    VehicleEvent,
-    VehicleRebooted,
-)
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
 from mission_service.guidance.way_of_flying import WayOfFlying
@@ -69,9 +42,9 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-WAITS = "on the ground: it waits for an operator to start it"
-# Orders that are sent continually: only their refusal is announced.
-UNTOLD = ("orbit", "change speed")
+WAITS = "on the ground: it waits for an operator's order to start"
+# Commands that are sent often: only their refusal is announced.
+UNANNOUNCED = ("orbit", "change speed")
 
 
 class Core:
@@ -110,14 +83,14 @@ class Core:
     def _way(self) -> WayOfFlying:
         return way_of(self.scenario)
 
-    def handle(self, event: AnyEvent) -> list[AnyCommand]:
+    def handle(self, event: events.AnyEvent) -> list[AnyCommand]:
         """Apply one event; returns the commands that it causes, in order.
 
         Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
         commands = self._handle(event)
-        if self._approvals is not None and not isinstance(event, MissionAccepted):
+        if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
         commands += self.guidance.after(event, commands, self.vehicles)
@@ -130,11 +103,10 @@ class Core:
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:
-        """Whether a command must not be sent: the last check, besides those of the callers.
+        """Return whether a command must not be sent; this check is independent of the callers.
 
         A command is withheld if it would change a mode that the autopilot or the pilot selected, or
-        if it would start a vehicle without an operator's order. An order that an operator has
-        confirmed is sent.
+        if it would start a vehicle without an operator's order. A confirmed order is sent.
         """
         if type(command) not in LEADS_TO:
             return False
@@ -145,25 +117,20 @@ class Core:
                 vehicle.drop_upload()
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
-        return on_ground and vehicle.waits_for_crew
+        return on_ground and vehicle.waits_for_operator
 
-    def _handle(self, event: AnyEvent) -> list[AnyCommand]:
-        if isinstance(event, OperatorEvent):
-            return self._told(event)
+    def _handle(self, event: events.AnyEvent) -> list[AnyCommand]:
+        if isinstance(event, events.OperatorEvent):
+            return self._on_operator(event)
         vehicle = self.vehicles[event.vehicle]
         availability = vehicle.availability
-        was = _Was(
-            availability.airborne,
-            availability.recalled,
-            availability.taken_over,
-            availability.armed,
-        )
+        was = _Was(*(getattr(availability, name) for name in _Was._fields))
         decision = self.decision_engine.apply(event)
         commands = self._answer(vehicle, event, decision, was)
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
-    def _told(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, Resumed):  # links and commands under way are unknown
+    def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        if isinstance(event, events.Resumed):  # links and commands under way are unknown
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -174,20 +141,20 @@ class Core:
         return [*self._orders.handle(event), *self.guidance.on_operator(event)]
 
     def _answer(
-        self, vehicle: Vehicle, event: VehicleEvent, decision: Decision | None, was: "_Was"
+        self, vehicle: Vehicle, event: events.VehicleEvent, decision: Decision | None, was: "_Was"
     ) -> list[AnyCommand]:
         match event:
-            case Telemetry():
+            case events.Telemetry():
                 return self._telemetry(vehicle, event.at_us / 1e6, decision, was)
-            case ModeChanged():
+            case events.ModeChanged():
                 return self._mode_changed(vehicle, event, was)
-            case VehicleRebooted():
+            case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
-            case SystemStateChanged() | FenceStatusChanged():
-                told = reported(vehicle, event)
+            case events.SystemStateChanged() | events.FenceStatusChanged():
+                commands = reported(vehicle, event)
                 if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
-                    told += self._taken_over(vehicle)
-                return told
+                    commands += self._taken_over(vehicle)
+                return commands
             case _:
                 answer = self._ANSWERS.get(type(event))
                 return reported(vehicle, event) if answer is None else answer(self, vehicle, event)
@@ -195,33 +162,35 @@ class Core:
     def _telemetry(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None, was: "_Was"
     ) -> list[AnyCommand]:
-        told = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
+        commands = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
         if vehicle.availability.airborne and not was.airborne:
             vehicle.start_again_at_s = None  # the due start was this takeoff
-            told += self._found_in_air(vehicle, was)
-        return [*told, *self._moved(vehicle, at_s, decision)]
+            commands += self._found_in_air(vehicle, was)
+        return [*commands, *self._moved(vehicle, at_s, decision)]
 
-    def _connected(self, vehicle: Vehicle, event: VehicleConnected) -> list[AnyCommand]:
+    def _connected(self, vehicle: Vehicle, event: events.VehicleConnected) -> list[AnyCommand]:
         vehicle.atomic_upload = event.atomic_upload
         return [announce(vehicle, f"connected ({event.stack})")]
 
-    def _link_lost(self, vehicle: Vehicle, event: LinkLost) -> list[AnyCommand]:
+    def _link_lost(self, vehicle: Vehicle, event: events.LinkLost) -> list[AnyCommand]:
         then = "the mission on board ends in a loiter"
         left = vehicle.availability.taken_over or vehicle.availability.recalled
         if left or not self.guidance.in_mission(vehicle.name):
-            then = "it keeps circling, or its autopilot carries out its failsafe"
+            then = "it continues to circle, or its autopilot executes a failsafe"
         words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
         return [announce(vehicle, words, warning=True)]
 
-    def _link_restored(self, vehicle: Vehicle, event: LinkRestored) -> list[AnyCommand]:
-        vehicle.flown_line = None  # a new mission is due: the front has moved on
+    def _link_restored(self, vehicle: Vehicle, event: events.LinkRestored) -> list[AnyCommand]:
+        vehicle.flown_line = None  # a new mission is due, because the front has moved
         return [announce(vehicle, "link restored")]
 
-    def _airspeed_measured(self, vehicle: Vehicle, event: AirspeedMeasured) -> list[AnyCommand]:
+    def _airspeed_measured(
+        self, vehicle: Vehicle, event: events.AirspeedMeasured
+    ) -> list[AnyCommand]:
         vehicle.airspeed_m_s = event.airspeed_m_s
         return []
 
-    def _progressed(self, vehicle: Vehicle, event: MissionProgress) -> list[AnyCommand]:
+    def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # later, the takeoff item is completed
         return []
 
@@ -236,7 +205,7 @@ class Core:
             return self._return_again(vehicle, at_s)
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if self._is_left_alone(vehicle):
+        if self._takes_no_decision(vehicle):
             return []
         commands: list[AnyCommand] = []
         if self._approvals is not None:
@@ -253,26 +222,26 @@ class Core:
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
-    def _is_left_alone(self, vehicle: Vehicle) -> bool:
-        """Whether a vehicle that no order concerns flies what it has on board, undecided on."""
+    def _takes_no_decision(self, vehicle: Vehicle) -> bool:
+        """Return whether no decision is taken now for a vehicle that is not under an order."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
         if availability.in_failsafe and availability.mode == MISSION:
-            return True  # ArduPlane may land by its mission: a new one would end the landing
-        return not availability.position_good  # no decision by dead reckoning
+            return True  # ArduPlane may land by its mission: a new mission would end the landing
+        return not availability.position_good  # decisions do not use dead reckoning
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         for vehicle in self.vehicles.values():
             vehicle.validate_state()
         if self._approvals is not None:
             self._approvals.validate_state(self.vehicles)
 
-    # To the fire and home ---------------------------------------------------------------------
+    # Flight to the fire and home --------------------------------------------------------------
 
     def _on_the_ground(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Repeat a start that was refused; upload a mission to a vehicle that has none."""
+        """Repeat a refused start; upload a mission to a vehicle without one."""
         if self._start_is_due(vehicle, fix.at_s):
             return self._start(vehicle, fix.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
@@ -281,16 +250,16 @@ class Core:
         return []
 
     def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Whether a start that was refused, or waited for a mission, is to be ordered now."""
+        """Return whether a start that was refused, or waited for a mission, is due now."""
         again_at_s = vehicle.start_again_at_s
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission; a takeoff waits for separation, and after a landing for an order."""
+        """Start the mission; a takeoff requires separation, and after a landing also an order."""
         vehicle.start_again_at_s = None
         if vehicle.availability.taken_over:
             return []
-        if vehicle.waits_for_crew and not vehicle.availability.airborne:
+        if vehicle.waits_for_operator and not vehicle.availability.airborne:
             return [announce(vehicle, WAITS, warning=True)]
         measured = vehicle.availability.position_good or not vehicle.availability.airborne
         if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
@@ -299,10 +268,10 @@ class Core:
         return []
 
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Whether a vehicle on the ground may take off now.
+        """Return whether a vehicle on the ground may take off now.
 
-        Vehicles of other processes are not visible during their takeoff, so each vehicle has its
-        own earliest takeoff time.
+        Vehicles of other processes report no position during their takeoff, so each vehicle has a
+        different earliest takeoff time.
         """
         if self.scenario.only is not None:
             number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
@@ -311,7 +280,7 @@ class Core:
         return self.traffic.may_take_off(vehicle.name, at_s)
 
     def _deploy(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Upload the mission to the fire, if the guidance has a path already."""
+        """Upload the mission to the fire as soon as the guidance has a path."""
         path = self.guidance.first_path(vehicle, fix)
         if path is None:
             return []
@@ -320,7 +289,7 @@ class Core:
         return [self._missions.upload(vehicle, path, items, fix, "fly to the fire")]
 
     def _must_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the vehicle needs its remaining endurance for the flight home and the reserve."""
+        """Return whether the remaining endurance is needed for the flight home and the reserve."""
         section = vehicle.section
         if vehicle.sent_home or vehicle.going_home:
             return not vehicle.sent_home
@@ -336,19 +305,21 @@ class Core:
     def _send_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         self.decision_engine.recall(vehicle.name, fix.at_s)
         vehicle.end_intentions()
-        vehicle.sent_home = vehicle.waits_for_crew = True
+        vehicle.sent_home = vehicle.waits_for_operator = True
         flown_min = (fix.at_s - vehicle.availability.took_off_at_s) / 60.0
-        words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly used up"
+        words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly exhausted"
         return [announce(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        again_at_s, airborne = vehicle.return_again_at_s, vehicle.availability.airborne
-        if again_at_s is None or at_s < again_at_s or not airborne:
+        again_at_s = vehicle.return_again_at_s
+        if again_at_s is None or at_s < again_at_s or not vehicle.availability.airborne:
             return []
         vehicle.return_again_at_s = None
         return [Return(vehicle.name)]
 
-    def _mode_changed(self, vehicle: Vehicle, event: ModeChanged, was: "_Was") -> list[AnyCommand]:
+    def _mode_changed(
+        self, vehicle: Vehicle, event: events.ModeChanged, was: "_Was"
+    ) -> list[AnyCommand]:
         availability, vehicle.mode = vehicle.availability, event.mode
         if was.armed and not event.armed:
             return self._disarmed(vehicle, was.airborne)
@@ -357,18 +328,18 @@ class Core:
         if availability.taken_over and (availability.airborne or vehicle.started):
             return self._taken_over(vehicle)
         if availability.recalled and not was.recalled:
-            return [_on_its_way_home(vehicle, event.mode)]
+            return [_announce_return(vehicle, event.mode)]
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
         return back_under_control(vehicle) if was.taken_over else []
 
     def _found_in_air(self, vehicle: Vehicle, was: "_Was") -> list[AnyCommand]:
-        """Handle the mode of a vehicle that has taken off, or is first reported in the air."""
+        """Handle the mode of a vehicle after its takeoff or its first report in the air."""
         if vehicle.availability.taken_over:
             return self._taken_over(vehicle)
         if vehicle.availability.recalled and not was.recalled:
-            return [_on_its_way_home(vehicle, vehicle.availability.mode)]
+            return [_announce_return(vehicle, vehicle.availability.mode)]
         return []
 
     def _taken_over(self, vehicle: Vehicle) -> list[AnyCommand]:
@@ -381,7 +352,7 @@ class Core:
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
-        vehicle.waits_for_crew = True
+        vehicle.waits_for_operator = True
         vehicle.sent_home = vehicle.going_home = False
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
         ended += back_under_control(vehicle)
@@ -392,8 +363,8 @@ class Core:
         self.traffic.forget(vehicle.name)
         return [*ended, announce(vehicle, "landed")]
 
-    def _read_back(self, vehicle: Vehicle, event: MissionReadBack) -> list[AnyCommand]:
-        """Handle the mission read back after a restart of the service; a burn only announces it."""
+    def _read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
+        """Continue by the mission read back after a restart; a burn only announces it."""
         at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
@@ -413,7 +384,7 @@ class Core:
         if vehicle.ordered:
             if vehicle.mode in ("mission", *GOING_HOME):
                 vehicle.hold_again_at_s = at_s
-            held = "an earlier order to hold applies until it is resumed"
+            held = "an earlier order to hold applies until an operator orders resume"
             return [words, announce(vehicle, held, warning=True)]
         if not availability.airborne:
             return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
@@ -423,26 +394,24 @@ class Core:
     def _continued_on_ground(
         self, vehicle: Vehicle, was: UnconfirmedState, at_s: float
     ) -> list[AnyCommand]:
-        """Repeat a start that was under way before the restart, unless it needs an order."""
-        waits = vehicle.waits_for_crew
-        if not waits and was.starting and vehicle.flown_line is not None:
+        """Repeat a start that was under way before the restart, unless it requires an order."""
+        waits, on_board = vehicle.waits_for_operator, vehicle.flown_line is not None
+        if not waits and was.starting and on_board:
             vehicle.start_again_at_s = at_s
-        elif (
-            not waits and vehicle.flown_line is None and (was.starting or vehicle.start_again_at_s)
-        ):
+        elif not waits and not on_board and (was.starting or vehicle.start_again_at_s):
             vehicle.holding, vehicle.start_again_at_s = True, None
-        else:  # it landed or rebooted meanwhile
+        else:  # the vehicle landed or rebooted meanwhile
             waits = waits or (vehicle.started and not vehicle.start_again_at_s)
         return [announce(vehicle, WAITS, warning=True)] if waits else []
 
     def _continued_in_air(
         self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
     ) -> list[AnyCommand]:
-        """Start the mission of a vehicle that was resumed, or holds for a start or an upload."""
+        """Start the mission of a vehicle that was resumed, or that holds before a start."""
         if vehicle.availability.taken_over:
             return []
         if was.resumed and vehicle.read_back == "unknown":
-            vehicle.started = False  # it gets a new mission and starts that
+            vehicle.started = False  # a new mission is uploaded and started
             return []
         if was.resumed:
             return [StartMission(vehicle.name)]
@@ -458,7 +427,7 @@ class Core:
 
     # Missions ---------------------------------------------------------------------------------
 
-    def _upload_finished(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
+    def _upload_finished(self, vehicle: Vehicle, event: events.UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
         pending, accepted = vehicle.pending, event.outcome == "accepted"
@@ -467,18 +436,13 @@ class Core:
             return self._accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
-        commands: list[AnyCommand] = [
-            announce(
-                vehicle,
-                f"mission {event.mission_id} {event.outcome}: {event.reason}; "
-                f"trying again in {RETRY_S:.0f} s",
-                warning=True,
-            )
-        ]
+        failure = f"mission {event.mission_id} {event.outcome}: {event.reason}"
+        words = f"{failure}; trying again in {RETRY_S:.0f} s"
+        commands: list[AnyCommand] = [announce(vehicle, words, warning=True)]
         in_mission = vehicle.availability.flies and self.guidance.in_mission(vehicle.name)
         if in_mission and vehicle.started:
-            # PX4 loiters by itself if the new mission is not feasible. ArduPilot may have parts of
-            # the old and of the new mission on board.
+            # PX4 loiters after an infeasible mission. ArduPilot may have parts of the old and of
+            # the new mission on board.
             vehicle.holding = True
             if not vehicle.atomic_upload:
                 commands.append(Hold(vehicle.name))
@@ -498,7 +462,9 @@ class Core:
             return self._start(vehicle, at_s)
         return []
 
-    def _command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
+    def _command_finished(
+        self, vehicle: Vehicle, event: events.CommandFinished
+    ) -> list[AnyCommand]:
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
@@ -509,8 +475,8 @@ class Core:
         if event.command == "return" and event.accepted:
             vehicle.return_again_at_s = None
         if event.accepted:
-            untold = event.command in UNTOLD or self._start_is_known(vehicle, event)
-            return [] if untold else [announce(vehicle, f"{event.command}: accepted")]
+            unannounced = event.command in UNANNOUNCED or self._start_was_announced(vehicle, event)
+            return [] if unannounced else [announce(vehicle, f"{event.command}: accepted")]
         vehicle.start_confirmed = False
         refused = f"{event.command} refused: {event.reason}"
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
@@ -520,30 +486,29 @@ class Core:
             vehicle.start_again_at_s = again_at_s
         else:
             return [announce(vehicle, refused, warning=True)]
-        return [
-            announce(vehicle, f"{refused}; trying again in {START_AGAIN_S:.0f} s", warning=True)
-        ]
+        refused += f"; trying again in {START_AGAIN_S:.0f} s"
+        return [announce(vehicle, refused, warning=True)]
 
     def _may_start_again(self, vehicle: Vehicle) -> bool:
-        """Whether a refused start is repeated.
+        """Return whether a refused start is repeated.
 
-        Autopilots refuse to arm until they have a position: on the ground the start is repeated. In
-        the air it is repeated only for a vehicle that flies by its mission.
+        On the ground it is repeated, because autopilots refuse to arm until they have a position.
+        In the air it is repeated only for a vehicle that flies by its mission.
         """
         availability = vehicle.availability
         if availability.taken_over or availability.recalled or vehicle.ordered:
             return False
         return self.guidance.in_mission(vehicle.name) or not availability.airborne
 
-    def _start_is_known(self, vehicle: Vehicle, event: CommandFinished) -> bool:
-        """Whether a start in flight was announced before, with no refusal, hold or return since."""
-        known = vehicle.start_confirmed and vehicle.availability.airborne
+    def _start_was_announced(self, vehicle: Vehicle, event: events.CommandFinished) -> bool:
+        """Return whether a start in flight was announced before and nothing has ended it since."""
+        announced = vehicle.start_confirmed and vehicle.availability.airborne
         if event.command in ("start mission", "hold", "return"):
             vehicle.start_confirmed = event.command == "start mission"
-        return known and event.command == "start mission"
+        return announced and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
-        """Reset a vehicle whose autopilot was restarted; an order to return stays in force.
+        """Reset a vehicle whose autopilot was restarted; an order to return remains valid.
 
         The restarted autopilot may have any mission on board, or none.
         """
@@ -555,23 +520,23 @@ class Core:
         vehicle.drop_upload()
         vehicle.flown_line = vehicle.accepted = vehicle.unconfirmed = None
         vehicle.takes_off = False
-        vehicle.waits_for_crew |= was.airborne
+        vehicle.waits_for_operator |= was.airborne
         self.traffic.forget(vehicle.name)
-        waits = "it waits for an operator to start it"
-        then = waits if vehicle.waits_for_crew else "a mission is sent"
+        waits = "it waits for an operator's order to start"
+        then = waits if vehicle.waits_for_operator else "a mission is sent"
         words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
-    # What follows an event of a vehicle, whatever its state was before.
-    _ANSWERS: ClassVar[dict[type[VehicleEvent], Callable[..., list[AnyCommand]]]] = {
-        UploadFinished: _upload_finished,
-        VehicleConnected: _connected,
-        LinkLost: _link_lost,
-        LinkRestored: _link_restored,
-        CommandFinished: _command_finished,
-        MissionReadBack: _read_back,
-        AirspeedMeasured: _airspeed_measured,
-        MissionProgress: _progressed,
+    # Handlers of events that do not depend on the vehicle's earlier state.
+    _ANSWERS: ClassVar[dict[type[events.VehicleEvent], Callable[..., list[AnyCommand]]]] = {
+        events.UploadFinished: _upload_finished,
+        events.VehicleConnected: _connected,
+        events.LinkLost: _link_lost,
+        events.LinkRestored: _link_restored,
+        events.CommandFinished: _command_finished,
+        events.MissionReadBack: _read_back,
+        events.AirspeedMeasured: _airspeed_measured,
+        events.MissionProgress: _progressed,
     }
 
 
@@ -584,6 +549,6 @@ class _Was(NamedTuple):
     armed: bool
 
 
-def _on_its_way_home(vehicle: Vehicle, mode: str) -> Announce:
-    where = "on its way home" if mode != "land" else "landing where it is"
+def _announce_return(vehicle: Vehicle, mode: str) -> Announce:
+    where = "returning home" if mode != "land" else "landing at its position"
     return announce(vehicle, f"{where} ({mode})", warning=True)

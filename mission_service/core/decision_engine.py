@@ -1,6 +1,6 @@
-"""From events to decisions: availability of the vehicles and decisions of their planners.
+"""Updates of the vehicles' availability and decisions of their planners, from events.
 
-The core turns decisions into missions. ``decide`` runs this part alone on a journal.
+The core converts decisions to missions. ``decide`` runs this part alone on a journal.
 """
 
 import math
@@ -8,27 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
+from mission_service import events
 from mission_service.commands import AnyCommand, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
-from mission_service.events import (
-    SERVICE,
-    CommandFinished,
-    EstimatorStatusChanged,
-    FenceStatusChanged,
-    GpsFixChanged,
-    LinkLost,
-    LinkRestored,
-    ModeChanged,
-    Observed,
-    OrderGiven,
-    SystemStateChanged,
-    Telemetry,
-    UploadFinished,
-    VehicleConnected,
-    VehicleEvent,
-    VehicleRebooted,
-    WindMeasured,
-)
 from mission_service.guidance.protocol import Decision, Steered
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import (
@@ -43,7 +25,7 @@ from mission_service.vehicles.availability import (
 
 
 class DecisionEngine:
-    """Updates the availability of vehicles by events and asks their planners for decisions."""
+    """Updates the availability of vehicles by events and runs their planners."""
 
     def __init__(
         self,
@@ -59,10 +41,10 @@ class DecisionEngine:
         burn = scenario.burn
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
-    def apply(self, event: VehicleEvent) -> Decision | None:
+    def apply(self, event: events.VehicleEvent) -> Decision | None:
         """Apply one event; returns the planner's decision, if any."""
         availability = self.availability[event.vehicle]
-        if isinstance(event, Telemetry):
+        if isinstance(event, events.Telemetry):
             return self._moved(availability, event)
         change = self._CHANGES.get(type(event))
         if change is not None:
@@ -70,21 +52,21 @@ class DecisionEngine:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """Record an order to return; given on the ground it stands until takeoff."""
+        """Record an order to return; an order given on the ground is valid until takeoff."""
         availability = self.availability[name]
         availability.recalled, availability.recalled_on_ground = True, not availability.airborne
         self.planners[name].left(at_s)
 
     def on_command(self, command: AnyCommand, at_s: float) -> None:
-        """Record a command that is sent: the modes that it leads to are expected from now on."""
+        """Record a command that is sent: the modes that it causes are expected from now on."""
         if type(command) in LEADS_TO:
             availability = self.availability[command.vehicle]
             availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
-    def apply_order(self, name: str, event: OrderGiven) -> bool:
-        """Apply an order; returns whether it is carried out. Its mode then counts as ordered."""
+    def apply_order(self, name: str, event: events.OrderGiven) -> bool:
+        """Apply an order; return whether it is executed. Its mode then counts as ordered."""
         availability = self.availability[name]
-        if event.by == SERVICE and not availability.flies:
+        if event.by == events.SERVICE and not availability.flies:
             return False
         if availability.needs_confirmation(event.order) and not event.confirmed:
             return False
@@ -105,43 +87,53 @@ class DecisionEngine:
         availability.recalled &= not holds_now
         return holds_now
 
-    def _observed(self, availability: VehicleAvailability, event: Observed) -> None:
+    def _observed(self, availability: VehicleAvailability, event: events.Observed) -> None:
         planner = self.planners[event.vehicle]
         (planner.correct if event.corrects else planner.observe)(event)
 
-    def _wind_measured(self, availability: VehicleAvailability, event: WindMeasured) -> None:
+    def _wind_measured(self, availability: VehicleAvailability, event: events.WindMeasured) -> None:
         if availability.airborne:  # on the ground the estimate is unreliable
             availability.wind_m_s = event.speed_m_s
             self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, event.at_us / 1e6)
 
     def _on_link(
-        self, availability: VehicleAvailability, event: VehicleConnected | LinkRestored | LinkLost
+        self,
+        availability: VehicleAvailability,
+        event: events.VehicleConnected | events.LinkRestored | events.LinkLost,
     ) -> None:
-        availability.online = not isinstance(event, LinkLost)
+        availability.online = not isinstance(event, events.LinkLost)
         if not availability.online:
             self.planners[event.vehicle].left(event.at_us / 1e6)
 
-    def _rebooted(self, availability: VehicleAvailability, event: VehicleRebooted) -> None:
+    def _rebooted(self, availability: VehicleAvailability, event: events.VehicleRebooted) -> None:
         availability.restart()
         self.planners[event.vehicle].left(event.at_us / 1e6)
 
     def _answered(
-        self, availability: VehicleAvailability, event: CommandFinished | UploadFinished
+        self,
+        availability: VehicleAvailability,
+        event: events.CommandFinished | events.UploadFinished,
     ) -> None:
-        kind = UploadMission if isinstance(event, UploadFinished) else ANSWERS.get(event.command)
+        kind = (
+            UploadMission
+            if isinstance(event, events.UploadFinished)
+            else ANSWERS.get(event.command)
+        )
         if kind is not None:
             availability.on_acknowledged(kind, event.at_us / 1e6)
 
     def _status_changed(
-        self, availability: VehicleAvailability, event: SystemStateChanged | FenceStatusChanged
+        self,
+        availability: VehicleAvailability,
+        event: events.SystemStateChanged | events.FenceStatusChanged,
     ) -> None:
-        if isinstance(event, SystemStateChanged):
+        if isinstance(event, events.SystemStateChanged):
             availability.system_state = event.state
         else:
             availability.fence_breached = event.breached
         self._look_for_failsafe(event.vehicle, event.at_us / 1e6)
 
-    def _mode_changed(self, availability: VehicleAvailability, event: ModeChanged) -> None:
+    def _mode_changed(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
         at_s, before = event.at_us / 1e6, (availability.mode, availability.armed)
         availability.mode, availability.armed = event.mode, event.armed
         if not event.armed:
@@ -150,8 +142,8 @@ class DecisionEngine:
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # under control, whatever changed the mode
-            if (event.mode, event.armed) != before:  # not only reported again
+        elif event.mode == MISSION:  # under control, for any cause of the change
+            if (event.mode, event.armed) != before:  # not a repeated report
                 availability.recalled &= availability.recalled_on_ground
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
@@ -164,14 +156,14 @@ class DecisionEngine:
                 self.planners[event.vehicle].left(at_s)
 
     def _mode_chosen(
-        self, availability: VehicleAvailability, event: ModeChanged, armed_now: bool
+        self, availability: VehicleAvailability, event: events.ModeChanged, armed_now: bool
     ) -> None:
         """Classify a mode of an armed vehicle, other than its mission, as ordered or not."""
         at_s = event.at_us / 1e6
         leading = availability.leading_to(event.mode, at_s)
         arms = armed_now and not availability.airborne and event.mode not in GOING_HOME
         if arms and availability.is_expected(StartMission, at_s):
-            leading.add(StartMission)  # it arms first, before the mode changes
+            leading.add(StartMission)  # arms first and then changes the mode
         availability.held_by_upload = leading == {UploadMission}
         availability.mode_is_ordered = bool(leading)
         self._look_for_failsafe(event.vehicle, at_s)
@@ -184,47 +176,53 @@ class DecisionEngine:
             self.planners[name].left(at_s)
 
     def _position_measured(
-        self, availability: VehicleAvailability, event: GpsFixChanged | EstimatorStatusChanged
+        self,
+        availability: VehicleAvailability,
+        event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; without them the vehicle leaves its planner."""
         was_good = availability.position_good
-        if isinstance(event, GpsFixChanged):
+        if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good
         else:
             availability.estimator_healthy = event.healthy
         if was_good and not availability.position_good:
             self.planners[event.vehicle].left(event.at_us / 1e6)
 
-    def _moved(self, availability: VehicleAvailability, told: Telemetry) -> Decision | None:
-        x_m, y_m = self._landscape.xy_of_lat_lon(told.lat_deg, told.lon_deg)
+    def _moved(
+        self, availability: VehicleAvailability, telemetry: events.Telemetry
+    ) -> Decision | None:
+        x_m, y_m = self._landscape.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
         if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
             return None
         row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
-        at_s = told.at_us / 1e6
-        velocity = (told.velocity_east_m_s, told.velocity_north_m_s)
-        availability.fix = PositionFix(at_s, row, col, x_m, y_m, told.altitude_amsl_m, *velocity)
+        at_s = telemetry.at_us / 1e6
+        velocity = (telemetry.velocity_east_m_s, telemetry.velocity_north_m_s)
+        availability.fix = PositionFix(
+            at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity
+        )
         # Home may lie on a hill: after takeoff a vehicle counts as airborne until it is disarmed.
-        if not availability.airborne and told.altitude_relative_m >= self._airborne_m:
+        if not availability.airborne and telemetry.altitude_relative_m >= self._airborne_m:
             availability.airborne, availability.took_off_at_s = True, at_s
             availability.recalled_on_ground = False
             if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
-                self.recall(told.vehicle, at_s)
+                self.recall(telemetry.vehicle, at_s)
         if not availability.flies or at_s < self._deploy_at_s:
             return None
-        return self.planners[told.vehicle].at(row, col, at_s)
+        return self.planners[telemetry.vehicle].at(row, col, at_s)
 
-    _CHANGES: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
-        Observed: _observed,
-        WindMeasured: _wind_measured,
-        VehicleConnected: _on_link,
-        LinkRestored: _on_link,
-        LinkLost: _on_link,
-        VehicleRebooted: _rebooted,
-        ModeChanged: _mode_changed,
-        CommandFinished: _answered,
-        UploadFinished: _answered,
-        SystemStateChanged: _status_changed,
-        FenceStatusChanged: _status_changed,
-        GpsFixChanged: _position_measured,
-        EstimatorStatusChanged: _position_measured,
+    _CHANGES: ClassVar[dict[type[events.VehicleEvent], Callable[..., None]]] = {
+        events.Observed: _observed,
+        events.WindMeasured: _wind_measured,
+        events.VehicleConnected: _on_link,
+        events.LinkRestored: _on_link,
+        events.LinkLost: _on_link,
+        events.VehicleRebooted: _rebooted,
+        events.ModeChanged: _mode_changed,
+        events.CommandFinished: _answered,
+        events.UploadFinished: _answered,
+        events.SystemStateChanged: _status_changed,
+        events.FenceStatusChanged: _status_changed,
+        events.GpsFixChanged: _position_measured,
+        events.EstimatorStatusChanged: _position_measured,
     }

@@ -1,35 +1,26 @@
-"""Operators' orders to vehicles along a front or in formation: events to commands. Pure."""
+"""Conversion of operators' orders to commands, for vehicles on a front or in formation. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
+from mission_service import events
 from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
-from mission_service.events import (
-    SERVICE,
-    Aborted,
-    AnyOperatorEvent,
-    MissionAccepted,
-    MissionRefused,
-    MissionRequested,
-    Order,
-    OrderGiven,
-)
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 HOLD_AGAIN_S = 3.0
-UNANSWERED_S = 30.0  # longer than the bridge repeats a hold
+UNANSWERED_S = 30.0  # longer than the bridge's repetitions of a hold
 START_AFTER_S = 2.0
 
 Start = Callable[[Vehicle, float], list[AnyCommand]]
 
 
 class OperatorOrders:
-    """Applies operators' orders; their effect on a vehicle is kept in its ``Vehicle``."""
+    """Applies operators' orders; the effect of an order is stored in its ``Vehicle``."""
 
     def __init__(
         self,
@@ -45,20 +36,22 @@ class OperatorOrders:
         self._start = start
         self._approvals = approvals
 
-    def handle(self, event: AnyOperatorEvent) -> list[AnyCommand]:
+    def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event; returns the commands that it causes."""
         match event:
-            case OrderGiven():
+            case events.OrderGiven():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
-            case Aborted():
+            case events.Aborted():
                 why = f"aborted by {event.by}"
                 return [
                     *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
                     *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
                 ]
-            case MissionRequested():
-                return self._to_each(event.vehicle, lambda vehicle: self._want(vehicle, event.by))
-            case MissionAccepted() | MissionRefused():
+            case events.MissionRequested():
+                return self._to_each(
+                    event.vehicle, lambda vehicle: self._request_mission(vehicle, event.by)
+                )
+            case events.MissionAccepted() | events.MissionRefused():
                 return self._decided_on(event)
             case _:
                 return []
@@ -68,8 +61,8 @@ class OperatorOrders:
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
-    def _ordered(self, vehicle: Vehicle, event: OrderGiven) -> list[AnyCommand]:
-        """Carry out an order; ask first if it would end a mode that autopilot or pilot selected."""
+    def _ordered(self, vehicle: Vehicle, event: events.OrderGiven) -> list[AnyCommand]:
+        """Execute an order; it needs confirmation if it would end a mode that was not ordered."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
             return [announce(vehicle, obstacle, warning=True)]
@@ -79,10 +72,9 @@ class OperatorOrders:
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
-        if event.by == SERVICE:
-            return [
-                announce(vehicle, f"no order is sent: it stays in mode {vehicle.availability.mode}")
-            ]
+        if event.by == events.SERVICE:
+            words = f"no order is sent: it stays in mode {vehicle.availability.mode}"
+            return [announce(vehicle, words)]
         availability = vehicle.availability
         why = (
             "which its autopilot or pilot selected"
@@ -90,21 +82,21 @@ class OperatorOrders:
             else "while its autopilot reports a failsafe"
         )
         chosen = f"mode {availability.mode}, {why}"
-        asked = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
-        words = f"{asked}; order it again, confirmed, to carry it out"
+        question = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
+        words = f"{question}; repeat the order with confirmation to execute it"
         return [announce(vehicle, words, warning=True)]
 
-    def _obstacle(self, vehicle: Vehicle, order: Order) -> str:
-        """The reason why an order cannot be carried out, even if confirmed; empty if it can."""
+    def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
+        """Return the reason why an order cannot be carried out, even if confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
-            return "a hold is ordered: resume it first"
+            return "a hold is ordered: order resume first"
         if order == "resume" and on_board and availability.airborne and not availability.online:
-            return "its link is lost: resume it when the link is restored"
+            return "its link is lost: order resume again when the link is restored"
         return ""
 
-    def _abort(self, vehicle: Vehicle, event: Aborted) -> list[AnyCommand]:
-        """Order a hold; a vehicle in a mode of its autopilot or pilot holds when that mode ends."""
+    def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
+        """Order a hold, which begins after a mode that the autopilot or pilot selected."""
         at_s, mode = event.at_us / 1e6, vehicle.availability.mode
         if self.decision_engine.apply_abort(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
@@ -115,44 +107,45 @@ class OperatorOrders:
         )
         return [announce(vehicle, words, warning=True)]
 
-    def _order(self, vehicle: Vehicle, order: Order, by: str, at_s: float) -> list[AnyCommand]:
+    def _order(
+        self, vehicle: Vehicle, order: events.Order, by: str, at_s: float
+    ) -> list[AnyCommand]:
         match order:
             case "hold":
                 return self._hold(vehicle, by, at_s, "hold ordered")
             case "return":
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
-                vehicle.waits_for_crew = True
+                vehicle.waits_for_operator = True
                 availability, words = vehicle.availability, f"return ordered by {by}"
                 vehicle.sent_home = True
                 if availability.airborne and availability.online:
                     return [announce(vehicle, words), Return(vehicle.name)]
-                # On the ground too: a start that was ordered before may still take effect.
+                # Also on the ground: a start that was ordered before may still take effect.
                 vehicle.return_again_at_s = at_s
                 if availability.airborne:
                     return [announce(vehicle, words)]
                 if availability.armed:
-                    return [announce(vehicle, f"{words}: as soon as it has taken off")]
-                why = "it is on the ground: nothing is sent until an operator starts it"
+                    return [announce(vehicle, f"{words}: executed after takeoff")]
+                why = "it is on the ground: no command is sent until an operator orders its start"
                 return [announce(vehicle, f"{words}, but {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
             case "start":
-                vehicle.started, vehicle.waits_for_crew, vehicle.refusal = True, False, None
+                vehicle.started, vehicle.waits_for_operator, vehicle.refusal = True, False, None
                 vehicle.return_again_at_s = None
-                self._call_off_return(vehicle)
+                self._cancel_return(vehicle)
                 if vehicle.flown_line is None or not vehicle.availability.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
-                    return [
-                        announce(vehicle, f"start ordered by {by}: as soon as it has a mission")
-                    ]
+                    words = f"start ordered by {by}: executed when a mission is on board"
+                    return [announce(vehicle, words)]
                 return [announce(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
         """Hold until another order; the command is repeated until the autopilot accepts it."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
-        self._call_off_return(vehicle)
+        self._cancel_return(vehicle)
         words = announce(vehicle, f"{why} by {by}", warning=True)
         availability = vehicle.availability
         if not availability.online or not (availability.airborne or availability.armed):
@@ -160,57 +153,56 @@ class OperatorOrders:
             return [words]
         return [words, Hold(vehicle.name)]
 
-    def _call_off_return(self, vehicle: Vehicle) -> None:
+    def _cancel_return(self, vehicle: Vehicle) -> None:
         vehicle.sent_home = vehicle.going_home = False
         if vehicle.unconfirmed is not None:
             vehicle.unconfirmed = replace(vehicle.unconfirmed, recalled=False)
 
     def _resume(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.ordered, vehicle.hold_again_at_s = "", None
-        self._call_off_return(vehicle)
+        self._cancel_return(vehicle)
         vehicle.return_again_at_s, vehicle.refusal = None, None
-        vehicle.waits_for_crew = False
+        vehicle.waits_for_operator = False
         on_board = self._resumes_mission and vehicle.availability.airborne
         if on_board and vehicle.unconfirmed is not None:
             vehicle.unconfirmed = replace(vehicle.unconfirmed, resumed=True)
-            return [announce(vehicle, f"resumed by {by}: as soon as its mission is read back")]
+            return [announce(vehicle, f"resumed by {by}: executed when its mission is read back")]
         if on_board:
             if vehicle.flown_line is None:  # its mission on board is unknown
                 vehicle.deployed, vehicle.holding = False, True
-                return [announce(vehicle, f"resumed by {by}: as soon as it has a mission")]
-            # Its mission ends at the fire's edge; the formation controls it from there.
+                return [announce(vehicle, f"resumed by {by}: executed when it has a mission")]
+            # The mission ends at the fire's edge; from there the formation controls the vehicle.
             return [announce(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
-        if vehicle.availability.airborne:  # by a new mission: the front has moved on
+        if vehicle.availability.airborne:  # by a new mission, because the front has moved
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
             vehicle.started = False
         return [announce(vehicle, f"resumed by {by}")]
 
-    def _want(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+    def _request_mission(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
         vehicle.due, vehicle.refusal = f"requested by {by}", None
         availability = vehicle.availability
         if not availability.position_good:
-            return [
-                announce(vehicle, "without a position fix: a mission is sent when it has one", True)
-            ]
+            words = "no position fix: a mission is sent when the vehicle has one"
+            return [announce(vehicle, words, warning=True)]
         led = not (availability.airborne and (availability.taken_over or vehicle.ordered))
         if availability.recalled or not led:
-            words = (
-                f"mode {availability.mode}: a mission is sent once the planner controls it again"
-            )
+            words = f"mode {availability.mode}: a mission is sent when its planner has control"
             return [announce(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} requested another mission")
 
     def _withdrawn(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
-        """Withdraw the mission that is proposed for a vehicle."""
+        """Withdraw the proposed mission of a vehicle."""
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
-    def _decided_on(self, event: MissionAccepted | MissionRefused) -> list[AnyCommand]:
+    def _decided_on(
+        self, event: events.MissionAccepted | events.MissionRefused
+    ) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)
         if self._approvals is None or vehicle is None:
             return []
-        if isinstance(event, MissionAccepted):
+        if isinstance(event, events.MissionAccepted):
             mission = self._approvals.accepted(vehicle, event.mission_hash)
             if mission is not None:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
@@ -218,23 +210,18 @@ class OperatorOrders:
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
             words = "no similar one is proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
-        return [
-            announce(
-                vehicle,
-                "no such mission is proposed; load the proposal again",
-                warning=True,
-            )
-        ]
+        words = "no such mission is proposed; load the proposal again"
+        return [announce(vehicle, words, warning=True)]
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat a hold until the autopilot accepts it, each time after an answer to the last one."""
+    """Repeat a hold until the autopilot accepts it, each time after the answer to the last."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, availability = vehicle.hold_under_way_s, vehicle.availability
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
     if not (availability.airborne or availability.armed):
-        return []  # it stands on the ground, disarmed: nothing to hold
+        return []  # on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

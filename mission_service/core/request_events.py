@@ -1,6 +1,6 @@
-"""Requests of operators (control socket, HTTP, MQTT) as events, and the table of all. Pure.
+"""Conversion of operators' requests (control socket, HTTP, MQTT) to events. Pure.
 
-Unknown keys are refused: what is not understood is not done in part.
+A request with an unknown key is refused as a whole.
 """
 
 from collections.abc import Callable, Collection
@@ -28,8 +28,8 @@ from mission_service.requests import (
 if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
-ELSEWHERE = "mqtt"  # "mqtt:west": a user of MQTT is at no station, so never present
-STATUS = "status"  # asks for the state; it is answered and becomes no event
+ELSEWHERE = "mqtt"  # "mqtt:west": users of MQTT have no station, so they are never present
+STATUS = "status"  # a query for the state, which makes no event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
 
@@ -38,23 +38,23 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# With those of replays, which become no events.
+# With the request of replays, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
 def accepted_in(scenario: "Scenario") -> dict[str, type[Request]]:
-    """The requests that a run of this scenario accepts."""
+    """Return the requests that a run of this scenario accepts."""
     return _table(*OF_EVERY_RUN, *way_of(scenario).requests)
 
 
 @dataclass(frozen=True)
 class RequestScope:
-    """Which requests a run accepts, and what it has that they may name.
+    """The requests that a run accepts, and the names that they may contain.
 
     Attributes:
-        stations: The places from which requests are accepted; empty: any.
-        items: The GO list; None: any.
-        on_map: Whether the landscape has a latitude and longitude, in degrees.
+        stations: The stations from which requests are accepted; empty: any.
+        items: The items of the GO list; None: any.
+        on_map: Returns whether a latitude and longitude, in degrees, is on the landscape.
         vehicles: The names of the vehicles; None: any.
         accepted: The names of the requests.
     """
@@ -75,80 +75,81 @@ def event_of(
     scope: RequestScope = ANYWHERE,
     may_approve: bool | None = None,
 ) -> AnyOperatorEvent:
-    """The event that a request stands for.
+    """Return the event of a request.
 
     Args:
-        request: The request as JSON has it.
+        request: The request as parsed from JSON.
         at_us: Mission time.
-        scope: What it is checked against.
-        may_approve: Whether the user has the role approve; None where an interface does not check
-            users: then only requests that need that role count as such a user's.
+        scope: The scope that the request is checked against.
+        may_approve: Whether the user has the role approve. None for an interface that does not
+            check users: the role is then assumed for the requests that need it.
 
     Returns:
         The event.
 
     Raises:
-        RequestError: In one line, for all that is not right. An abort is accepted whatever it says.
+        RequestError: For an invalid request, in one line. An abort is accepted with any content.
     """
     if not isinstance(request, dict):
-        raise RequestError('a request is a JSON object, as {"do": "status"}')
+        raise RequestError('a request is a JSON object, such as {"do": "status"}')
     do = request.get("do")
     if do == ABORT:
         return events.Aborted(at_us, _named(request, "by"), _named(request, "station"))
     kind = _kind(do, scope.accepted)
     try:
-        asked = msgspec.convert(request, kind)
+        parsed = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
         raise RequestError(f"{do}: {error}") from None
-    if _is_service(asked.by):
-        raise RequestError(f"{do}: by {SERVICE!r} is the service's own name; give yours")
-    _check_names(asked, scope)
-    for place in _places(asked):
+    if _is_service(parsed.by):
+        raise RequestError(f"{do}: by {SERVICE!r} is reserved for the service; give your name")
+    _check_names(parsed, scope)
+    for place in _places(parsed):
         if not scope.on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
     approver = kind.role == "approve" if may_approve is None else may_approve
-    return msgspec.structs.replace(asked.event(at_us), may_approve=approver)
+    return msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
 
 
-def _check_names(asked: Request, scope: RequestScope) -> None:
-    """Raises RequestError for a station, item or vehicle that the run has not."""
+def _check_names(request: Request, scope: RequestScope) -> None:
+    """Raise RequestError for a station, item or vehicle that is not in the run's scope."""
     stations, items, vehicles = scope.stations, scope.items, scope.vehicles
-    if stations and asked.station not in stations and asked.station.split(":")[0] != ELSEWHERE:
-        there = ", ".join(sorted(stations))
-        raise RequestError(f"unknown station {_cut(asked.station)}; the scenario has {there}")
-    item, vehicle = getattr(asked, "item", ""), getattr(asked, "vehicle", "")
+    if stations and request.station not in stations and request.station.split(":")[0] != ELSEWHERE:
+        names = ", ".join(sorted(stations))
+        raise RequestError(f"unknown station {_cut(request.station)}; the scenario has {names}")
+    item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
-        raise RequestError(f"no item {_cut(item)} on the list: {'; '.join(items)}")
+        raise RequestError(f"no item {_cut(item)} on the GO list: {'; '.join(items)}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
-        raise RequestError(f"no vehicle {_cut(vehicle)}; there are {', '.join(vehicles)}")
+        raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
 
 
 def _kind(do: Any, accepted: Collection[str]) -> type[Request]:
     if do == STATUS:
-        raise RequestError("status is answered, it is no event")
+        raise RequestError("status is a query, it makes no event")
     if do == REPLAY:
-        raise RequestError("replay: this run is no replay")
+        raise RequestError("replay: this run is not a replay")
     if isinstance(do, str) and do in accepted:
         return REQUESTS[do]
     if isinstance(do, str) and do in REQUESTS:
-        what = "not in a burn" if REQUESTS[do] in OF_VEHICLES else "only in a burn"
-        raise RequestError(f"{do}: {what}")
-    word = _cut(do) if isinstance(do, str) else "without a word"
-    raise RequestError(f"unknown request {word}: do is one of {', '.join((STATUS, *accepted))}")
+        reason = "not in a burn" if REQUESTS[do] in OF_VEHICLES else "only in a burn"
+        raise RequestError(f"{do}: {reason}")
+    name = _cut(do) if isinstance(do, str) else "without a name"
+    raise RequestError(f"unknown request {name}: do is one of {', '.join((STATUS, *accepted))}")
 
 
-def _places(asked: Request) -> tuple[tuple[float, float], ...]:
-    """All places of a request; raises RequestError if a line through them is too long."""
-    lat_deg, lon_deg = getattr(asked, "lat_deg", None), getattr(asked, "lon_deg", None)
+def _places(request: Request) -> tuple[tuple[float, float], ...]:
+    """Return all points of a request; raises RequestError if a line through them is too long."""
+    lat_deg, lon_deg = getattr(request, "lat_deg", None), getattr(request, "lon_deg", None)
     if lat_deg is not None and lon_deg is not None:
         return ((lat_deg, lon_deg),)
-    points: tuple[tuple[float, float], ...] = getattr(asked, "points", ())
+    points: tuple[tuple[float, float], ...] = getattr(request, "points", ())
     if points:
-        # Twice, and half of it: with the way back to the first corner.
-        way = shapely.LineString([(lon, lat) for lat, lon in points * 2])
-        length_m = M_PER_DEG * way.length / 2.0
-        if length_m > asked.max_length_m:
-            raise RequestError(f"{length_m / 1e3:.0f} km are too long to be meant")
+        # Half of two rounds: including the side from the last corner to the first.
+        outline = shapely.LineString([(lon, lat) for lat, lon in points * 2])
+        length_m = M_PER_DEG * outline.length / 2.0
+        if length_m > request.max_length_m:
+            max_km = request.max_length_m / 1e3
+            raise RequestError(f"a line of {length_m / 1e3:.0f} km exceeds {max_km:g} km")
     return points
 
 
@@ -161,7 +162,7 @@ def _named(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Whether a name in a request is the name that the service uses for its own orders."""
+    """Return whether a name is the one that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

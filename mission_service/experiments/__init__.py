@@ -1,1 +1,1 @@
-"""The papers' experiments: fires that are simulated once, and planners flown over them."""
+"""The papers' experiments: planners flown over fires that were simulated once."""

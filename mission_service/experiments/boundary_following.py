@@ -1,7 +1,7 @@
-"""Following the true front of a burn from cell to cell, as Islam & Hu let their vehicle do.
+"""Flight along the true front of a burn from cell to cell, as assumed by Islam & Hu.
 
 "We assume that the UAS has the capability of boundary following and always flies on top of the
-fire perimeter" (section III). A planner decides the direction; this gives the next cell.
+fire perimeter" (section III). A planner decides the direction; this module gives the next cell.
 """
 
 import heapq
@@ -15,10 +15,10 @@ AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 
 
 def enclosed_s(arrival_s: Floats) -> Floats:
-    """When each cell (y, x) belongs to the filled fire: burned, or cut off from the outside.
+    """Return when each cell (y, x) joins the filled fire: burned, or cut off from the outside.
 
-    The fire's holes and the inlets that close are no front that leads around the fire. The best
-    way out of a cell, over sides, is the one whose first cell to burn burns last (Dijkstra).
+    Holes and closed inlets are not part of the front around the fire. The best path out of a cell,
+    over cell sides, is the path whose earliest burning cell burns last (Dijkstra).
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)
@@ -41,10 +41,10 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 
 
 class BoundaryFollower:
-    """A vehicle on the front of a growing fire: the cell it is on and the side that is outside."""
+    """A vehicle on the front of a growing fire, by its cell and the side that is outside."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:
-        """It begins at the northernmost cell of the filled fire (``enclosed_s``)."""
+        """Start at the northernmost cell of the filled fire (``enclosed_s``)."""
         self._enclosed_s = np.pad(fire_s, 1, constant_values=np.inf)
         row, col = np.argwhere(self._enclosed_s <= at_s)[0]
         self._row, self._col = int(row), int(col)
@@ -56,9 +56,9 @@ class BoundaryFollower:
         return self._row - 1, self._col - 1
 
     def onwards(self, clockwise: bool, at_s: float) -> None:
-        """Go to the next cell of the front as it is now (Moore's tracing, one step).
+        """Move to the next cell of the present front (one step of Moore's neighbour tracing).
 
-        Where the fire has grown past the vehicle it is first led outwards to the front.
+        A vehicle that the fire has passed first moves outwards to the front.
         """
         fire = self._enclosed_s
         step_row, step_col = AROUND[self._outside]

@@ -1,4 +1,4 @@
-"""The fires of the papers' experiments, simulated once and then read at any time."""
+"""The fires of the papers' experiments, simulated once and evaluated at any time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,20 +21,20 @@ SHORT_GRASS, TALL_GRASS, BRUSH, TIMBER_LITTER = 1, 3, 5, 8
 
 @dataclass(frozen=True)
 class Burn:
-    """A fire from beginning to end: ``arrival_s`` (y, x) is when each cell caught fire."""
+    """A complete fire; ``arrival_s`` (y, x) is the time of ignition of each cell."""
 
     name: str
     scheme: SchemeName
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]  # row, column
-    deploy_s: float  # when the vehicles come to the front
+    deploy_s: float  # when the vehicles arrive at the front
     end_s: float
     speed_m_s: float  # of the vehicles
     arrival_s: Floats
 
     def burned(self, at_s: float) -> NDArray[np.bool_]:
-        """Mask (y, x) of the cells that have ignited by a time."""
+        """Return the mask (y, x) of the cells that have ignited by a time."""
         return self.arrival_s <= at_s
 
     @cached_property
@@ -44,17 +44,17 @@ class Burn:
 
 
 def flat(fuel: NDArray[np.int16], cell_m: float = CELL_M) -> Landscape:
-    """A level landscape with the given fuels (y, x)."""
+    """Return a level landscape with the given fuels (y, x)."""
     return Landscape("EPSG:32611", 5e5, 4e6, cell_m, fuel, np.zeros(fuel.shape, np.float32))
 
 
 def of_one_fuel(code: int) -> NDArray[np.int16]:
-    """A level landscape with one fuel."""
+    """Return an array (y, x) with one fuel."""
     return np.full((CELLS, CELLS), code, np.int16)
 
 
 def of_two_fuels(north: int, south: int) -> NDArray[np.int16]:
-    """One fuel in the northern half, another in the southern one."""
+    """Return an array (y, x) with one fuel in the northern half, another in the southern half."""
     fuel = of_one_fuel(north)
     fuel[CELLS // 2 :] = south
     return fuel
@@ -66,7 +66,7 @@ def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
 
 
 def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Very dry weather with this wind: live fuel burns too."""
+    """Return very dry weather with this wind, in which live fuel burns too."""
     return Weather(at_s, speed_m_s, from_deg, 3.0, 4.0, 5.0, 30.0, 60.0)
 
 

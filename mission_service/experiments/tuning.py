@@ -1,9 +1,9 @@
-"""Tuning the constants of the virtual forces by a genetic algorithm (section 5.2.6), with DEAP.
+"""Tuning of the virtual forces' constants by a genetic algorithm (section 5.2.6), with DEAP.
 
-DEAP, and not pymoo: both are maintained, but it is one small package where pymoo brings autograd,
-cma and more. It draws from Python's one random generator, which is seeded here and put back after.
-Only the breeding draws; evaluations do not, and come back in order. So a run is the same bit for
-bit however many processes, or machines alike, evaluate.
+DEAP is one small package, while pymoo depends on autograd, cma and others. DEAP uses Python's
+global random generator, which is seeded for the search and restored after it. Only the breeding
+draws random numbers; evaluations do not, and their results are in order. So a run is bitwise
+reproducible with any number of processes or equal machines.
 """
 
 import random
@@ -27,10 +27,10 @@ from mission_service.guidance.formation.virtual_forces_kernels import NAMES
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]
 
-MIN_GENE, MAX_GENE = 0.0, 20.0  # genes lie between
-CLOSE = 1e-3  # and not on these
+MIN_GENE, MAX_GENE = 0.0, 20.0  # exclusive bounds of genes
+CLOSE = 1e-3  # minimum distance from the bounds
 ELITE, FITTEST = 0.1, 0.5  # shares of the population
-MUTATION, CHANGE = 0.1, 1.0  # probability a gene, and by how much at most
+MUTATION, CHANGE = 0.1, 1.0  # probability per gene, and maximum change
 POPULATION, GENERATIONS = 50, 200
 CHUNKS_PER_WORKER = 4
 SECONDS_TO_CONNECT = 10
@@ -44,15 +44,15 @@ def tune(
     generations: int = GENERATIONS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """The best constants found, rounded to 3 digits, and the run that found them.
+    """Return the best constants found, rounded to 3 digits, and the settings of the search.
 
     ``history`` has the best and the mean fitness of each generation. Raises MissionServiceError
-    without DEAP, or for a population from which nothing can be bred.
+    without DEAP, or for a population that is too small for breeding.
     """
     base, tools = _deap()
     if population < 4 or generations < 1:
         raise MissionServiceError(
-            f"tune: {generations} generations of {population}; needed are 1 or more, of 4 or more"
+            f"tune: {generations} generations of {population}; give at least 1 generation of 4"
         )
 
     rated = type("Fitness", (base.Fitness,), {"weights": (1.0,)})
@@ -90,7 +90,7 @@ def tune(
                 alive += bred(ranked[:fittest])
             del alive[population:]
     return {
-        "constants": {name: _rounded(gene) for name, gene in zip(NAMES, ranked[0], strict=True)},
+        "constants": dict(zip(NAMES, (float(f"{gene:.3g}") for gene in ranked[0]), strict=True)),
         "fitness": ranked[0].fitness.values[0],
         "seed": seed,
         "population": population,
@@ -114,10 +114,6 @@ def _deap() -> tuple[Any, Any]:
     return base, tools
 
 
-def _rounded(gene: float) -> float:
-    return float(f"{gene:.3g}")
-
-
 def _mutate(genes: list[float]) -> None:
     for i in range(len(genes)):
         if random.random() < MUTATION:
@@ -136,7 +132,7 @@ def _seeded(seed: int) -> Iterator[None]:
 
 
 def fitnesses(many: Sequence[Genes], seed: int) -> list[float]:
-    """The task of a worker: the fitness of some chromosomes on the scenarios of a seed."""
+    """Return the fitness of some chromosomes on the scenarios of a seed (a worker's task)."""
     return [fitness(genes, seed) for genes in many]
 
 
@@ -147,7 +143,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Evaluations by so many processes; by this one alone if it is one."""
+    """Yield a function that evaluates in ``workers`` processes; for 1, in this process."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return
@@ -167,10 +163,10 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 
 @contextmanager
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
-    """Evaluations by the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.
+    """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Workers need this package. One that is lost is made up for by the others. Raises
-    MissionServiceError without Dask, or where no scheduler answers or it has no workers.
+    Workers need this package; the others repeat the work of a lost worker. Raises
+    MissionServiceError without Dask, or without a scheduler or workers.
     """
     try:
         import distributed
@@ -180,7 +176,7 @@ def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     try:
         client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise MissionServiceError(f"tune: {scheduler}: no Dask scheduler there: {error}") from None
+        raise MissionServiceError(f"tune: no Dask scheduler at {scheduler}: {error}") from None
     with client:
         try:
             client.wait_for_workers(1, timeout=SECONDS_TO_CONNECT)

@@ -1,1 +1,1 @@
-"""The simulated fire, observations of it, forecasts, and the estimated fire of a burn."""
+"""The simulated fire, its observation, forecasts, and the estimated fire of a burn."""

@@ -23,25 +23,25 @@ class Camera:
     along_rad: float | None = None
 
     def half_width_m(self, height_m: float) -> float:
-        """Radius of the disc, or half the width across the track, from a height above ground."""
+        """Return the disc's radius, or half the width across the track, at a height (AGL)."""
         return max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
 
     def half_length_m(self, height_m: float) -> float:
-        """Half the length along the track; 0 for a disc."""
+        """Return half the length along the track; 0 for a disc."""
         return max(height_m, 0.0) * math.tan((self.along_rad or 0.0) / 2.0)
 
 
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Mask of the places outside a rectangle around (0, 0) with its length along a heading."""
+    """Return the mask of places outside a rectangle around (0, 0), its length along a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))
 
 
 def camera_of(vehicle: VehicleSection) -> Camera:
-    """The camera of a vehicle."""
+    """Return the camera of a vehicle."""
     along_deg = vehicle.camera_along_deg
     along_rad = None if along_deg is None else math.radians(along_deg)
     return Camera(math.radians(vehicle.camera_fov_deg), along_rad)

@@ -1,9 +1,9 @@
-"""A cellular fire that operators correct by pens, eraser, undo and another wind.
+"""A cellular fire that operators correct by pens, eraser, undo and changes of the wind.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
-change the corrected fire is restarted at that time from corrected arrival times. If there are more
-than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes part of the fire
-without corrections, is no longer listed and can no longer be undone.
+change the corrected fire is restarted at that time from corrected arrival times. With more than
+``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of the fire
+without corrections, is no longer listed and cannot be undone.
 """
 
 import copy
@@ -19,22 +19,14 @@ from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
-from mission_service.events import (
-    AnyOperatorEvent,
-    Corrected,
-    Erased,
-    Redone,
-    Undone,
-    WindSet,
-)
+from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone, WindSet
 from mission_service.fire.correction_log import CorrectionLog, Held, not_erased, observations_held
 
 Floats = NDArray[np.float64]
 
 AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
-MAX_STEPS = 256  # the time of a correction grows with the observations to fit
-
+MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
 
 Begin = Callable[[Burning, WeatherStream], Fire]
@@ -50,20 +42,20 @@ class CorrectedFire:
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """The fire and, if there are corrections, the fire without them; both get ignitions."""
+        """Return the fire and, with corrections, also the fire without them; both get ignitions."""
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
         return [fire, self._base]
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """Apply a report; returns the fire from now on, the same object if nothing has changed.
+        """Apply a report; return the fire from now on, the same object if it has not changed.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         match event:
             case WindSet():
-                # A restarted fire needs no earlier weather, so the stream stays short for weeks.
+                # A restarted fire needs no earlier weather, so the stream stays short in long runs.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
@@ -86,7 +78,7 @@ class CorrectedFire:
                 return fire
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """The fire with the corrections in effect; ``base`` itself if they give no observation."""
+        """Return the corrected fire; ``base`` itself if the corrections give no observation."""
         spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
         observations = thinned(observations_held(held, self._landscape, spacing_m))
         if not len(observations):
@@ -102,10 +94,9 @@ class CorrectedFire:
 
 
 def thinned(observations: Floats) -> Floats:
-    """At most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
+    """Return at most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
 
-    These suffice to correct the fire around them; the state of all drawn cells is set exactly by
-    ``as_drawn``.
+    They are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -115,12 +106,12 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning:
-    """The burning state of a fire at its time."""
+    """Return the burning state of a fire at its time."""
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
 
 
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Arrival times (y, x) in which every drawn cell has exactly the state that was drawn.
+    """Return arrival times (y, x) in which every drawn cell has exactly the drawn state.
 
     A fit weighs observations against each other and the model; a drawn cell is certain. Later
     strokes override earlier ones. A burning area sets only the cells on its outline.
@@ -128,19 +119,19 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     found = arrival_s.copy()
     for each in held:
         cells = _cells_drawn(each, landscape)
-        at_s, there = each.correction.marked_at_us / 1e6, tuple(cells.T)
+        at_s, index = each.correction.marked_at_us / 1e6, tuple(cells.T)
         match each.correction.state:
             case "unburned":
-                found[there] = np.maximum(found[there], np.nextafter(at_s, np.inf))
+                found[index] = np.maximum(found[index], np.nextafter(at_s, np.inf))
             case "burned":
-                found[there] = np.minimum(found[there], at_s)
+                found[index] = np.minimum(found[index], at_s)
             case _:
-                found[there] = at_s
+                found[index] = at_s
     return found
 
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
-    """The cells (n, 2) of a stroke without the erased ones."""
+    """Return the cells (n, 2) of a stroke without the erased ones."""
     correction = held.correction
     places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])

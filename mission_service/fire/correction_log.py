@@ -18,26 +18,26 @@ STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class Held(NamedTuple):
-    """A correction in effect, except in the circles of ``erasures`` (all later than it)."""
+    """A correction in effect, except in the circles of ``erasures``, which are all later."""
 
     correction: Corrected
     erasures: tuple[Erased, ...]
 
 
 class CorrectionLog:
-    """The steps in effect and the steps undone, of all operators together.
+    """The steps in effect and the undone steps, of all operators together.
 
     An erasure removes only corrections drawn before it. Undo reverts the last step, a correction or
-    an erasure; a new step clears the steps that can be redone. Without a step to undo or redo,
-    these have no effect.
+    an erasure; a new step clears the steps that can be redone. Undo and redo without such a step
+    have no effect.
     """
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
-        self.taken_back: list[Step] = []  # undone steps; the last one is redone first
+        self.taken_back: list[Step] = []  # undone steps, in the order of undo
 
     def apply(self, event: AnyEvent) -> bool:
-        """Process an event; returns whether the set of valid corrections changed."""
+        """Process an event; return whether the set of valid corrections changed."""
         match event:
             case Corrected() | Erased():
                 self.steps.append(event)
@@ -53,13 +53,13 @@ class CorrectionLog:
                 return False
 
     def held(self) -> tuple[Held, ...]:
-        """The corrections in effect in the order of drawing, without erased points."""
+        """Return the corrections in effect in the order of drawing, without erased points."""
         found: list[Held] = []
         erasures: tuple[Erased, ...] = ()
         for step in reversed(self.steps):
             if isinstance(step, Erased):
                 erasures = (step, *erasures)
-            elif not _gone(step, erasures):
+            elif not _is_erased(step, erasures):
                 found.append(Held(step, erasures))
         return tuple(reversed(found))
 
@@ -71,7 +71,7 @@ class CorrectionLog:
         return found
 
     def status(self) -> list[dict[str, Any]]:
-        """Each correction in effect: state, shape, operator, station, times."""
+        """Return each correction in effect: state, shape, operator, station, times."""
         return [
             {
                 "state": held.correction.state,
@@ -90,7 +90,7 @@ class CorrectionLog:
 def observations_of_correction(
     correction: Corrected, landscape: Landscape, spacing_m: float
 ) -> Floats:
-    """Observations (n, 4) x, y, at_s, state of a correction.
+    """Return observations (n, 4) x, y, at_s, state of a correction.
 
     Raises FireModelError for a shape that cannot be used.
     """
@@ -100,7 +100,7 @@ def observations_of_correction(
 
 
 def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
-    """Observations (n, 4) of all corrections in effect, without the erased ones."""
+    """Return observations (n, 4) of all corrections in effect, without the erased ones."""
     found = [np.empty((0, 4))]
     for each in held:
         observations = observations_of_correction(each.correction, landscape, spacing_m)
@@ -111,7 +111,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """Mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
+    """Return the mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
@@ -119,13 +119,13 @@ def not_erased(
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
-    """True if a place lies within the circle of an erasure."""
+    """Return whether a place lies within the circle of an erasure."""
     middle = (erasure.lat_deg, erasure.lon_deg)
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 
 
-def _gone(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """True if a correction is a point that is erased; lines and polygons are always kept."""
+def _is_erased(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
+    """Return whether a correction is an erased point; lines and polygons are never erased."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

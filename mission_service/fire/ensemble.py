@@ -9,14 +9,14 @@ from scipy.special import ndtri
 
 from firemodel.spread.fire_scheme import Fire, StartArea
 
-# Odd, and no share of them is 10, 50 or 90 %: bands never run along the centres of cells.
+# Odd, and no share of members is 10, 50 or 90 %, so that bands never follow the centres of cells.
 MEMBERS = 15
 # Standard deviation of the model's error. Cruz & Alexander 2013 (Environ. Model. Softw. 47, 16-28)
-# compared 1278 rates of spread: 35 % is the best that models achieve, errors of weather included.
-# Rates grow with the wind to a power of 1.2 to 1.6, so that these two combine to 0.37.
+# compared 1278 rates of spread: the best models have an error of 35 %, including errors of weather.
+# Rates grow with the wind to a power of 1.2 to 1.6, so that both deviations combine to 0.37.
 SPREAD_LOG_SD = 0.25
 WIND_LOG_SD = 0.2  # 1 m/s of 5
-# Our choice, without a source: two of three winds come from within 15 degrees of what is reported.
+# Assumption without a source: two of three winds are within 15 degrees of the reported direction.
 WIND_TURN_SD_DEG = 15.0
 
 Floats = NDArray[np.float64]
@@ -27,9 +27,9 @@ class Arrival(NamedTuple):
 
     at_s: float  # time of the forecast
     until_s: float  # at least the requested time
-    arrival_s: Floats  # (y, x); after until_s only cells next to the fire have one, else infinity
+    arrival_s: Floats  # (y, x); after until_s finite only next to the fire
     version: int
-    start_area: StartArea | None = None  # of an initial fire, for fronts
+    start_area: StartArea | None = None  # of an initial fire, used for fronts
 
 
 class Member(NamedTuple):
@@ -59,28 +59,21 @@ class Perturbation(NamedTuple):
 
 
 def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
-    """Perturbations by Latin hypercube sampling (McKay et al. 1979).
+    """Return perturbations by Latin hypercube sampling (McKay et al. 1979).
 
-    They are the same for the same seed, so that successive forecasts differ only by the fire.
+    They depend only on seed and count, so that successive forecasts differ only by the fire.
     """
     rng = np.random.default_rng((seed, count))
     middle = ndtri((np.arange(count) + 0.5) / count)
     wind, turn, spread = (rng.permutation(middle) for _ in range(3))
-    return [
-        Perturbation(float(a), float(b), float(c))
-        for a, b, c in zip(
-            np.exp(WIND_LOG_SD * wind),
-            WIND_TURN_SD_DEG * turn,
-            np.exp(SPREAD_LOG_SD * spread),
-            strict=True,
-        )
-    ]
+    factors = np.exp(WIND_LOG_SD * wind), WIND_TURN_SD_DEG * turn, np.exp(SPREAD_LOG_SD * spread)
+    return [Perturbation(*row) for row in np.column_stack(factors).tolist()]
 
 
 def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival:
     """Advance a fire to a time and return its arrival times. ``fire`` is changed: pass a copy.
 
-    A random scheme uses another generator, so that the forecast does not predict the fire's draws.
+    A random scheme gets another generator, so that the forecast does not predict the fire's draws.
     """
     at_s = fire.time_s
     fire.draw_from(np.random.default_rng((seed, 0)))
@@ -91,24 +84,24 @@ def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival
 def ensemble_of(
     fire: Fire, until_s: float, version: int, seed: int, go_on: Callable[[], bool] = lambda: True
 ) -> Ensemble:
-    """The ensemble of a fire until a time; the fire is not changed.
+    """Return the ensemble of a fire until a time; the fire is not changed.
 
-    It ends with fewer members as soon as ``go_on()`` is False.
+    It has fewer members if ``go_on()`` returns False during the computation.
     """
     members = []
-    for number, otherwise in enumerate(perturbations(seed), start=1):
+    for number, perturbation in enumerate(perturbations(seed), start=1):
         if not go_on():
             break
         member = fire.copy()
         member.draw_from(np.random.default_rng((seed, number)))
-        member.perturb(*otherwise)
+        member.perturb(*perturbation)
         member.advance(max(until_s, fire.time_s))
-        members.append(_cut(member.arrival_time_s, fire.time_s))
+        members.append(_compact(member.arrival_time_s, fire.time_s))
     return Ensemble(fire.time_s, until_s, fire.landscape.shape, members, version)
 
 
 def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
-    """Fraction (y, x) of an ensemble's members in which each cell has burned by a time."""
+    """Return the fraction (y, x) of members in which each cell has burned by a time."""
     burned = np.zeros(ensemble.shape)
     for top, left, after_s in ensemble.members:
         rows, cols = after_s.shape
@@ -116,8 +109,8 @@ def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
     return burned / max(len(ensemble.members), 1)
 
 
-def _cut(arrival_s: Floats, at_s: float) -> Member:
-    """Arrival times as a compact float32 window; cells burned by ``at_s`` stay at 0 s or less."""
+def _compact(arrival_s: Floats, at_s: float) -> Member:
+    """Return arrival times as a float32 window; cells burned by ``at_s`` stay at 0 s or less."""
     burned = np.isfinite(arrival_s)
     rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
     if not rows.size:

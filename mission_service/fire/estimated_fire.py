@@ -12,16 +12,8 @@ from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spread
 from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
+from mission_service import events
 from mission_service.config.sections import BurnSection
-from mission_service.events import (
-    Corrected,
-    Erased,
-    IgnitionReported,
-    Observed,
-    Redone,
-    Undone,
-    WindSet,
-)
 from mission_service.fire.correction_log import (
     CorrectionLog,
     observations_held,
@@ -33,16 +25,16 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # of the point sources of a line
+LINE_SPACING_M = 2.0  # between the point sources of a line
 OBSERVATION_SPACING_M = 5.0  # along a drawn line or polygon
-PAPER_LENGTH_M = 40.0  # the best in benchmarks.beachly_lengths
+PAPER_LENGTH_M = 40.0  # the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-CAMERA_EVERY_S = 15.0  # between corrections by cameras; one takes a tenth of a second
+CAMERA_EVERY_S = 15.0  # between corrections by cameras, each of which takes 0.1 s
 WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
 
 
 class EstimatedFire:
-    """One simulation from all reports and observations. ``version`` counts its changes."""
+    """One simulation based on all reports and observations; ``version`` counts its changes."""
 
     def __init__(self, burn: BurnSection, landscape: Landscape, weather: WeatherStream) -> None:
         self.log = CorrectionLog()
@@ -51,7 +43,7 @@ class EstimatedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        # Spheres of the current line, whose flight keeps clear of them by other means.
+        # Spheres of the current line; the plan of its flight already accounts for their fire.
         self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
@@ -60,11 +52,10 @@ class EstimatedFire:
         self._base: EllipseFire | None = None
         self._simulation: Simulation | None = None
         self._fitted: GaussianCorrected | None = None
-        self._whole = 0  # observations at the last fit from the start
+        self._whole_fit_count = 0  # observations at the last fit from the start
         for line in burn.lit:
-            self._sources = np.vstack(
-                [self._sources, _sources(self._landscape.xy_of_places(line.points), line.at_s)]
-            )
+            lit = _sources(landscape.xy_of_places(line.points), line.at_s)
+            self._sources = np.vstack([self._sources, lit])
 
     @property
     def simulation(self) -> Simulation:
@@ -74,7 +65,7 @@ class EstimatedFire:
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """Arrival time of fire at a place in seconds, including fire from spheres in ``held``."""
+        """Return the arrival time of fire (s) at a place, with fire from spheres in ``held``."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
@@ -87,7 +78,7 @@ class EstimatedFire:
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """A fire from sources (n, 3) x, y, at_s alone, with the burn's fuel and weather."""
+        """Return a fire from sources (n, 3) x, y, at_s only, with the burn's fuel and weather."""
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             fuel = self._burn.fuel_model
@@ -102,36 +93,39 @@ class EstimatedFire:
         from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
 
         count = len(self._observations)
-        near = self._fitted if self._whole <= count <= WHOLE_AFTER * self._whole else None
+        near = (
+            self._fitted
+            if self._whole_fit_count <= count <= WHOLE_AFTER * self._whole_fit_count
+            else None
+        )
         if near is None:
-            self._whole = count
+            self._whole_fit_count = count
         self._fitted = GaussianCorrected(base, self._observations, near=near)
         return self._fitted
 
     def apply(self, event: object) -> bool:
-        """Apply an event; whether the estimate changed.
+        """Apply an event; return whether the estimate changed.
 
-        Raises FireModelError for a correction with an invalid shape; nothing is changed then.
+        Raises FireModelError for a correction with an invalid shape, which changes nothing.
         """
         before = self.version
         match event:
-            case IgnitionReported():
-                self.ignite(
-                    _sources(self._landscape.xy_of_places(event.points), event.lit_at_us / 1e6)
-                )
-            case Corrected() | Erased() | Undone() | Redone():
-                if isinstance(event, Corrected):
-                    # Raises for an invalid shape, before anything changes.
+            case events.IgnitionReported():
+                points_m = self._landscape.xy_of_places(event.points)
+                self.ignite(_sources(points_m, event.lit_at_us / 1e6))
+            case events.Corrected() | events.Erased() | events.Undone() | events.Redone():
+                if isinstance(event, events.Corrected):
+                    # Raises for an invalid shape before the log changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
                 self.log.apply(event)
-                self._mark()
-            case Observed() if self._burn.camera_corrects:
+                self._collect_observations()
+            case events.Observed() if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
                 self._seen.fold(event.row, event.col, event.cells, at_s, fire)
                 if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
-                    self._mark()
-            case WindSet():
+                    self._collect_observations()
+            case events.WindSet():
                 self.blow(event.speed_m_s, event.from_deg, event.at_us / 1e6)
             case _:
                 pass
@@ -146,7 +140,7 @@ class EstimatedFire:
         if len(self.held):
             held, self.held = self.held, np.empty((0, 3))
             self.ignite(held)
-            self._mark()
+            self._collect_observations()
 
     def ignite(self, sources: Floats) -> None:
         """Add sources (n, 3) x, y, at_s to the estimate."""
@@ -156,22 +150,22 @@ class EstimatedFire:
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind (at 20 ft) from a time on; it replaces the later weather entries."""
+        """Set the wind (at 20 ft) from a time on; it replaces all later weather entries."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
-        self._whole = 0
+        self._whole_fit_count = 0
         self._changed()
 
     def weather_at(self, at_s: float) -> Weather:
-        """The weather entry in effect at a time."""
+        """Return the weather entry in effect at a time."""
         return WeatherStream(tuple(self._entries)).at(at_s)
 
-    def _mark(self) -> None:
+    def _collect_observations(self) -> None:
         """Collect the observations from corrections and cameras."""
         drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
         seen = self._seen.observations()
-        if len(self.held):  # a camera cannot separate the spheres' fires from others near them
+        if len(self.held):  # a camera cannot distinguish the spheres' fires from others nearby
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
         observations = np.vstack([drawn, seen])
@@ -180,7 +174,7 @@ class EstimatedFire:
             self._changed()
 
     def _changed(self) -> None:
-        """Fit now: a fit starts from the last one, so it must not depend on the time of reading."""
+        """Fit at once: a fit depends on the one before it, so it must not depend on reads."""
         self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
 
@@ -192,6 +186,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """A wind (direction from, relative to true north) as a velocity x, y on the grid in m/s."""
+    """Return a wind (from, relative to true north) as a velocity x, y on the grid in m/s."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

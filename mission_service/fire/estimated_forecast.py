@@ -1,4 +1,4 @@
-"""Forecasts of a burn's estimated fire, on which plans are based (not of the simulated truth)."""
+"""Forecasts of a burn's estimated fire, on which plans are based; not of the simulated truth."""
 
 import asyncio
 from collections.abc import Callable
@@ -20,7 +20,7 @@ UNCORRECTED_SD = 0.37
 
 
 class EstimatedForecasts:
-    """As ``Forecasts``, from an estimate that includes future arrival times."""
+    """The interface of ``Forecasts`` for an estimate that includes future arrival times."""
 
     def __init__(
         self,
@@ -34,21 +34,21 @@ class EstimatedForecasts:
         row, col = np.indices(landscape.shape)
         centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
         self._centres_m = np.column_stack(centres)
-        self.took_s = 0.0  # no fire is simulated for these forecasts
+        self.took_s = 0.0  # as in ``Forecasts``; no fire is simulated
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Arrival times by the current estimate."""
+        """Return arrival times by the current estimate."""
         version, _, arrival_s = await self._arrivals()
         return Arrival(self._now_s(), until_s, arrival_s, version)
 
     async def probability(self, at_s: float) -> Floats:
-        """Probability (y, x) that fire has reached each cell by a time."""
+        """Return the probability (y, x) that fire has reached each cell by a time."""
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
     def close(self) -> None:
-        """Has no effect; present as in ``Forecasts``."""
+        """Do nothing; the method exists as in ``Forecasts``."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
         estimate = self._estimate_of()

@@ -1,4 +1,4 @@
-"""The newest forecasts of the burning fire, computed in a thread on request."""
+"""The latest forecasts of the simulated fire, computed in a thread on request."""
 
 import asyncio
 import math
@@ -21,34 +21,34 @@ from mission_service.fire.ensemble import (
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
-LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; a request is rounded up to one of these
+LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; requests are rounded up to these
 LONGEST_S = LENGTHS_S[-1]
-# Added to the length, so that requests for "now and three hours" are served by it for a while.
+# Added to the length, so that later requests for "now plus three hours" use the same forecast.
 FURTHER_S = 1200.0
 OLD_S = 180.0  # age in mission time at which a forecast is computed again
-REST_S = 10.0  # minimum real time between two, unless operators changed the fire
+REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
-Made = TypeVar("Made", Arrival, Ensemble)
+ForecastT = TypeVar("ForecastT", Arrival, Ensemble)
 
 
-class _Slot(Generic[Made]):
-    """The newest forecast of one kind, and the task that computes the next."""
+class _Slot(Generic[ForecastT]):
+    """The latest forecast of one kind, and the task that computes the next."""
 
-    def __init__(self, make: Callable[[Fire, float, int], Made]) -> None:
-        self.make: Callable[[Fire, float, int], Made] = make
-        self.newest: Made | None = None
+    def __init__(self, make: Callable[[Fire, float, int], ForecastT]) -> None:
+        self.make: Callable[[Fire, float, int], ForecastT] = make
+        self.newest: ForecastT | None = None
         self.begun_s = -math.inf  # real time
         self.length_s = 0.0  # longest requested so far
         self.work: asyncio.Task[None] | None = None
 
 
 class Forecasts:
-    """Forecasts of ``fire_of()``; ``version_of()`` changes with every correction of it.
+    """Forecasts of ``fire_of()``; ``version_of()`` changes with each correction of that fire.
 
-    Computed on request only. The event loop waits for a copy of the fire (3 ms with 500 x 500
-    cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests share
-    one computation, and at most one of each kind is under way. For use in one event loop.
+    They are computed only on request. The event loop waits for a copy of the fire (3 ms with 500 x
+    500 cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests
+    share one computation, with at most one of each kind at a time. Not for several event loops.
     """
 
     def __init__(
@@ -68,19 +68,19 @@ class Forecasts:
         )
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Arrival times until ``until_s`` or later; for a past time those of the present fire.
+        """Return arrival times until ``until_s`` or later; for a past time, of the present fire.
 
         Raises FireModelError for a time more than LONGEST_S from now, or not a number.
         """
         fire = self._fire_of()
         _check(until_s, fire.time_s)
         if until_s <= fire.time_s:
-            known_s = fire.expected_s()
-            return Arrival(fire.time_s, fire.time_s, known_s, self._version_of(), fire.start_area)
+            arrival_s = fire.expected_s()
+            return Arrival(fire.time_s, fire.time_s, arrival_s, self._version_of(), fire.start_area)
         return await self._fresh(self._arrivals, until_s)
 
     async def probability(self, at_s: float) -> Floats:
-        """Probability (y, x) that each cell has burned by a time (0 or 1 for a past time).
+        """Return the probability (y, x) that each cell has burned by a time (0 or 1 in the past).
 
         Raises FireModelError as ``arrival``.
         """
@@ -95,46 +95,46 @@ class Forecasts:
         self._open = False
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    async def _fresh(self, kept: _Slot[Made], until_s: float) -> Made:
-        asked_s = asyncio.get_running_loop().time()
-        while not self._serves(kept, until_s, asked_s):
-            if kept.work is None or kept.work.done():
-                kept.work = asyncio.create_task(self._work(kept, until_s))
-            # A cancelled request does not cancel the computation: other requests may await it.
-            await asyncio.shield(kept.work)
-        assert kept.newest is not None
-        return kept.newest
+    async def _fresh(self, slot: _Slot[ForecastT], until_s: float) -> ForecastT:
+        requested_s = asyncio.get_running_loop().time()
+        while not self._serves(slot, until_s, requested_s):
+            if slot.work is None or slot.work.done():
+                slot.work = asyncio.create_task(self._work(slot, until_s))
+            # A cancelled request does not cancel the computation, which other requests may await.
+            await asyncio.shield(slot.work)
+        assert slot.newest is not None
+        return slot.newest
 
-    def _serves(self, kept: _Slot[Made], until_s: float, asked_s: float) -> bool:
-        made = kept.newest
-        if made is None or made.until_s < until_s:
+    def _serves(self, slot: _Slot[ForecastT], until_s: float, requested_s: float) -> bool:
+        newest = slot.newest
+        if newest is None or newest.until_s < until_s:
             return False
-        if kept.begun_s >= asked_s:
+        if slot.begun_s >= requested_s:
             return True
-        if made.version != self._version_of():
+        if newest.version != self._version_of():
             return False
-        old = self._fire_of().time_s - made.at_s > OLD_S
-        return not old or asyncio.get_running_loop().time() - kept.begun_s < REST_S
+        old = self._fire_of().time_s - newest.at_s > OLD_S
+        return not old or asyncio.get_running_loop().time() - slot.begun_s < REST_S
 
-    async def _work(self, kept: _Slot[Made], until_s: float) -> None:
+    async def _work(self, slot: _Slot[ForecastT], until_s: float) -> None:
         loop = asyncio.get_running_loop()
         begun_s, version, fire = loop.time(), self._version_of(), self._fire_of().copy()
-        kept.length_s = max(kept.length_s, _length_s(until_s - fire.time_s))
-        until_s = fire.time_s + kept.length_s + FURTHER_S
-        made = await loop.run_in_executor(self._thread, kept.make, fire, until_s, version)
-        kept.newest, kept.begun_s = made, begun_s
+        slot.length_s = max(slot.length_s, _length_s(until_s - fire.time_s))
+        until_s = fire.time_s + slot.length_s + FURTHER_S
+        forecast = await loop.run_in_executor(self._thread, slot.make, fire, until_s, version)
+        slot.newest, slot.begun_s = forecast, begun_s
         self.took_s = loop.time() - begun_s
 
 
-def _length_s(asked_s: float) -> float:
-    return min((length_s for length_s in LENGTHS_S if length_s >= asked_s), default=asked_s)
+def _length_s(requested_s: float) -> float:
+    return min((length_s for length_s in LENGTHS_S if length_s >= requested_s), default=requested_s)
 
 
 def _check(at_s: float, now_s: float) -> None:
     if not math.isfinite(at_s):
-        raise FireModelError(f"forecast: {at_s} s is not a time; give seconds")
+        raise FireModelError(f"forecast: {at_s} s is not a time; give a finite number of seconds")
     if at_s > now_s + LONGEST_S:
         raise FireModelError(
             f"forecast: {at_s:.0f} s is {(at_s - now_s) / 3600:.1f} h from now; "
-            f"{LONGEST_S / 3600:g} h is the longest"
+            f"{LONGEST_S / 3600:g} h is the maximum"
         )

@@ -1,34 +1,19 @@
-"""The fire of a run, driven by operators' reports, ignitions and drops, and observed by cameras.
+"""The fire of a run, changed by operators' reports, ignitions and drops, and observed by cameras.
 
-The service advances it with the clock; a replay advances it again from a journal.
+The service advances it with the clock; a replay advances it by a journal.
 """
 
 import contextlib
 from collections.abc import Iterable
 
 from firemodel.errors import FireModelError
+from mission_service import events
 from mission_service.commands import AnyCommand, Drop
 from mission_service.config.scenario import Scenario
-from mission_service.events import (
-    AnyEvent,
-    AnyOperatorEvent,
-    Corrected,
-    DropFinished,
-    Erased,
-    EstimatorStatusChanged,
-    GpsFixChanged,
-    IgnitionReported,
-    Observed,
-    Redone,
-    Telemetry,
-    Undone,
-    VehicleRebooted,
-    WindSet,
-)
 from mission_service.fire.camera import camera_of
 from mission_service.fire.simulated_fire import SimulatedFire, Window
 
-OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)
+OF_FIRE = (events.Corrected, events.Erased, events.Undone, events.Redone, events.WindSet)
 
 
 class ObservedFire:
@@ -41,67 +26,70 @@ class ObservedFire:
             section.name: round(1e6 / section.camera_rate_hz) for section in scenario.vehicles
         }
         self._due_us = dict.fromkeys(self._cameras, 0)
-        self._lacking: dict[str, set[str]] = {name: set() for name in self._cameras}
+        self._faults: dict[str, set[str]] = {name: set() for name in self._cameras}
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
-    def camera_observation(self, fix: Telemetry) -> Observed | None:
-        """The observation of a vehicle's camera at a position, if an image is due.
+    def camera_observation(self, fix: events.Telemetry) -> events.Observed | None:
+        """Return the observation of a vehicle's camera at a position, if an image is due.
 
-        None while the vehicle's position is not measured: the image would be placed wrongly.
+        None while the vehicle's position is unreliable, because the image would be misplaced.
         """
         return self.seen_from(fix) if self._is_due(fix) else None
 
-    def _is_due(self, fix: Telemetry) -> bool:
-        """True if an image is due; the next one is then due one period later."""
-        if self._lacking[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
+    def _is_due(self, fix: events.Telemetry) -> bool:
+        """Return whether an image is due; if so, the next is due one period later."""
+        if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
 
-    def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """The observation from this position, with the footprint widened by ``wider_cells``."""
+    def seen_from(self, fix: events.Telemetry, wider_cells: float = 0.0) -> events.Observed | None:
+        """Return the observation from a position; the footprint is widened by ``wider_cells``."""
         return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
-    def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's report; returns a window around the cells it changed, or None.
+    def apply_report(self, event: events.AnyOperatorEvent) -> Window | None:
+        """Apply an operator's report; return a window around the changed cells, or None.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         if isinstance(event, OF_FIRE):
             self.world.advance(event.at_us)
         return self.world.apply_report(event)
 
-    def on_event(self, event: AnyEvent) -> None:
-        """Apply an event: ignitions, completed drops, positions no longer measured."""
-        if isinstance(event, GpsFixChanged):
-            self._note(event.vehicle, "fix", event.good)
-        elif isinstance(event, EstimatorStatusChanged):
-            self._note(event.vehicle, "estimator", event.healthy)
-        elif isinstance(event, VehicleRebooted):
-            self._lacking[event.vehicle].clear()
-        elif isinstance(event, IgnitionReported):
-            self.world.advance(event.at_us)  # else it would burn from the last observation's time
+    def on_event(self, event: events.AnyEvent) -> None:
+        """Apply an event: ignitions, completed drops, changes of a position's reliability."""
+        if isinstance(event, events.GpsFixChanged):
+            self._set_fault(event.vehicle, "fix", event.good)
+        elif isinstance(event, events.EstimatorStatusChanged):
+            self._set_fault(event.vehicle, "estimator", event.healthy)
+        elif isinstance(event, events.VehicleRebooted):
+            self._faults[event.vehicle].clear()
+        elif isinstance(event, events.IgnitionReported):
+            self.world.advance(event.at_us)  # else ignition would be at the last observation's time
             self.world.light(event.points, event.lit_at_us / 1e6)
-        elif isinstance(event, DropFinished):
+        elif isinstance(event, events.DropFinished):
             place = self._falling.pop((event.plan_hash, event.number), None)
             if place is not None and not event.refused:
                 self.world.light([place], event.at_us / 1e6 + self._ignition_delay_s)
 
-    def _note(self, vehicle: str, what: str, good: bool) -> None:
-        lacking = self._lacking[vehicle]
+    def _set_fault(self, vehicle: str, source: str, good: bool) -> None:
+        faults = self._faults[vehicle]
         if good:
-            lacking.discard(what)
+            faults.discard(source)
         else:
-            lacking.add(what)
+            faults.add(source)
 
-    def apply_history(self, event: AnyEvent, commands: Iterable[AnyCommand] = ()) -> Window | None:
+    def apply_history(
+        self, event: events.AnyEvent, commands: Iterable[AnyCommand] = ()
+    ) -> Window | None:
         """Apply an event of a journal; returns the window of changed cells."""
         found = None
         if isinstance(event, OF_FIRE):
-            with contextlib.suppress(FireModelError):  # the run was killed before it was reverted
+            # An invalid report is in a journal if the run was killed before its reversal.
+            with contextlib.suppress(FireModelError):
                 found = self.apply_report(event)
-        elif isinstance(event, Telemetry):
+        elif isinstance(event, events.Telemetry):
             self._is_due(event)
         self.on_event(event)
         for command in commands:
@@ -109,7 +97,7 @@ class ObservedFire:
         return found
 
     def on_command(self, command: AnyCommand) -> None:
-        """Note the place of a sphere until the drop is confirmed."""
+        """Record the predicted landing of a sphere until its drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place

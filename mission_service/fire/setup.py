@@ -19,6 +19,7 @@ from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import (
+    FuelMoisture,
     Ignition,
     LandscapeSection,
     VehicleSection,
@@ -27,11 +28,11 @@ from mission_service.config.sections import (
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
-LASTING_S = 3600.0  # time that the last weather record may hold without a note
+LASTING_S = 3600.0  # maximum duration of the last weather record without a note
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
-    """The landscape of a scenario, with its barriers."""
+    """Return the landscape of a scenario, with its barriers."""
     section = scenario.landscape
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
@@ -52,7 +53,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
 
 
 def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
-    """A vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
+    """Return a vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
     place = (section.home_lat_deg, section.home_lon_deg)
     return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
 
@@ -66,16 +67,12 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
         if section.bands:
             files = {layer: (section.file, band) for layer, band in section.bands.items()}
     return read_landscape(
-        files,
-        units=section.units,
-        missing=section.missing,
-        crs=section.crs,
-        nodata=section.nodata,
+        files, units=section.units, missing=section.missing, crs=section.crs, nodata=section.nodata
     )
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
-    """The weather of a scenario, from its entries or its weather file."""
+    """Return the weather of a scenario, from its entries or its weather file."""
     if scenario.weather_file is not None:
         return _from_file(scenario.weather_file)
     return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
@@ -84,20 +81,14 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 def _from_file(section: WeatherFile) -> WeatherStream:
     from firemodel.landscape.readers.weather_files import read_weather
 
-    moisture = Moisture(
-        section.dead_1h_pct / 100.0,
-        section.dead_10h_pct / 100.0,
-        section.dead_100h_pct / 100.0,
-        section.live_herb_pct / 100.0,
-        section.live_woody_pct / 100.0,
-    )
+    moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
     return read_weather(
         section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
     )
 
 
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
-    """The cells (row, column) that a scenario's ignition lights."""
+    """Return the cells (row, column) that a scenario's ignition lights."""
     if ignition.file is not None:
         return cells_of_file(ignition.file, landscape)
     assert ignition.lat_deg is not None
@@ -106,14 +97,14 @@ def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[in
 
 
 def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
-    """The cells (row, column) of a point or a line (lat, lon) on the landscape that can burn."""
+    """Return the burnable cells (row, column) of a point or a line (lat, lon)."""
     places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
     return burnable_cells([shape], landscape)
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """The initial fire of a scenario, or None."""
+    """Return the initial fire of a scenario, or None."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -136,7 +127,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
-    """An initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
+    """Return an initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
     from firemodel.spread.burning import burning_from_arrival
 
     fire = new_fire(
@@ -157,8 +148,8 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
         stalled = stalled + 1 if burned == before else 0
         if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
             raise ScenarioError(
-                f"fire.initial_cells = {cells}: nothing is left to burn after {burned} cells; take "
-                "fewer, or another ignition"
+                f"fire.initial_cells = {cells}: no burnable cell is left after {burned} cells; "
+                "reduce the number, or move the ignition"
             )
         before = burned
         fire.advance(fire.time_s + 1.0)  # an update
@@ -172,12 +163,12 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         if kinds != {"Polygon"}:
             raise ScenarioError(
                 f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter is of polygons alone: remove the rest, or light it as an ignition"
+                "perimeter has only polygons: remove the rest, or give it as an ignition"
             )
 
 
 def notes_on(scenario: Scenario) -> list[str]:
-    """Notes on settings that are valid but possibly not intended."""
+    """Return notes on settings that are valid but possibly not intended."""
     if scenario.weather_file is None:
         return []
     entries = weather_of(scenario).entries
@@ -186,13 +177,13 @@ def notes_on(scenario: Scenario) -> list[str]:
     if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
         return []
     return [
-        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is taken to hold "
-        f"until {scenario.duration_s:g} s"
+        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is used until "
+        f"{scenario.duration_s:g} s"
     ]
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
-    """The fire of a scenario at its start."""
+    """Return the fire of a scenario at its start."""
     ignitions = _ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
@@ -211,7 +202,7 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
 def begun_again(
     scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
 ) -> Fire:
-    """The fire of a scenario restarted from a burning state, with the later ignitions."""
+    """Return the fire of a scenario restarted from a burning state, with the later ignitions."""
     later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
     return _fire(scenario, landscape, weather, later, burning)
 
@@ -222,7 +213,7 @@ def _ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
-        if section.initial_cells is None  # else they have burned already
+        if section.initial_cells is None  # else they are part of the initial fire
     ]
     if scenario.burn is not None:
         ignitions += [
@@ -246,7 +237,7 @@ def _fire(
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """The reported position of the fire (x, y): the ignition, or a point reported inside the fire.
+    """Return the reported position of the fire (x, y): its ignition or a point inside it.
 
     In a burn it is the position of the firing boss.
     """

@@ -22,7 +22,7 @@ from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected_fire import CorrectedFire
 from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
 
-AROUND_CELLS = 3  # margin of a reported window, so that it contains the edge of the change
+AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the change
 
 
 class Window(NamedTuple):
@@ -34,7 +34,7 @@ class Window(NamedTuple):
 
 
 def window_of_change(before: Fire, after: Fire) -> Window | None:
-    """The window around the cells that have burned in only one of two fires, or None."""
+    """Return the window around the cells that have burned in only one of two fires, or None."""
     burned = after.burned()
     rows, cols = np.nonzero(burned != before.burned())
     if not rows.size:
@@ -46,7 +46,7 @@ def window_of_change(before: Fire, after: Fire) -> Window | None:
 
 
 def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
-    """Character codes (y, x) as one string for each row."""
+    """Return character codes (y, x) as one string for each row."""
     text = codes.astype(np.uint8).tobytes().decode("ascii")
     width = codes.shape[1]
     return tuple(text[start : start + width] for start in range(0, len(text), width))
@@ -58,7 +58,7 @@ class SimulatedFire:
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """``corrected`` applies operators' reports, if reports change this fire."""
+        """Set the fire; ``corrected`` applies operators' reports, if they change this fire."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
@@ -77,9 +77,9 @@ class SimulatedFire:
                 fire.light(row, col, max(at_s, fire.time_s))
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply a report of fire or wind; returns a window around the cells it changed, or None.
+        """Apply a report of fire or wind; return a window around the changed cells, or None.
 
-        Raises FireModelError for an invalid report; nothing is changed then.
+        Raises FireModelError for an invalid report, which changes nothing.
         """
         if self._corrected is None:
             return None
@@ -88,25 +88,24 @@ class SimulatedFire:
         return None if self.fire is before else window_of_change(before, self.fire)
 
     def corrections(self) -> list[dict[str, Any]]:
-        """Status of the corrections in effect."""
+        """Return the status of the corrections in effect."""
         return [] if self._corrected is None else self._corrected.log.status()
 
     def observe(
         self, telemetry: Telemetry, camera: Camera, wider_cells: float = 0.0
     ) -> Observed | None:
-        """The observation of a vehicle's camera at its position; None outside the landscape.
+        """Return the observation of a vehicle's camera at its position; None outside the landscape.
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
         self.advance(telemetry.at_us)
         land = self.landscape
         x_m, y_m = land.xy_of_lat_lon(telemetry.lat_deg, telemetry.lon_deg)
-        if not math.isfinite(x_m + y_m):  # too far away for the landscape's projection
+        if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
             return None
         height_m = telemetry.altitude_amsl_m - float(land.elevation_at(x_m, y_m))
-        half_width = camera.half_width_m(height_m) / land.cell_size_m
+        half_width = camera.half_width_m(height_m) / land.cell_size_m + wider_cells
         half_length = camera.half_length_m(height_m) / land.cell_size_m
-        half_width += wider_cells
         half_length += wider_cells if camera.along_rad is not None else 0.0
         radius = math.hypot(half_width, half_length)
         row, col = (float(value) for value in land.row_col_of(x_m, y_m))
@@ -134,7 +133,7 @@ class SimulatedFire:
 
 
 def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
-    """The fire of a scenario, corrected by operators.
+    """Return the fire of a scenario, corrected by operators.
 
     In a burn it is the simulated truth: reports change the estimate, not this fire.
     """
@@ -145,7 +144,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
 
 
 def check(scenario: Scenario) -> dict[str, object]:
-    """Load everything a scenario names, and return a summary; raises an error for any problem."""
+    """Load all inputs of a scenario and return a summary; raises an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
     sharing(scenario.vehicles)

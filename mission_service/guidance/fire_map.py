@@ -1,9 +1,9 @@
-"""The on-board fire map of Islam & Hu (table 1): the fire as seen by one vehicle's camera.
+"""The on-board fire map of Islam & Hu (table 1): the fire observed by one vehicle's camera.
 
-The map is kept around a centre (the ignition cell, or the fire's centre) in 360 whole-degree
-bearings, clockwise from north. For each bearing it holds the outer cell (the front as last seen),
-the inner cell (the front as seen before) and the times of both. It holds observations only: nothing
-here reads the simulated fire.
+The map has 360 whole-degree bearings, clockwise from north, around a centre (the ignition cell or
+the fire's centre). For each bearing it stores the outer cell (the front at the last view), the
+inner cell (the front at an earlier view) and the times of both. Its only inputs are observations,
+not the simulated fire.
 
 Distances are in cells, times in seconds of mission time.
 """
@@ -22,9 +22,8 @@ CODES = np.zeros(128, dtype=np.uint8)
 CODES[ord("u")] = UNBURNED
 CODES[ord("b")] = BURNED
 
-# Front cells farther apart than this are not taken as neighbours on the front.
-LARGEST_GAP_CELLS = 3.0
-# A front cell nearer than burned ground on its bearing by more than this borders an island.
+LARGEST_GAP_CELLS = 3.0  # maximum distance of neighbours on the front
+# A front cell that is nearer by more than this than burned ground on its bearing is of an island.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -35,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
-    """The strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
+    """Return the strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
     text = np.frombuffer("".join(cells).encode("ascii"), dtype=np.uint8)
     return CODES[text].reshape(len(cells), -1)
 
@@ -43,7 +42,7 @@ def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
 def polar(
     rows: Floats, cols: Floats, centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Whole-degree bearing and distance in cells of cells seen from the centre."""
+    """Return the whole-degree bearing and the distance in cells of cells from the centre."""
     north = centre_row - rows
     east = cols - centre_col
     bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
@@ -54,7 +53,7 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Each cell's bearing, its distance, and how many bearings it spans to either side (y, x).
+    """Return bearing, distance and the bearings spanned to either side of each cell (y, x).
 
     A cell near the centre spans many bearings. Maps with the same centre share these arrays.
     """
@@ -66,7 +65,7 @@ def _grid_around(
 
 @compiled
 def front_in_window(window):  # type: ignore[no-untyped-def]
-    """Burned cells (y, x) with an unburned one beside them (4 neighbours) in the same window."""
+    """Return the mask (y, x) of burned cells with an unburned 4-neighbour in the same window."""
     rows, cols = window.shape
     front = np.zeros((rows, cols), dtype=np.bool_)
     for row in range(rows):
@@ -84,8 +83,8 @@ class FireMap:
     """Outer and inner cells per bearing, from observations.
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
-    With 0 it is the paper's map: whenever a new cell is seen on a bearing, the outer cell becomes
-    the inner one, however recent it is.
+    With 0 the map is the paper's: whenever a new cell is seen on a bearing, the outer cell becomes
+    the inner cell, at any age.
     """
 
     def __init__(
@@ -109,11 +108,11 @@ class FireMap:
         self.inner_at_s = np.full(BEARINGS, float(ignited_at_s))
         self._next_inner = self.inner.copy()
         self._next_inner_at_s = self.inner_at_s.copy()
-        # The farthest cell ever seen burned: the front is never nearer than this.
+        # The farthest cell seen burned so far; the front is never nearer.
         self.burned = np.zeros(BEARINGS)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without the arrays that follow from the centre, which are most of it."""
+        """Return the state without the large arrays that depend only on the centre."""
         return {name: value for name, value in vars(self).items() if name != "_grid"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,15 +121,15 @@ class FireMap:
 
     @property
     def complete(self) -> bool:
-        """True once the front has been seen on every bearing."""
+        """Whether the front has been seen on every bearing."""
         return not bool(np.isnan(self.outer).any())
 
     def observe(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
-        """Update the map by one camera window; returns the bearings in view (360 booleans)."""
-        here = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
-        seen, in_view = _seen(window, *(each[here] for each in self._grid), self.burned)
+        """Update the map by one camera window; return the bearings in view (360 booleans)."""
+        region = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
+        seen, in_view = _seen(window, *(each[region] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
@@ -160,19 +159,19 @@ class FireMap:
         self.outer_at_s[in_view] = at_s
 
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
-        """Eq. 1 for every bearing, not negative; optionally the mean over ± ``smoothing_deg``."""
+        """Return eq. 1 by bearing, not negative; optionally averaged over ± ``smoothing_deg``."""
         rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
 
     def filled_outer(self) -> tuple[Floats, Floats]:
-        """Outer distance and time for every bearing, unseen bearings interpolated."""
+        """Return outer distance and time for every bearing, interpolated for unseen bearings."""
         return fill_circular(self.outer), fill_circular(self.outer_at_s)
 
 
 def taken_back(
     row: int, col: int, window: NDArray[np.uint8], centre: tuple[float, float], burned: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Bearings whose outermost burned ground is unburned in a window, and the distance left.
+    """Return bearings whose outermost burned ground is unburned in a window, and the remainder.
 
     ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
     """
@@ -185,7 +184,7 @@ def taken_back(
         return np.asarray(found)
 
     unburned = unburned_at(burned, NORTH, EAST)
-    # From there inwards to the first cell that the window does not have unburned.
+    # Search inwards for the first cell that is not unburned in the window.
     still_burned = burned.copy()
     for bearing in np.flatnonzero(unburned).tolist():
         out = np.arange(burned[bearing], -0.5, -0.5)
@@ -195,7 +194,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Moving mean over ± half_width neighbours on the circle."""
+    """Return the moving mean over ± half_width neighbours on the circle."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -209,34 +208,34 @@ def fill_circular(values: Floats) -> Floats:
     """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
     if not np.isnan(values).any():
         return values
-    known = np.flatnonzero(~np.isnan(values))
-    if not known.size:
+    finite = np.flatnonzero(~np.isnan(values))
+    if not finite.size:
         return values
-    return np.interp(np.arange(values.size), known, values[known], period=values.size)
+    return np.interp(np.arange(values.size), finite, values[finite], period=values.size)
 
 
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
-    """Distance of the front on each bearing, and whether it is in view; updates ``burned``."""
+    """Return the distance of the front by bearing, and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    beside = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
                 continue
             bearing, distance = bearings[row, col], distances[row, col]
-            for aside in range(-spans[row, col], spans[row, col] + 1):
-                place = (bearing + aside) % BEARINGS
+            for offset in range(-spans[row, col], spans[row, col] + 1):
+                place = (bearing + offset) % BEARINGS
                 burned[place] = max(burned[place], distance)
                 if front[row, col]:
-                    beside[place] = max(beside[place], distance)
+                    spanned[place] = max(spanned[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
-    # A flank that runs outwards passes bearings whose own cells are nearer than a neighbour's:
-    # no island, since that neighbour is front too.
+    # On a flank that runs outwards a bearing's own cell is nearer than a neighbouring front cell;
+    # such a cell is not of an island.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
-    seen = np.where(flank, beside, seen)
+    seen = np.where(flank, spanned, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
     _fill_gaps(seen, in_view)
     return seen, in_view
@@ -255,10 +254,10 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Bearings between two neighbouring front cells are seen too: the front joins the two."""
-    known = np.flatnonzero(in_view)
-    for place in range(known.size if known.size > 1 else 0):
-        start, end = known[place], known[(place + 1) % known.size]
+    """Mark the bearings between two neighbouring front cells as seen: the front joins the two."""
+    seen_at = np.flatnonzero(in_view)
+    for place in range(seen_at.size if seen_at.size > 1 else 0):
+        start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]
         steps = (end - start) % BEARINGS
         if steps < 2 or steps >= BEARINGS // 2:
             continue

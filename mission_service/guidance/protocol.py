@@ -1,8 +1,8 @@
-"""The interfaces of planners, which steer vehicles, and of the guidance, which commands them.
+"""The interfaces of planners, which decide for vehicles, and of the guidance, which commands them.
 
-A planner steers one vehicle. Vehicles that share a plan are members of a team; each member is a
-planner too. Planners are pure: no clock, no network, no randomness of their own. Positions are
-float (row, col) of the landscape's grid, row 0 in the north.
+A planner decides for one vehicle. Vehicles that share a plan are members of a team; each member is
+a planner too. Planners are pure: they use no clock, network or random numbers. Positions are float
+(row, col) of the landscape's grid, with row 0 in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -38,10 +38,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A decision on the flying direction, taken at one cell of the front.
+    """A decision on the flying direction at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are the values of turning back and of flying on, in
-    the planner's own unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` and ``importance_front`` are the values of turning back and of keeping the
+    direction, in the planner's unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -57,17 +57,17 @@ class Steered(Protocol):
     def observe(self, observed: Observed) -> None:
         """Update the map by a camera window of this vehicle."""
 
-    def correct(self, told: Observed) -> None:
+    def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window, which overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Apply a wind that this vehicle's autopilot measured; direction from true north."""
+        """Apply a wind measured by this vehicle's autopilot; its direction is from true north."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision if one is taken there."""
+        """Set the vehicle's position; return the decision at this position, if any."""
 
     def left(self, at_s: float) -> None:
-        """Remove a vehicle that is lost, recalled or on the ground; others take over."""
+        """Remove a vehicle that is lost, recalled or on the ground."""
 
 
 class Planner(Steered, Protocol):
@@ -86,14 +86,14 @@ class Planner(Steered, Protocol):
         """The number of reversals so far."""
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction."""
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """The planner's estimated front: distances in cells on 360 bearings."""
+        """Return the planner's estimated front: distances in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """The command that publishes and records a vehicle's decision."""
+    """Return the command with a vehicle's decision, for the journal and interfaces."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,10 +106,10 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importance of each cell of the front at the vehicle's place, for display.
+    """The importance of each cell of the front at the vehicle's position, for display.
 
-    Rows, columns and values are (n,) float, from the vehicle backwards; the sums are over the
-    window behind and the window ahead.
+    Rows, columns and values are (n,) float, from the vehicle backwards; ``back`` and ``front`` are
+    sums over the window behind and the window ahead.
     """
 
     rows: Floats
@@ -120,7 +120,7 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """The input that a guidance awaits: approval of a plan (hash, "": none), answers to a list."""
+    """The input that a guidance awaits: approval of a plan ("": none), answers to the GO list."""
 
     plan_hash: str
     answers: bool
@@ -145,60 +145,60 @@ class Guidance(ABC):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Announcements at a position."""
+        """Return announcements for a new position."""
         return []
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Commands for a vehicle that flies and has flight time left."""
+        """Return commands for a vehicle that flies and has endurance left."""
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Commands for a vehicle at the end of its flight time; None: its autopilot flies home."""
+        """Return commands for a vehicle at the end of its endurance, or None for a plain return."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """The path of the first mission: (n, 2) x, y in metres; None: nothing to fly yet."""
+        """Return the path of the first mission, (n, 2) x, y in metres; None: no path yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission that flies a path and loiters at its end."""
+        """Return the mission along a path with a loiter at its end."""
 
     def in_mission(self, name: str) -> bool:
-        """Whether the vehicle, in the air, flies the mission on board."""
+        """Return whether a vehicle in the air flies the mission on board."""
         return True
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Further commands after an event, given the commands ``leaving`` that it caused."""
+        """Return further commands after an event that caused the commands ``leaving``."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """The state for interfaces; ``complete``: ending the run now loses nothing."""
+        """Return the state for interfaces; ``complete``: the run may end now without loss."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission that a renewal would send now, without side effects; None: there is none."""
+        """Return the mission that a renewal would send now, or None; without side effects."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """The importances that its planner compares at a position; None if it compares none."""
+        """Return the importances that a planner compares at a position, or None."""
         return None
 
     def settings(self) -> dict[str, float]:
-        """The present values of settings that may change in flight."""
+        """Return the present values of settings that may change in flight."""
         return {}
 
     def awaited(self) -> Awaited:
-        """The operator input that the guidance awaits."""
+        """Return the operator input that the guidance awaits."""
         return Awaited("", False)
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The fire that its plans are based on; None if that is the monitored fire."""
+        """The estimated fire on which plans are based; None if they use the monitored fire."""
         return None
 
 
@@ -212,10 +212,10 @@ class Lock(Protocol):
         """Apply the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Why a drop must not be ordered now; None if it may."""
+        """Return the reason why a drop must not be ordered now; None if it may."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Whether an item of a mission may switch an output."""
+        """Return whether an item of a mission may switch an output."""
 
     def status(self) -> dict[str, Any]:
-        """The lock's state, for interfaces."""
+        """Return the lock's state, for interfaces."""

@@ -1,6 +1,7 @@
 """The interface of a way of flying; each folder defines its own in ``way.py``.
 
-Fast to import, since every scenario is checked with it: flight code is imported when called.
+The module is fast to import, because every scenario is checked with it: flight code is imported
+when it is called.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def later(address: str) -> Callable[..., Any]:
-    """The function at ``module:name``, imported when it is called for the first time."""
+    """Return the function at ``module:name``, which is imported when it is first called."""
     return lambda *given: resolve_name(address)(*given)
 
 
@@ -35,22 +36,22 @@ class WayOfFlying:
     """A way of flying.
 
     Attributes:
-        rules: the values of ``planner.rule``.
-        guidance: makes the guidance of a run.
-        warm_up: compiles all kernels before the first flight.
-        section: the model of the table in the scenario that has the rule's name.
-        check: raises ValueError for a scenario that cannot be flown.
-        first_mission: the first mission of a vehicle that stands at home.
-        along_front: its planners decide which way to fly, and missions are renewed as the front
-            moves.
-        prescribed: it burns the unit of the table ``[burn]``: operators approve each plan, and
-        their corrections change the estimated fire, not the real one. resumes_mission: on a resume
-        command a vehicle flies the mission on board, not a new one. messages_peers: its vehicles
-        exchange messages with those of other processes. changes_airspeed: it orders airspeeds up to
-        a vehicle's ``max_airspeed_m_s``. requests: what operators may request beside
-        ``OF_EVERY_RUN``. rates_hz: message rates other than the usual ones, by the message's id.
-        return_height_m: safe height above home of a return; None: the autopilot's own setting.
-        lock: the last check of commands, if the scenario's tables need one.
+        rules: The values of ``planner.rule``.
+        guidance: Makes the guidance of a run.
+        warm_up: Compiles all kernels before the first flight.
+        section: The model of the scenario's table with the rule's name.
+        check: Raises ValueError for a scenario that cannot be flown.
+        first_mission: Makes the first mission of a vehicle at home.
+        along_front: Planners decide the direction, and missions are renewed as the front moves.
+        prescribed: Vehicles ignite the unit of the table ``[burn]``: operators approve each plan,
+            and their corrections change the estimated fire, not the simulated one.
+        resumes_mission: On a resume order a vehicle flies the mission on board, not a new one.
+        messages_peers: Vehicles exchange messages with those of other processes.
+        changes_airspeed: Guidance commands airspeeds up to a vehicle's ``max_airspeed_m_s``.
+        requests: Requests of operators in addition to ``OF_EVERY_RUN``.
+        rates_hz: Message rates that differ from the defaults, by message id.
+        return_height_m: Safe height of a return above home; None: the autopilot's setting.
+        lock: Makes the last check of commands, if the scenario's tables need one.
     """
 
     rules: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""From a path on the map to mission items, within terrain and airspace."""
+"""Conversion of a path on the map to mission items, within terrain and airspace."""

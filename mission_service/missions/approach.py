@@ -15,14 +15,14 @@ Floats = NDArray[np.float64]
 
 
 def approach_path(scenario: Scenario, landscape: Landscape, start_m: tuple[float, float]) -> Floats:
-    """A straight line from the vehicle's position to the reported position of the fire."""
+    """Return a straight line from the vehicle's position to the reported position of the fire."""
     return np.array([start_m, fire_position(scenario, landscape)])
 
 
 def approach_mission(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """The first mission of a vehicle: take off, fly to the fire, loiter there."""
+    """Return the first mission of a vehicle: take off, fly to the fire, loiter there."""
     home = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     return mission_along(
         approach_path(scenario, landscape, home),

@@ -1,8 +1,8 @@
 """Converts a path over the ground to mission items.
 
 Every mission ends in an unlimited loiter, so that a vehicle without a link stays at a safe place.
-Altitudes are above mean sea level, high enough that each leg, flown as a straight line between its
-ends, clears the terrain under it by the configured height.
+Altitudes are above mean sea level. Each leg, flown as a straight line between its ends, clears the
+terrain under it by the configured height.
 """
 
 import math
@@ -29,20 +29,20 @@ LeastAltitude = Callable[[Floats], Floats]
 
 
 def no_least(points_m: Floats) -> Floats:
-    """No minimum altitude besides the terrain at points (n, 2)."""
+    """Return no minimum altitude (-inf) at points (n, 2): only the terrain counts."""
     return np.full(len(points_m), -np.inf)
 
 
 def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
-    """A path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
+    """Return a path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
 
-    Simplified to ``tolerance_m``; a point nearer to the last one than ``min_leg_m``, or than a
-    fly-by turn at that corner needs (turn radius times the tangent of half the turn), is left out.
-    The last point always stays.
+    The path is simplified to ``tolerance_m``. A point is omitted if its leg is shorter than
+    ``min_leg_m``, or than a fly-by turn at that corner requires (turn radius times the tangent of
+    half the turn). The last point is always kept.
     """
     if len(path_m) < 3:
         return path_m
-    # Rounded to a micrometre: GEOS divides by zero if two points are closer than that.
+    # Rounded to a micrometre, because GEOS divides by zero for points that are closer.
     line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
     points[0], points[-1] = path_m[0], path_m[-1]
@@ -69,10 +69,10 @@ def leg_altitudes_m(
     around_last_m: float,
     min_at: LeastAltitude = no_least,
 ) -> list[float]:
-    """Altitude above sea level for each point so that all legs clear the terrain under them.
+    """Return an altitude above sea level for each point so that all legs clear the terrain.
 
-    The last point is a loiter: the terrain within ``around_last_m`` of it counts too.
-    ``min_at`` gives the minimum altitude at points (n, 2), independent of the terrain.
+    The last point is a loiter, for which the terrain within ``around_last_m`` counts. ``min_at``
+    gives the minimum altitude at points (n, 2), independent of the terrain.
     """
     spacing_m = landscape.cell_size_m / 2.0
     highest = []
@@ -105,17 +105,17 @@ def mission_along(
     min_at: LeastAltitude = no_least,
     start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
-    """The items that fly a path (x, y in metres), with an unlimited loiter at its end.
+    """Return the items that fly a path (x, y in metres), with an unlimited loiter at its end.
 
-    Each mission sets the speed first (after a takeoff): autopilots reset it on a mode change.
-    ``landing`` follows the loiter, for autopilots that require one; ``start_m`` is the vehicle's
-    position, if it is in the air.
+    Each mission first sets the speed (after a takeoff), because autopilots reset it on a mode
+    change. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
+    position of a vehicle in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(
         points, landscape, vehicle.altitude_agl_m, 1.5 * vehicle.loiter_radius_m, min_at
     )
-    if start_m is not None:  # it climbs from its position to the first point's altitude
+    if start_m is not None:  # the vehicle climbs from its position to the first point's altitude
         first = np.linspace(start_m, points[0], 10)
         needed_m = _needed_m(first, landscape, vehicle.altitude_agl_m, min_at)
         altitudes[0] = max(altitudes[0], round(needed_m, 1))

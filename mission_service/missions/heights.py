@@ -1,4 +1,4 @@
-"""Maximum altitudes of other vehicles near points: an inner loop of ``separation.py``."""
+"""The inner loop of ``separation.py``: maximum altitudes of other vehicles near points."""
 
 from firemodel.compiled import kernel
 

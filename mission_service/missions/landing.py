@@ -1,7 +1,7 @@
 """The landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
-landing follows the unlimited loiter, so it is flown only if an operator sends the vehicle there.
+landing follows the unlimited loiter, so it is flown only if an operator selects its items.
 """
 
 import math
@@ -19,23 +19,23 @@ from mission_service.fire.setup import weather_of
 
 Floats = NDArray[np.float64]
 
-GLIDE_DEG = 4.5  # PX4 refuses more than FW_LND_ANG, 5 degrees unless set otherwise
+GLIDE_DEG = 4.5  # PX4 rejects more than FW_LND_ANG, by default 5 degrees
 APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
 CLEARANCE_M = 30.0
-UNCHECKED_M = 300.0  # last part of the glide, which is necessarily near the ground
+UNCHECKED_M = 300.0  # last part of the glide, which is always near the ground
 COURSES_DEG = [turn * side for turn in range(0, 181, 15) for side in (1, -1)]
 
 
 def needs_landing(section: VehicleSection) -> bool:
-    """Whether missions of this vehicle must end with a landing."""
+    """Return whether missions of this vehicle must end with a landing."""
     return section.landing and (section.stack, section.kind) == ("px4", "plane")
 
 
 class Landing:
-    """The landing at the end of a vehicle's missions, if needed, by the scenario's weather."""
+    """The landing at the end of a vehicle's missions, if required, into the scenario's wind."""
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
-        """Raises ScenarioError if no approach is clear."""
+        """Plan the landing at the scenario's start. Raises ScenarioError without an approach."""
         self._section = section
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None
@@ -44,7 +44,7 @@ class Landing:
         self.at(scenario.start_s)
 
     def at(self, at_s: float) -> tuple[MissionItem, ...]:
-        """The items of a landing into the wind at a mission time; () if none is needed."""
+        """Return the items of a landing into the wind at a mission time; () if none is needed."""
         if self._weather is None:
             return ()
         wind_from_deg = self._weather.at(at_s).wind_from_deg
@@ -57,11 +57,11 @@ class Landing:
 def landing_of(
     section: VehicleSection, landscape: Landscape, wind_from_deg: float
 ) -> tuple[MissionItem, ...]:
-    """DO_LAND_START, a loiter down to the approach's height, and a landing at home.
+    """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
-    Its course is ``landing_course_deg``, or else as close to the wind as terrain permits with
-    ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as required for touchdown.
-    Raises ScenarioError if no approach is clear.
+    The course is ``landing_course_deg``, or else as close to the wind as possible with a terrain
+    clearance of ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as required
+    for touchdown. Raises ScenarioError if no approach is clear.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg
@@ -89,7 +89,7 @@ def _glide_m(height_m: float) -> float:
 
 
 def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
-    """The centre of a clockwise loiter whose exit along the course is the glide's upper end."""
+    """Return the centre of a clockwise loiter whose exit on the course is the glide's upper end."""
     ahead = _forward(course_deg)
     right = np.array([ahead[1], -ahead[0]])
     return np.asarray(home_m - _glide_m(height_m) * ahead + radius_m * right)
@@ -103,7 +103,7 @@ def _is_clear(
     section: VehicleSection,
     landscape: Landscape,
 ) -> bool:
-    """Whether the loiter and the glide down to it stay clear of the terrain."""
+    """Return whether the loiter and the glide from it are clear of the terrain."""
     if landscape.elevation_m is None:
         return True
     home_altitude_m = float(landscape.elevation_at(*home_m))
@@ -138,7 +138,7 @@ def _items(
             round(float(lat_deg) * 1e7),
             round(float(lon_deg) * 1e7),
             height_m,
-            param1=1.0,  # exit with the heading to the landing
+            param1=1.0,  # exit on the course to the landing
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
         ),

@@ -27,24 +27,21 @@ class Figures(msgspec.Struct):
 
 
 def figures_of(
-    items: Items,
-    landscape: Landscape,
-    section: VehicleSection,
-    start_m: tuple[float, float] | None,
+    items: Items, landscape: Landscape, section: VehicleSection, start_m: tuple[float, float] | None
 ) -> Figures:
-    """The figures of a mission, flown from ``start_m`` (x, y) if the vehicle is in the air."""
+    """Return the figures of a mission; ``start_m`` (x, y) is the position of a flying vehicle."""
     track = track_of(items, landscape, section.loiter_radius_m, start_m)
     x_m, y_m = track.points_m.T
     lowest_m = track.lowest_m - np.asarray(landscape.elevation_at(x_m, y_m))
     at = int(np.argmin(lowest_m))
     lat_deg, lon_deg = landscape.lat_lon_of(x_m[at], y_m[at])
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    way_m = float(np.hypot(*np.diff(track.points_m, axis=0).T).sum())
+    length_m = float(np.hypot(*np.diff(track.points_m, axis=0).T).sum())
     on_map = [landscape.contains(*place) for place in track.points_m.tolist()]
     return Figures(
         items=len(items),
-        length_m=round(way_m),
-        duration_s=round(way_m / section.airspeed_m_s),
+        length_m=round(length_m),
+        duration_s=round(length_m / section.airspeed_m_s),
         min_height_agl_m=round(float(lowest_m[at]), 1),
         min_height_lat_deg=round(float(lat_deg), 6),
         min_height_lon_deg=round(float(lon_deg), 6),

@@ -1,4 +1,4 @@
-"""The hash by which an operator accepts exactly one mission."""
+"""The hash of a mission, by which an operator accepts it."""
 
 import hashlib
 from collections.abc import Iterable
@@ -9,5 +9,5 @@ from autopilot_bridge.items import MissionItem
 
 
 def mission_hash(items: Iterable[MissionItem]) -> str:
-    """SHA-256 of a mission's items; an acceptance names the mission by it."""
+    """Return the SHA-256 of a mission's items, which an acceptance must contain."""
     return hashlib.sha256(msgspec.json.encode(tuple(items))).hexdigest()

@@ -1,4 +1,4 @@
-"""Circles over terrain: positions, altitudes, and the missions that end in them."""
+"""Circles over terrain: their positions and altitudes, and the missions that fly them."""
 
 import math
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from mission_service.config.sections import VehicleSection
 Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
-WIDER = 1.3  # terrain counts up to this multiple of the radius: circles are flown wider
-CLIMBS_FIRST_M = 100.0  # above all terrain on the way to its circle, before it flies there
-BESIDE_M = 150.0  # width of the terrain beside a leg that counts
+WIDER = 1.3  # multiple of the radius within which terrain counts, because circles are flown wider
+CLIMBS_FIRST_M = 100.0  # climb above all terrain on the leg to the circle, before this leg
+CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +30,15 @@ class Circle:
 
     @property
     def centre_m(self) -> Place:
-        """(x, y)."""
+        """The centre (x, y) in metres."""
         return self.x_m, self.y_m
 
 
 def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: float) -> float:
-    """The highest cell within a distance of the line between two places; beyond the grid its edge.
+    """Return the highest ground within a distance of the line between two places.
 
-    Raises FireModelError if the landscape has no elevation.
+    Beyond the grid the elevation of its edge counts. Raises FireModelError if the landscape has no
+    elevation.
     """
     highest_m = max(float(landscape.elevation_at(*place)) for place in (start, end))
     elevation_m = landscape.elevation_m
@@ -67,44 +68,38 @@ def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: f
 def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
-    """The altitude that clears all terrain within the circle and on the way to it."""
+    """Return the altitude that clears all terrain within the circle and on the leg to it."""
     reach_m = WIDER * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
-        ground_m = max(ground_m, highest_ground_m(landscape, from_m, circle.centre_m, BESIDE_M))
+        ground_m = max(ground_m, highest_ground_m(landscape, from_m, circle.centre_m, CORRIDOR_M))
     return round(ground_m + altitude_agl_m + circle.climb_m, 1)
 
 
 def orbit_of(vehicle: str, landscape: Landscape, circle: Circle, altitude_m: float) -> Orbit:
-    """The command to fly a circle."""
+    """Return the command to fly a circle."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (round(float(lat_deg), 7), round(float(lon_deg), 7))
     return Orbit(vehicle, *place, altitude_m, circle.radius_m)
 
 
 def loiter_mission(
-    landscape: Landscape,
-    circle: Circle,
-    altitude_m: float,
-    landing: tuple[MissionItem, ...],
+    landscape: Landscape, circle: Circle, altitude_m: float, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """The mission that flies a circle without a limit; ``landing`` follows it."""
+    """Return the mission of an unlimited circle, followed by ``landing``."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (float(lat_deg), float(lon_deg))
     return (loiter_unlimited(*place, altitude_m, circle.radius_m), *landing)
 
 
 def first_mission(
-    landscape: Landscape,
-    circle: Circle,
-    section: VehicleSection,
-    landing: tuple[MissionItem, ...],
+    landscape: Landscape, circle: Circle, section: VehicleSection, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """The mission to take off, climb clear of all terrain on the way, and fly the circle."""
+    """Return the mission that takes off, climbs clear of the terrain, and flies the circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
-    on_the_way_m = highest_ground_m(landscape, home_m, circle.centre_m, BESIDE_M)
-    first_m = round(on_the_way_m + min(CLIMBS_FIRST_M, section.altitude_agl_m), 1)
+    ground_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
+    first_m = round(ground_m + min(CLIMBS_FIRST_M, section.altitude_agl_m), 1)
     up = takeoff(section.home_lat_deg, section.home_lon_deg, min(first_m, altitude_m))
     return (up, *loiter_mission(landscape, circle, altitude_m, landing))
 
@@ -112,23 +107,23 @@ def first_mission(
 def waiting_place(
     number: int, centre_m: Place, reach_m: float, home_m: Place, apart_m: float
 ) -> Place:
-    """The waiting position of a vehicle, on the side of the fire that faces its home.
+    """Return the waiting position of a vehicle, on the side of the fire that faces its home.
 
-    The positions are rows of eight across the line from home, so that no way leads over the fire;
-    the first row is ``reach_m`` from its centre.
+    The positions are rows of eight across the line from home, so that no path leads over the fire;
+    the first row is ``reach_m`` from the fire's centre.
     """
     away_m = max(math.dist(centre_m, home_m), 1.0)
     out = ((home_m[0] - centre_m[0]) / away_m, (home_m[1] - centre_m[1]) / away_m)
     row, place = divmod(number, 8)
-    ahead_m, aside_m = reach_m + row * apart_m, (place - 3.5) * apart_m
+    ahead_m, across_m = reach_m + row * apart_m, (place - 3.5) * apart_m
     return (
-        centre_m[0] + ahead_m * out[0] - aside_m * out[1],
-        centre_m[1] + ahead_m * out[1] + aside_m * out[0],
+        centre_m[0] + ahead_m * out[0] - across_m * out[1],
+        centre_m[1] + ahead_m * out[1] + across_m * out[0],
     )
 
 
 def pushed_out(place_m: Place, centre_m: Place, reach_m: float) -> Place:
-    """A position at least ``reach_m`` from the centre, on the same side of it."""
+    """Return a position at least ``reach_m`` from the centre, on the same side of it."""
     away_m = math.dist(place_m, centre_m)
     if away_m >= reach_m:
         return place_m

@@ -1,4 +1,4 @@
-"""Recognises the mission on board of each vehicle from the items read back after a restart."""
+"""Identifies the mission on board of each vehicle by the items read back after a restart."""
 
 from collections.abc import Iterable
 
@@ -8,20 +8,20 @@ from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 
-MOST = 4  # missions kept while it is uncertain which one is on board
+MAX_HELD = 4  # stored missions of a vehicle while the mission on board is uncertain
 
 Items = tuple[MissionItem, ...]
 
 
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
-    """A mission as it is sent to an autopilot."""
+    """Return a mission in the form that is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
         return yaw_left_open(items)  # 0 would turn the vehicle north
     return items
 
 
 class MissionsHeld:
-    """Folds events and commands into the missions that each vehicle may hold, oldest first."""
+    """The missions that each vehicle may have on board, oldest first, by events and commands."""
 
     def __init__(self) -> None:
         self._may_hold: dict[str, list[UploadMission]] = {}
@@ -30,8 +30,8 @@ class MissionsHeld:
         """Process an event and its commands."""
         match event:
             case UploadFinished(outcome="accepted") | MissionReadBack():
-                known = self._may_hold.get(event.vehicle, [])
-                since = [sent for sent in known if sent.mission_id >= event.mission_id > 0]
+                held = self._may_hold.get(event.vehicle, [])
+                since = [sent for sent in held if sent.mission_id >= event.mission_id > 0]
                 if isinstance(event, MissionReadBack):
                     since = since[:1]
                 self._may_hold[event.vehicle] = since
@@ -39,12 +39,12 @@ class MissionsHeld:
                 pass
         for command in commands:
             if isinstance(command, UploadMission):
-                known = self._may_hold.setdefault(command.vehicle, [])
-                known.append(command)
-                del known[1 : len(known) + 1 - MOST]  # the first may be the one on board
+                held = self._may_hold.setdefault(command.vehicle, [])
+                held.append(command)
+                del held[1 : len(held) + 1 - MAX_HELD]  # the first may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
-        """The number of the mission that was read back, the newest of those it may be; 0: none."""
+        """Return the number of the newest sent mission equal to the one read back; 0: none."""
         for sent in reversed(self._may_hold.get(vehicle, [])):
             due = as_uploaded(sent.items, stack)
             if len(due) == len(read) and all(

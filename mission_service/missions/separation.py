@@ -1,11 +1,11 @@
 """Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
 
-Layers are heights above the terrain under each leg, and two vehicles' legs end at different points:
-over a slope a higher layer may come near a lower one. A mission is therefore also placed above the
-missions of vehicles in lower layers (``Track``, ``heights_below``). If two vehicles at nearly the
-same altitude (in one layer by the scenario, climbing, on the way home) approach each other, one
-moves aside, away from the fire, and loiters there until the other has passed. Metres, x east, y
-north.
+Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
+points, so that a higher layer may be close to a lower one over a slope. A mission is therefore also
+placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). If two
+vehicles at nearly the same altitude (in one layer by the scenario, in a climb, on the return)
+approach each other, one moves away from the fire and loiters until the other has passed.
+Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -25,7 +25,7 @@ SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
 NEAR_M = 200.0  # for cut corners, loiters, and fronts observed at different times
 MARGIN_M = 10.0  # added to the separation for errors of altitude control
-AHEAD_S = 25.0  # time of an upload, half a turn and the move aside
+AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM = 17
 
@@ -40,7 +40,7 @@ class Track:
     box_m: tuple[float, float, float, float] = field(init=False)  # west, south, east, north
 
     def __post_init__(self) -> None:
-        """Compute the box: with many vehicles it excludes most pairs of tracks quickly."""
+        """Compute the bounding box, by which most pairs of tracks are excluded quickly."""
         object.__setattr__(self, "box_m", box_around(self.points_m))
 
 
@@ -50,9 +50,9 @@ def track_of(
     radius_m: float,
     start_m: tuple[float, float] | None = None,
 ) -> Track:
-    """The track of a mission, up to its unlimited loiter and once around it.
+    """Return the track of a mission, up to its unlimited loiter and once around it.
 
-    From ``start_m`` to the first point the vehicle is at that point's altitude, or will be soon.
+    From ``start_m`` to the first point the track has that point's altitude.
     """
     last = next(place for place, item in enumerate(items) if item.command == NAV_LOITER_UNLIM)
     flown = [item for item in items[: last + 1] if has_position(item.command)]
@@ -76,31 +76,31 @@ def track_of(
 
 
 def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
-    """The part of a track that is still to be flown from a position."""
+    """Return the part of a track that is still to be flown from a position."""
     first = int(np.argmin(np.hypot(track.points_m[:, 0] - x_m, track.points_m[:, 1] - y_m)))
     return Track(track.points_m[first:], track.lowest_m[first:], track.highest_m[first:])
 
 
 def places_of(fixes: list[PositionFix]) -> Track:
-    """The positions of vehicles, at least one, as a track."""
+    """Return the positions of vehicles, at least one, as a track."""
     places = np.array([(fix.x_m, fix.y_m, fix.altitude_m) for fix in fixes])
     return Track(places[:, :2], places[:, 2], places[:, 2])
 
 
 def along(start: Floats, end: Floats) -> Floats:
-    """Points (n, 2) on a leg, its ends included."""
+    """Return points (n, 2) on a leg, including its ends."""
     count = max(2, math.ceil(np.hypot(*(end - start)) / SPACING_M) + 1)
     return np.asarray(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
 
 
 def box_around(points_m: Floats) -> tuple[float, float, float, float]:
-    """West, south, east and north of points (n, 2), n > 0."""
+    """Return west, south, east and north of points (n, 2), n > 0."""
     (west_m, south_m), (east_m, north_m) = points_m.min(axis=0), points_m.max(axis=0)
     return float(west_m), float(south_m), float(east_m), float(north_m)
 
 
 def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
-    """For each point (n, 2) the highest altitude of the tracks near it; -inf if none is near."""
+    """Return the highest altitude of the tracks near each point (n, 2); -inf if none is near."""
     found = np.full(len(points_m), -np.inf)
     if not len(points_m):
         return found
@@ -121,14 +121,14 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Whether a mission comes nearer than the separation to the tracks under it."""
+    """Return whether a mission comes nearer than the separation to the tracks under it."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
 def is_near(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether two vehicles at about one altitude are close, or will be before one can turn away."""
+    """Return whether two vehicles at similar altitude are, or will soon be, close to each other."""
     if abs(own.altitude_m - other.altitude_m) >= separation_m:
         return False
     near_m = separation_m + 2.0 * turn_radius_m
@@ -145,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Of two near vehicles the one that gives way: the one behind, else the later in order."""
+    """Return whether ``own`` gives way: it flies behind, or else comes later in order."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0
@@ -155,7 +155,7 @@ def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bo
 def has_passed(
     own: PositionFix, other: PositionFix, separation_m: float, turn_radius_m: float
 ) -> bool:
-    """Whether a vehicle that gave way may go on; altitudes change too fast to be considered."""
+    """Return whether a vehicle that gave way may continue, by horizontal distance alone."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     distance_m = math.hypot(east_m, north_m)
     leaves = other.east_m_s * east_m + other.north_m_s * north_m >= 0.0
@@ -163,12 +163,12 @@ def has_passed(
     return distance_m > PASSED_M or (leaves and distance_m > far_m)
 
 
-def place_aside(
-    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], aside_m: float
+def avoidance_position(
+    own: PositionFix, other: PositionFix, away_from_m: tuple[float, float], offset_m: float
 ) -> Floats:
-    """The waiting position (1, 2): a little ahead and to one side.
+    """Return the waiting position (1, 2), ahead and to one side.
 
-    The side is the one away from the fire, unless the other vehicle passes on that side.
+    The side is away from the fire, unless the other vehicle passes on that side.
     """
     speed = max(math.hypot(own.east_m_s, own.north_m_s), 0.1)
     ahead = np.array([own.east_m_s, own.north_m_s]) / speed
@@ -177,7 +177,7 @@ def place_aside(
     outwards = right if float(right @ (fix - away_from_m)) >= 0.0 else -right
     start = np.array([other.x_m, other.y_m])
     comes_by = along(start, start + AHEAD_S * np.array([other.east_m_s, other.north_m_s]))
-    places = [fix + aside_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
+    places = [fix + offset_m * (ahead / 3.0 + side) for side in (outwards, -outwards)]
     clear_m = [float(np.hypot(*(comes_by - place).T).min()) for place in places]
-    chosen = places[0 if clear_m[0] >= min(aside_m / 2.0, clear_m[1]) else 1]
+    chosen = places[0 if clear_m[0] >= min(offset_m / 2.0, clear_m[1]) else 1]
     return np.array([chosen])

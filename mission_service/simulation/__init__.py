@@ -1,1 +1,1 @@
-"""Simulation: virtual time, mock autopilots in processes of their own, the demo."""
+"""Simulation in virtual time, mock autopilots in separate processes, and the demo."""

@@ -1,4 +1,4 @@
-"""The demo: mock autopilots in child processes, the daemon in this process, UDP between them."""
+"""The demo: mock autopilots in child processes, connected by UDP to the daemon in this process."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ from mission_service.runtime.outputs import write_outputs
 def run_demo(
     run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Fly the scenario ``name`` with mock autopilots over UDP; returns the summary.
+    """Fly the scenario ``name`` with mock autopilots over UDP; return the summary.
 
     Raises MissionServiceError if the process of a mock ends.
     """
@@ -54,15 +54,8 @@ def _mock_process(
     """Run one mock autopilot, connected to the daemon's port, until the end of this context."""
     command = [
         *(sys.executable, "-m", "mission_service.cli", "mock", str(scenario_path(scenario))),
-        *(
-            "--until-eof",
-            "--vehicle",
-            section.name,
-            "--speedup",
-            str(speedup),
-            "--link",
-            other_end(section.link),
-        ),
+        *("--until-eof", "--vehicle", section.name),
+        *("--speedup", str(speedup), "--link", other_end(section.link)),
     ]
     if section.signing_key is not None:
         command += ["--signing-key", section.signing_key]
@@ -81,25 +74,22 @@ def _mock_process(
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
-    """The vehicle of this name, or the first one if ``name`` is None; raises ScenarioError."""
+    """Return the vehicle of this name, or the first one for None; raises ScenarioError."""
     if name is None:
         return scenario.vehicles[0]
     for section in scenario.vehicles:
         if section.name == name:
             return section
-    known = ", ".join(section.name for section in scenario.vehicles)
-    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {known})")
+    names = ", ".join(section.name for section in scenario.vehicles)
+    raise ScenarioError(f"{scenario.name} has no vehicle {name!r} (it has: {names})")
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
-    """Write a vehicle's first mission as a .plan file; returns the number of items."""
+    """Write a vehicle's first mission as a .plan file; return the number of items."""
     scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)
     items = way_of(scenario).first_mission(scenario, section, landscape)
-    write_any(
-        output,
-        Plan(items, home=home_of(section, landscape)),
-        stack_named(section.stack, section.kind),
-    )
+    plan = Plan(items, home=home_of(section, landscape))
+    write_any(output, plan, stack_named(section.stack, section.kind))
     return len(items)

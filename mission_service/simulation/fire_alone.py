@@ -1,4 +1,4 @@
-"""Burn the fire of a scenario to its end, without vehicles, and write the results."""
+"""Simulation of a scenario's fire without vehicles, with the results as files."""
 
 import json
 import math
@@ -21,14 +21,14 @@ MAX_FRONTS = 10_000
 
 
 def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
-    """Write rasters, fronts, map and summary into a folder; returns the summary.
+    """Write rasters, fronts, map and summary into a folder; return the summary.
 
-    Raises ScenarioError if no fire starts before the scenario's end, if there would be more than
-    ``MAX_FRONTS`` fronts, or if the folder cannot be written to.
+    Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
+    fronts, or for a folder that cannot be written to.
     """
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
-    taken_over = scenario.fire.perimeter or scenario.fire.arrival
-    if first_s >= scenario.duration_s and not taken_over:
+    given = scenario.fire.perimeter or scenario.fire.arrival
+    if first_s >= scenario.duration_s and not given:
         raise ScenarioError(
             f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
             f"duration_s = {scenario.duration_s:g}"
@@ -53,12 +53,12 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
-    """Times of the written fronts: every ``every_s`` after the start, and the end."""
+    """Return the times of the written fronts: every ``every_s`` after the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
     if count > MAX_FRONTS:
         raise ScenarioError(
-            f"--front-every {every_s:g}: that is {count} fronts until {end_s:g} s, {MAX_FRONTS} "
-            f"at most; make it {math.ceil((end_s - start_s) / MAX_FRONTS)} or more"
+            f"--front-every {every_s:g} gives {count} fronts until {end_s:g} s, more than "
+            f"{MAX_FRONTS}; give {math.ceil((end_s - start_s) / MAX_FRONTS)} or more"
         )
     return [start_s + number * every_s for number in range(1, count)] + [end_s]
 

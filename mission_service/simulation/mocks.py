@@ -1,4 +1,4 @@
-"""The command ``mock``: a process of mock autopilots, from a scenario or from options."""
+"""The command ``mock``: a process with mock autopilots, from a scenario or from options."""
 
 import asyncio
 import contextlib
@@ -42,12 +42,12 @@ class MockEnvironment:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
-        """Make a mock. Raises MissionServiceError for a home under ground or a wrong parameter."""
+        """Make a mock. Raises MissionServiceError for a home under ground, or a bad parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
         if ground_m is not None and altitude_m < ground_m:
             raise MissionServiceError(
-                f"--terrain {ground_m:g}: the home at {altitude_m:g} m would be under the ground"
+                f"--terrain {ground_m:g}: the home at {altitude_m:g} m is below the ground"
             )
         mock = MockAutopilot(
             stack_named(stack, kind),
@@ -61,9 +61,9 @@ class MockEnvironment:
             try:
                 mock.parameters.change(name, value)
             except KeyError:
-                known = ", ".join(mock.parameters.names)
+                names = ", ".join(mock.parameters.names)
                 raise MissionServiceError(
-                    f"--param {name}: the mock of {stack} {kind} has {known}"
+                    f"--param {name}: the mock of {stack} {kind} has the parameters {names}"
                 ) from None
         return mock
 
@@ -71,11 +71,9 @@ class MockEnvironment:
         """Make a fleet of mocks with the given faults. Raises BridgeError for an unknown fault."""
         if not self.faults:
             return MockGroup(mocks)
+        seed = 1000 * self.seed
         return MockGroup(
-            [
-                FaultyMock(mock, parse_faults(self.faults), 1000 * self.seed + mock.system_id)
-                for mock in mocks
-            ]
+            [FaultyMock(mock, parse_faults(self.faults), seed + mock.system_id) for mock in mocks]
         )
 
 
@@ -105,18 +103,18 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, float]:
 
 
 def _numbers(
-    what: str, text: str, form: str, most: tuple[float, ...], least: tuple[float, ...] = ()
+    option: str, text: str, form: str, highest: tuple[float, ...], lowest: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
     try:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != len(most):
-        raise MissionServiceError(f"{what}: write it as {form}")
-    for number, low, high in zip(numbers, least or (0.0,) * len(most), most, strict=True):
+    if len(numbers) != len(highest):
+        raise MissionServiceError(f"{option}: write it as {form}")
+    for number, low, high in zip(numbers, lowest or (0.0,) * len(highest), highest, strict=True):
         if not low <= number <= high:
             raise MissionServiceError(
-                f"{what}: {number:g} is not between {low:g} and {high:g}; write it as {form}"
+                f"{option}: {number:g} is not between {low:g} and {high:g}; write it as {form}"
             )
     return numbers
 
@@ -124,21 +122,14 @@ def _numbers(
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: MockEnvironment
 ) -> MockGroup:
-    """Make ``count`` mocks: consecutive system ids, homes 0.001° of longitude apart."""
+    """Make ``count`` mocks with consecutive system ids and homes 0.001° of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
         raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the highest")
     lat_deg, lon_deg, altitude_m = read_home(home)
+    homes = ((lat_deg, lon_deg + FARTHER_DEG * number, altitude_m) for number in range(count))
     return around.fleet(
-        [
-            around.mock(
-                stack,
-                kind,
-                system_id + number,
-                (lat_deg, lon_deg + FARTHER_DEG * number, altitude_m),
-            )
-            for number in range(count)
-        ]
+        [around.mock(stack, kind, number, home) for number, home in enumerate(homes, system_id)]
     )
 
 
@@ -187,19 +178,19 @@ def _of_section(
 
 
 def listening(listen: str) -> str:
-    """The link for ``--listen``: HOST:PORT (UDP), udpin or tcpin. Raises MissionServiceError."""
+    """Return the link for ``--listen`` (HOST:PORT, udpin or tcpin); raises MissionServiceError."""
     kind = listen.partition(":")[0]
     link = listen if kind in ("udpin", "tcpin", "udpout", "tcp", "serial") else f"udpin:{listen}"
     address = parse_link(link)
     if not isinstance(address, LinkAddress) or address.kind not in ("udpin", "tcpin"):
         raise MissionServiceError(
-            f"--listen {listen}: it does not listen; give HOST:PORT, udpin or tcpin, or use --link"
+            f"--listen {listen}: not a listening link; give HOST:PORT, udpin or tcpin"
         )
     return link
 
 
 def describe(fleet: MockGroup, link: str, speedup: float) -> list[dict[str, Any]]:
-    """A dictionary for each mock: system id, stack, link, home and wind."""
+    """Return a dictionary for each mock: system id, stack, link, home and wind."""
     return [
         {
             "system_id": mock.system_id,
@@ -224,25 +215,25 @@ def run(
     echo: Callable[[str], None],
     until_eof: bool = False,
 ) -> None:
-    """Fly until SIGINT or SIGTERM; prints one line per mock once its link is open.
+    """Fly until SIGINT or SIGTERM; print one line per mock when its link is open.
 
-    With ``until_eof`` it also ends when standard input, a pipe, is closed, so that it ends even if
-    the parent process is killed. A mock signs with its given key, or with the key of a
+    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that it ends
+    even if the parent process is killed. A mock signs with its given key, or with the key of a
     SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)
 
-    def learns(key: Key) -> Signing:
+    def signing_with(key: Key) -> Signing:
         return Signing(key, timestamps)
 
     async def fly(mocks: MocksOnLink) -> None:
         def opened() -> None:
-            for told in describe(mocks.fleet, mocks.link, speedup):
-                echo(json.dumps(told) if as_json else _line(told))
+            for description in describe(mocks.fleet, mocks.link, speedup):
+                echo(json.dumps(description) if as_json else _line(description))
 
         key = mocks.signing_key
         signing = None if key is None else Signing(read_key(key), timestamps)
-        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, learns)
+        await serve(mocks.fleet, mocks.link, speedup, clock_us, opened, signing, signing_with)
 
     async def until_ended() -> None:
         task = asyncio.current_task()
@@ -259,12 +250,12 @@ def run(
     asyncio.run(until_ended())
 
 
-def _line(told: dict[str, Any]) -> str:
+def _line(mock: dict[str, Any]) -> str:
     wind = ""
-    if told["wind_speed_m_s"] > 0.0:
-        wind = f", wind {told['wind_speed_m_s']:g} m/s from {told['wind_from_deg']:g} deg"
+    if mock["wind_speed_m_s"] > 0.0:
+        wind = f", wind {mock['wind_speed_m_s']:g} m/s from {mock['wind_from_deg']:g} deg"
     return (
-        f"mock {told['stack']} {told['vehicle']} {told['system_id']} at "
-        f"{told['home_lat_deg']:.5f},{told['home_lon_deg']:.5f},{told['home_altitude_amsl_m']:g} "
-        f"on {told['link']}, x{told['speedup']:g}{wind}"
+        f"mock {mock['stack']} {mock['vehicle']} {mock['system_id']} at "
+        f"{mock['home_lat_deg']:.5f},{mock['home_lon_deg']:.5f},{mock['home_altitude_amsl_m']:g} "
+        f"on {mock['link']}, x{mock['speedup']:g}{wind}"
     )

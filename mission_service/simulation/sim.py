@@ -1,4 +1,4 @@
-"""Fly a scenario in virtual time: mock autopilots, MAVLink frames, an event heap as the clock."""
+"""Flight of a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
 
 import heapq
 from collections.abc import Callable
@@ -31,7 +31,7 @@ Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
 
 def memory_link(section: LinkSection, seed: int) -> MemoryLink:
-    """One direction of the simulated link."""
+    """Return the simulated link in one direction."""
     return MemoryLink(
         loss=section.loss,
         delay_us=round(section.delay_ms * 1e3),
@@ -42,7 +42,7 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
-    """The mock autopilot of a vehicle, standing at its home."""
+    """Return the mock autopilot of a vehicle, standing at its home."""
     return MockAutopilot(
         stack_named(section.stack, section.kind),
         LocalFrame(*home_of(section, landscape)),
@@ -77,13 +77,10 @@ class SimulatedVehicle:
         self._down = memory_link(scenario.link, seed + 1)
 
     def next_timer(self) -> int:
-        """Time of the next timer of client, mock and links (µs)."""
-        next_us = min(self._mock_due_us, self.client.next_timer())
-        for link in (self._up, self._down):
-            arrives_us = link.next_timer()
-            if arrives_us is not None and arrives_us < next_us:
-                next_us = arrives_us
-        return next_us
+        """Return the time of the next timer of client, mock and links (µs)."""
+        arrivals_us = (self._up.next_timer(), self._down.next_timer())
+        arriving_us = (at_us for at_us in arrivals_us if at_us is not None)
+        return min(self._mock_due_us, self.client.next_timer(), *arriving_us)
 
     def advance(self, now_us: int, service: Engine) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""
@@ -122,7 +119,7 @@ class Simulation:
         crew: Crew | None = None,
         progress: Progress = unshown,
     ) -> None:
-        """Without ``crew``, a burn has a simulated crew."""
+        """Set up the run; a burn has a simulated crew unless ``crew`` is given."""
         if crew is None and scenario.burn_flown is not None:
             from mission_service.simulation.crew import SimulatedCrew
 
@@ -176,8 +173,8 @@ def simulate(
     """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
 
     ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
-    called about once per minute of mission time. ``crew`` returns the crew's events that are due at
-    a mission time.
+    called about once per minute of mission time. ``crew`` returns the operators' events that are
+    due at a mission time.
     """
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)

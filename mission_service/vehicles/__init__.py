@@ -1,1 +1,1 @@
-"""The state of each vehicle: availability, missions on board and under way, separation."""
+"""The state of each vehicle: availability, missions on board and in transfer, separation."""

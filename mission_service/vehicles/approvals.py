@@ -11,7 +11,7 @@ from mission_service.missions.mission_hash import mission_hash
 from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Refusal, Vehicle
 
 SAMPLED_EVERY_M = 20.0
-GOOD_FOR_S = 60.0  # an older proposal is planned again, because the front has moved
+GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
 AHEAD_SHARE = 0.5  # of the horizon; a mission that extends farther beyond a refused one differs
 
 
@@ -27,19 +27,19 @@ class Proposal:
 class MissionApprovals:
     """Proposes each mission; it is sent when an operator accepts its hash.
 
-    A mission that separates two aircraft is sent at once and replaces a proposal.
+    A mission that separates two vehicles is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set the distances beside and beyond a refused mission at which another one differs."""
+        """Set the minimum distances of a different mission beside and beyond a refused mission."""
         self._proposals: dict[str, Proposal] = {}
-        self._beside_m = path_tolerance_m
-        self._beyond_m = AHEAD_SHARE * horizon_m
+        self._path_tolerance_m = path_tolerance_m
+        self._max_beyond_m = AHEAD_SHARE * horizon_m
 
     def held_back(
         self, commands: Iterable[AnyCommand], vehicles: Mapping[str, Vehicle], at_s: float
     ) -> list[AnyCommand]:
-        """Replace each upload by a proposal, and drop one like a mission that was refused."""
+        """Replace each upload by a proposal; drop uploads that are similar to refused missions."""
         found: list[AnyCommand] = []
         for command in commands:
             if not isinstance(command, UploadMission):
@@ -65,14 +65,14 @@ class MissionApprovals:
                 else:
                     vehicle.enter(MissionPhase.PROPOSED, earlier.pending)
                 return []
-            why = f"{why}; unlike the mission that {vehicle.refusal.by} refused"
+            why = f"{why}; different from the mission that {vehicle.refusal.by} refused"
         vehicle.enter(MissionPhase.PROPOSED, pending)
         self._proposals[vehicle.name] = Proposal(at_s, command, pending)
         mission = (command.mission_id, why, command.items, mission_hash(command.items))
         return [ProposeMission(vehicle.name, *mission)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Whether a mission differs from a refused one in its path or its reason."""
+        """Return whether a mission differs from a refused one in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -80,12 +80,12 @@ class MissionApprovals:
         apart_m = shapely.distance(points, refusal.line)
         along_m = shapely.line_locate_point(refusal.line, points)
         beyond = along_m >= refusal.line.length
-        max_m = np.where(beyond, self._beyond_m, self._beside_m)
+        max_m = np.where(beyond, self._max_beyond_m, self._path_tolerance_m)
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """The proposed mission with this hash, to be sent; None if it is not proposed."""
-        proposal = self._taken(vehicle, named)
+        """Return the proposed mission with this hash, to be sent; None if it is not proposed."""
+        proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return None
         vehicle.enter(MissionPhase.UPLOADING, proposal.pending)
@@ -94,7 +94,7 @@ class MissionApprovals:
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
         """Refuse the mission with this hash and similar ones; False if it is not proposed."""
-        proposal = self._taken(vehicle, named)
+        proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False
         vehicle.enter(MissionPhase.REFUSED)
@@ -107,25 +107,25 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        return self.withdraw(vehicle, f"not answered for {GOOD_FOR_S:.0f} s: a new one is planned")
+        return self.withdraw(vehicle, f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned")
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
-        """Withdraw the proposal of a vehicle, if there is one."""
+        """Withdraw the proposal of a vehicle, if any."""
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
-        if vehicle.proposed is not None:  # else another one takes its place
+        if vehicle.proposed is not None:  # else another proposal replaces it
             vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 
-    def _taken(self, vehicle: Vehicle, named: str) -> Proposal | None:
+    def _take_proposal(self, vehicle: Vehicle, named: str) -> Proposal | None:
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or mission_hash(proposal.command.items) != named:
             return None
         return self._proposals.pop(vehicle.name)
 
     def validate_state(self, vehicles: Mapping[str, Vehicle]) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         for name, vehicle in vehicles.items():
             proposal = self._proposals.get(name)
             assert vehicle.proposed is (proposal and proposal.pending), name

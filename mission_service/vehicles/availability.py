@@ -21,9 +21,9 @@ from mission_service.position_fix import PositionFix
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")  # modes, by the bridge's names
 MISSION = "mission"
-# The modes, by the bridge's names, that each command of the service leads to. Any other change of
-# mode in flight is the autopilot's or its pilot's. During an upload ArduPilot is commanded to hold,
-# and PX4 holds if it rejects the new mission.
+# The modes, by the bridge's names, that each command of the service causes. The autopilot or the
+# pilot selected any other mode. During an upload ArduPilot is commanded to hold, and PX4 holds if
+# it rejects the new mission.
 LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     StartMission: (MISSION, "guided", "takeoff", "ready"),
     UploadMission: (MISSION, "hold"),
@@ -33,25 +33,25 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     ClimbAndHold: ("guided", "hold"),
 }
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
-UNANSWERED_S = 60.0  # a command without acknowledgement may change the mode until then
-TAKES_EFFECT_S = 5.0  # after its acknowledgement a command may change the mode until then
+UNANSWERED_S = 60.0  # in which a command without acknowledgement may change the mode
+TAKES_EFFECT_S = 5.0  # in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 
 @dataclass(slots=True)
 class VehicleAvailability:
-    """What decides whether planners may count on a vehicle."""
+    """The state that determines whether planners may use a vehicle."""
 
     online: bool = False
     airborne: bool = False
-    recalled: bool = False  # flies home, or is ordered to
+    recalled: bool = False  # flies home, or is ordered home
     recalled_on_ground: bool = False  # ordered home before takeoff
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
-    mode: str = ""  # as reported last
+    mode: str = ""  # by the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False: autopilot or pilot selected it
-    held_by_upload: bool = False  # it holds, and only an upload is a reason for it
+    held_by_upload: bool = False  # it holds, and only an upload can be the cause
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True
@@ -61,7 +61,7 @@ class VehicleAvailability:
 
     @property
     def position_good(self) -> bool:
-        """Whether its position is reliable: a fix in three dimensions and a healthy estimator."""
+        """Whether its position is reliable: a 3-D fix and a healthy estimator."""
         return self.fix_good and self.estimator_healthy
 
     @property
@@ -71,34 +71,34 @@ class VehicleAvailability:
 
     @property
     def taken_over(self) -> bool:
-        """Whether autopilot or pilot selected the mode: only an operator's order may change it."""
+        """Whether autopilot or pilot selected the mode, which only operators may then change."""
         return self.armed and not self.mode_is_ordered
 
     @property
     def flies(self) -> bool:
-        """Whether planners count on it: online, airborne, position reliable, under control."""
+        """Whether planners may use it: online, airborne, position reliable, under control."""
         counted_on = self.online and self.airborne and not self.recalled
         return counted_on and self.position_good and not self.taken_over
 
     def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
-        """The kinds of commands under way that lead to this mode."""
+        """Return the kinds of commands under way that cause this mode."""
         kinds = [kind for kind in self.expected_until_s if self.is_expected(kind, at_s)]
         return {kind for kind in kinds if mode in LEADS_TO[kind]}
 
     def is_expected(self, kind: type[AnyCommand], at_s: float) -> bool:
-        """Whether a command of this kind may still take effect."""
+        """Return whether a command of this kind may still take effect."""
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
     def on_acknowledged(self, kind: type[AnyCommand], at_s: float) -> None:
-        """Record an acknowledged command: its change of mode follows within ``TAKES_EFFECT_S``."""
+        """Record an acknowledged command, which may change the mode for ``TAKES_EFFECT_S``."""
         if kind in self.expected_until_s:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
 
     def restart(self) -> None:
-        """Reset after a restart of the autopilot; in flight its mode then counts as not ordered.
+        """Reset after a restart of the autopilot; in flight the mode then counts as not ordered.
 
-        The last mode stands until another is reported, and an order to return stands while the
-        vehicle is armed. A watchdog may restart an autopilot in flight.
+        The last mode is valid until the next report, and an order to return while the vehicle is
+        armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, fix=self.fix)
@@ -109,7 +109,7 @@ class VehicleAvailability:
             setattr(self, each.name, getattr(fresh, each.name))
 
     def needs_confirmation(self, order: Order) -> bool:
-        """Whether an order would end a mode that the vehicle's autopilot or pilot selected."""
+        """Return whether an order would end a mode that the autopilot or pilot selected."""
         if not (self.armed and self.airborne):
             return False
         chosen = self.taken_over or (self.in_failsafe and self.mode in GOING_HOME)

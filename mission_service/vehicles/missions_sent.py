@@ -1,4 +1,4 @@
-"""Numbers the missions that are sent and records each until its outcome is reported."""
+"""Assigns numbers to missions and records each mission until its outcome is reported."""
 
 import numpy as np
 import shapely
@@ -15,7 +15,7 @@ LINE_TOLERANCE_M = 5.0
 
 
 class MissionsSent:
-    """Numbers the missions of all vehicles."""
+    """The counter of missions of all vehicles."""
 
     def __init__(self) -> None:
         self._next_id = 1
@@ -29,7 +29,7 @@ class MissionsSent:
         why: str,
         keeps_apart: bool = False,
     ) -> UploadMission:
-        """Make the upload of a mission along a path (n, 2), and record it as pending.
+        """Return the upload of a mission along a path (n, 2), and record it as pending.
 
         A mission that ``keeps_apart`` separates two vehicles and needs no approval.
         """

@@ -1,4 +1,4 @@
-"""Restarts: which state of a vehicle is unconfirmed until its mission is read back."""
+"""State of a vehicle that is unconfirmed after a restart, until its mission is read back."""
 
 from typing import Literal
 
@@ -7,9 +7,9 @@ from mission_service.vehicles.vehicle_state import UnconfirmedState, Vehicle
 
 
 def unconfirmed(vehicle: Vehicle) -> None:
-    """Mark all that was under way as unconfirmed until the vehicle's mission is read back.
+    """Mark commands and uploads under way as unconfirmed until the mission is read back.
 
-    Operators' orders stay in force.
+    Operators' orders remain valid.
     """
     was = vehicle.unconfirmed  # another restart before the first read-back
     pending = vehicle.pending or (was.pending if was else None)
@@ -25,7 +25,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 def recognised(
     vehicle: Vehicle, was: UnconfirmedState, event: MissionReadBack
 ) -> Literal["same", "new", "unknown"]:
-    """Which mission is on board: the accepted one, the one that was being sent, or another.
+    """Return which mission is on board: "same" (accepted), "new" (was being sent) or "unknown".
 
     The vehicle continues the accepted mission, unless a new one is due.
     """
@@ -40,9 +40,9 @@ def recognised(
 
 
 def in_words(event: MissionReadBack) -> str:
-    """The result of a read-back, as a line for the operator."""
+    """Return the result of a read-back as a line for the operator."""
     if event.items is None:
-        return "its mission could not be read back: it is sent another"
+        return "its mission could not be read back: a new mission is sent"
     if event.mission_id:
-        return f"read back: it has mission {event.mission_id} on board"
-    return f"read back: {event.items} items on board that are none of its missions"
+        return f"read back: mission {event.mission_id} is on board"
+    return f"read back: {event.items} items on board, which are no mission of the service"

@@ -16,24 +16,25 @@ from mission_service.missions.separation import (
     MARGIN_M,
     Track,
     ahead_on,
+    avoidance_position,
     comes_too_low,
     gives_way,
     has_passed,
     heights_below,
     is_near,
-    place_aside,
     places_of,
     track_of,
 )
+from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # towards its waiting place
-WAITS_AT_MOST_S = 120.0  # then it flies on
-UNHEARD_S = 5.0  # an older position is not used
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # of a vehicle on the flight to its waiting position
+WAITS_AT_MOST_S = 120.0
+STALE_S = 5.0  # an older position is not used
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +54,7 @@ class Flown:
 
 
 class TrafficManager:
-    """Keeps the tracks and positions of all vehicles and decides which one gives way."""
+    """Stores the tracks and positions of all vehicles and decides which vehicle gives way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]
@@ -76,7 +77,7 @@ class TrafficManager:
         top_m = self._all[name].section.altitude_agl_m - self._separation_m
         return [other for other in self._all.values() if other.section.altitude_agl_m <= top_m]
 
-    # Missions one above the other -------------------------------------------------------------
+    # Vertical separation of missions ----------------------------------------------------------
 
     def on_mission(self, name: str, items: tuple[MissionItem, ...]) -> None:
         """Record a mission that is sent to the vehicle."""
@@ -88,16 +89,16 @@ class TrafficManager:
         flown.compared = self._missions_below(name)
 
     def forget(self, name: str) -> None:
-        """Forget the mission of a vehicle on the ground."""
+        """Delete the mission of a vehicle on the ground."""
         self._all[name].track = self._all[name].gave_way_to = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:
-        """The least altitude of a new mission at points (n, 2)."""
+        """Return the function that gives the minimum altitude of a new mission at points (n, 2)."""
         tracks = self._tracks_below(name)
         return lambda points_m: heights_below(points_m, tracks) + self._separation_m + MARGIN_M
 
     def comes_too_low(self, name: str) -> bool:
-        """Whether a vehicle in a lower layer has a new mission close below this one's."""
+        """Return whether a vehicle in a lower layer has a new mission close below this mission."""
         own = self._all[name]
         missions = self._missions_below(name)
         if missions == own.compared or own.track is None or own.availability.fix is None:
@@ -107,7 +108,7 @@ class TrafficManager:
         return comes_too_low(left, self._tracks_below(name), self._separation_m)
 
     def _tracks_below(self, name: str) -> list[Track]:
-        """Tracks and positions of the vehicles in lower layers."""
+        """Return the tracks and positions of the vehicles in lower layers."""
         below = self._below[name]
         tracks = [other.track for other in below if other.track is not None]
         places = [other.availability.fix for other in below if other.availability.airborne]
@@ -120,11 +121,11 @@ class TrafficManager:
     # Giving way -------------------------------------------------------------------------------
 
     def gave_way_to(self, name: str) -> str | None:
-        """The vehicle that this one waits for, if any."""
+        """Return the vehicle that this one waits for, if any."""
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
-        """Decide which vehicle this one gives way to now, if any."""
+        """Return the vehicle that this one must give way to now, if any, and record it."""
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
@@ -135,77 +136,74 @@ class TrafficManager:
             None,
         )
         if own.gave_way_to is not None:
-            aside_m = self._separation_m
-            aside_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
-            there = self._all[own.gave_way_to].availability.fix
-            assert there is not None
-            own.waits_at = place_aside(fix, there, self._fire_m, aside_m)
+            offset_m = self._separation_m
+            offset_m += 2.0 * own.section.turn_radius_m + 3.0 * own.section.loiter_radius_m
+            other_fix = self._all[own.gave_way_to].availability.fix
+            assert other_fix is not None
+            own.waits_at = avoidance_position(fix, other_fix, self._fire_m, offset_m)
             own.waits_since_s = fix.at_s
         return own.gave_way_to
 
     def _is_passing(self, own: Flown, other: Flown) -> bool:
-        fix, there = own.availability.fix, other.availability.fix
-        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
-            return False
-        if fix.at_s - own.waits_since_s > WAITS_AT_MOST_S:
+        fixes = _reported_fixes(own, other)
+        if fixes is None or fixes[0].at_s - own.waits_since_s > WAITS_AT_MOST_S:
             return False
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
-        return not has_passed(fix, there, self._separation_m, turn_m)
+        return not has_passed(*fixes, self._separation_m, turn_m)
 
     def _has_right_of_way(self, name: str, other_name: str) -> bool:
         own, other = self._all[name], self._all[other_name]
-        fix, there = own.availability.fix, other.availability.fix
-        if fix is None or there is None or not _is_reported(other.availability, fix.at_s):
+        fixes = _reported_fixes(own, other)
+        if fixes is None or other.gave_way_to == name or self._are_in_layers(own, other):
             return False
-        if other.gave_way_to == name or self._are_in_layers(own, other):
-            return False
+        fix, other_fix = fixes
         turn_m = max(own.section.turn_radius_m, other.section.turn_radius_m)
         if other.gave_way_to is not None and other.waits_at is not None:
             x_m, y_m = other.waits_at[0]
-            there = replace(there, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
+            other_fix = replace(other_fix, x_m=x_m, y_m=y_m, east_m_s=0.0, north_m_s=0.0)
             turn_m += other.section.loiter_radius_m / 2.0
-        if not is_near(fix, there, self._separation_m, turn_m):
+        if not is_near(fix, other_fix, self._separation_m, turn_m):
             return False
-        cannot = not other.availability.flies or other.gave_way_to is not None
-        return cannot or gives_way(fix, there, other_name in self._earlier[name])
+        unable = not other.availability.flies or other.gave_way_to is not None
+        return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
-        """Whether the higher one's missions keep it above the other, and it is there."""
-        fix, there = own.availability.fix, other.availability.fix
+        """Return whether two vehicles are in different layers and have reached them."""
+        fix, other_fix = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
-        if fix is None or there is None or not both:
+        if fix is None or other_fix is None or not both:
             return False
-        above_m = fix.altitude_m - there.altitude_m
+        above_m = fix.altitude_m - other_fix.altitude_m
         if own in self._below[other.section.name]:
             return -above_m >= self._separation_m / 2.0
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Whether no other vehicle is flying out of this one's way just now."""
+        """Return whether no other vehicle is now giving way to this one nearby."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
-            there = other.availability.fix
-            if other.gave_way_to != name or fix is None or there is None:
+            other_fix = other.availability.fix
+            if other.gave_way_to != name or fix is None or other_fix is None:
                 continue
             leaving = fix.at_s - other.waits_since_s < LEAVES_WITHIN_S
-            if leaving and math.dist((fix.x_m, fix.y_m), (there.x_m, there.y_m)) < LEAVES_M:
+            if leaving and math.dist((fix.x_m, fix.y_m), (other_fix.x_m, other_fix.y_m)) < LEAVES_M:
                 return False
         return True
 
     def waits_at(self, name: str) -> Floats:
-        """Where the vehicle waits, (1, 2)."""
+        """Return the waiting position of the vehicle, (1, 2)."""
         place = self._all[name].waits_at
         assert place is not None
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Whether its home is clear of other vehicles; if so, record its start."""
+        """Return whether a vehicle's home is clear of others; if so, record its takeoff."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:
                 continue
             fix = other.availability.fix
-            if other.availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S:
+            if other.availability.airborne and fix is not None and at_s - fix.at_s < STALE_S:
                 place = (fix.x_m, fix.y_m)
             elif at_s - other.started_at_s < TAKES_OFF_WITHIN_S:
                 place = other.home_m
@@ -217,7 +215,9 @@ class TrafficManager:
         return True
 
 
-def _is_reported(availability: VehicleAvailability, at_s: float) -> bool:
-    """Whether it is airborne by a recent position."""
-    fix = availability.fix
-    return availability.airborne and fix is not None and at_s - fix.at_s < UNHEARD_S
+def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
+    """Return the positions of two vehicles, if the other is airborne by a recent position."""
+    fix, other_fix = own.availability.fix, other.availability.fix
+    if fix is None or other_fix is None or not other.availability.airborne:
+        return None
+    return (fix, other_fix) if fix.at_s - other_fix.at_s < STALE_S else None

@@ -20,16 +20,16 @@ HISTORY_LENGTH = 20  # of phases, for the error of an invalid transition
 
 
 class MissionPhase(Enum):
-    """The life of a vehicle's next mission: none, proposed, uploading, and how it ended."""
+    """The phases of a vehicle's next mission, up to its outcome."""
 
     NONE = "none"
     PROPOSED = "proposed"  # to the operators
     UPLOADING = "uploading"
     ACCEPTED = "accepted"  # by the autopilot
     FAILED = "failed"
-    REFUSED = "refused"  # by an operator, or like one that was
+    REFUSED = "refused"  # by an operator, or similar to a refused mission
     WITHDRAWN = "withdrawn"
-    DROPPED = "dropped"  # during its upload: by a restart, or not to be flown any more
+    DROPPED = "dropped"  # during its upload, by a restart or because it is not needed any more
 
 
 _NEXT = (MissionPhase.UPLOADING,)
@@ -50,8 +50,8 @@ class Pending:
 
     mission_id: int
     line: shapely.LineString
-    takes_off: bool = False  # it begins with a takeoff
-    due: str = ""  # why it was due at once
+    takes_off: bool = False  # its first item is a takeoff
+    due: str = ""  # reason for which it was due at once
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,18 @@ class Refusal:
     """A proposed mission that an operator refused; similar missions are not proposed again."""
 
     by: str
-    due: str  # why it was due at once; else empty
+    due: str  # reason for which it was due at once; else empty
     line: shapely.LineString
 
 
 @dataclass
 class UnconfirmedState:
-    """State at the end of the last run that the vehicle has not confirmed since."""
+    """State at the end of the last run that the vehicle has not yet confirmed."""
 
     pending: Pending | None
-    recalled: bool  # it was ordered home
+    recalled: bool  # ordered home
     starting: bool
-    resumed: bool = False  # by an operator since then; it starts after the read-back
+    resumed: bool = False  # by an operator since then; the start follows the read-back
 
 
 @dataclass
@@ -88,10 +88,10 @@ class Vehicle:
     ordered: Literal["", "hold"] = ""  # by an operator
     hold_under_way_s: float | None = None  # when a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # until the autopilot accepts it
-    waits_for_crew: bool = False  # has flown: only an operator's order starts it
+    waits_for_operator: bool = False  # has flown; its next start requires an operator's order
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
-    going_home: bool = False  # its endurance is nearly over
+    going_home: bool = False  # its endurance is nearly exhausted
     sent_home: bool = False
     next_mission: Pending | None = None  # while it is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
@@ -99,21 +99,19 @@ class Vehicle:
     )
     refusal: Refusal | None = None
     airspeed_m_s: float | None = None  # a mean of measurements
-    airspeed_differs_since_s: float | None = None  # from the commanded one
+    airspeed_differs_since_s: float | None = None  # from the commanded airspeed
     airspeed_alarm: bool = False
-    text_at_s: float | None = None  # of the last warning text that is an alarm
-    flown_line: shapely.LineString | None = None  # of the confirmed mission on board
+    text_at_s: float | None = None  # time of the last text that raised an alarm
+    flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     takes_off: bool = False  # flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
-    due: str = ""  # why a new mission is due at once
-    mode: str = ""  # as reported last
+    due: str = ""  # reason for which a new mission is due at once
+    mode: str = ""  # by the last report
     accepted: Pending | None = None  # the last mission that the autopilot accepted
     start_under_way: bool = False
-    start_confirmed: bool = False  # that its mission was started, and nothing has ended that since
-    unconfirmed: UnconfirmedState | None = (
-        None  # since the service was down, until its mission was read back
-    )
+    start_confirmed: bool = False  # its mission was started, and not ended since
+    unconfirmed: UnconfirmedState | None = None  # after a restart, until its mission is read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 
     @property
@@ -142,24 +140,24 @@ class Vehicle:
         self.next_mission = mission
 
     def drop_upload(self) -> None:
-        """Drop the mission that is being uploaded, if there is one: its outcome does not count."""
+        """Drop the mission that is being uploaded, if any; its outcome is then ignored."""
         if self.pending is not None:
             self.enter(MissionPhase.DROPPED)
 
     def validate_state(self) -> None:
-        """Check what must hold between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events; raises AssertionError. For tests."""
         phase, line = self.mission_phases[-1], self.flown_line
         assert (self.next_mission is not None) == (phase in UNDECIDED), f"{self.name}: {phase}"
-        known = self.accepted is not None and line is self.accepted.line
-        assert line is None or known, f"{self.name}: flies a line that was not accepted"
+        is_accepted = self.accepted is not None and line is self.accepted.line
+        assert line is None or is_accepted, f"{self.name}: flies a line that was not accepted"
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:
-        """Cancel commands that are due to be repeated or to follow another one."""
+        """Cancel commands that are to be repeated or to follow another command."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
 
 
 def announce(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:
-    """A line for the operator."""
+    """Return an announcement for the operator."""
     return Announce(vehicle.name, text, "warning" if warning else "info")

@@ -211,7 +211,7 @@ def test_of_the_past_the_observed_state_is_given(ahead_s: float) -> None:
 @pytest.mark.parametrize(
     ("at_s", "message"),
     [
-        (NOW_S + 7 * HOUR_S, r"30600 s is 7\.0 h from now; 6 h is the longest"),
+        (NOW_S + 7 * HOUR_S, r"30600 s is 7\.0 h from now; 6 h is the maximum"),
         (float("nan"), "nan s is not a time"),
         (float("inf"), "inf s is not a time"),
     ],

@@ -25,9 +25,9 @@ def test_it_reports_what_the_team_can_do_and_what_a_target_requires() -> None:
     )
     assert too_few
     assert text == (
-        "front of 5.0 km, fastest 30.0 m/min: 3 vehicles can see every part every 111 s; the front "
-        "then gets 56 m further unseen at most; every 100 s takes 4 vehicles; no more than 50 m "
-        "takes 4 vehicles"
+        "front of 5.0 km, fastest 30.0 m/min: 3 vehicles can see each part every 111 s; the "
+        "maximum unseen advance is 56 m; every 100 s requires 4 vehicles; at most 50 m requires "
+        "4 vehicles"
     )
     assert not team_size_advice(RING, speeds(4), CoverageTargets(100.0, 50.0))[0]
     assert not team_size_advice(RING, speeds(1), CoverageTargets())[0]

@@ -186,4 +186,4 @@ def test_a_silent_vehicle_is_planned_around_where_it_is_reckoned() -> None:
     rule.decide(ring, fleet, 1, 0.0)
     fleet.cell[:] = 20, 70
     rule.decide(ring, fleet, 0, 30.0)
-    assert rule.next_cell(1) == 70
+    assert rule._goal[rule._members.index(1)] == 70

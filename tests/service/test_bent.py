@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mission_service.experiments.bent.ring_flight import SEPARATION_M, fly_team
+from mission_service.experiments.bent.ring_flight import fly_team
 from mission_service.experiments.bent.ring_history import RingStep
 from mission_service.guidance.team.bent_region import Course, Region, course_back, lifted
 from mission_service.guidance.team.bent_rules import (
@@ -102,8 +102,8 @@ def slow_best_path(region: Region) -> int:
     """Bent 4.1.4 word by word: the mean importance of each path's cells when they are reached."""
     ring, cells, means = region.ring, region.ring.step_m.size, {}
     for goal in range(region.begin, region.end):
-        way = 1 if goal > region.here else -1
-        path = list(range(region.here, goal + way, way)) if goal != region.here else []
+        way = 1 if goal > region.own_cell else -1
+        path = list(range(region.own_cell, goal + way, way)) if goal != region.own_cell else []
         at_s, worth = region.at_s, []
         for before, cell in pairwise(path):
             at_s += ring.step_m[min(before, cell) % cells] / region.speed_m_s
@@ -119,7 +119,7 @@ def test_predictive_finds_the_best_path(exponential: bool) -> None:
     for seed in range(30):
         region = Region(random_ring(seed), 25, 55, 25 + seed, NOW_S, SPEED_M_S / 10.0, exponential)
         course = predictive(region, Course())
-        assert course == Course(slow_best_path(region) > region.here, slow_best_path(region))
+        assert course == Course(slow_best_path(region) > region.own_cell, slow_best_path(region))
         targets.append(course.target)
     assert len(set(targets)) > 10
 
@@ -297,7 +297,7 @@ def test_teams_keep_the_perimeter_whoever_comes_and_goes(planner: str, negotiati
     )
     assert sorted(flight.tracks) == [0, 1, 2, 3, 5, 6]
     assert max(lengths) > 24
-    assert flight.min_separation_m >= SEPARATION_M
+    assert flight.min_separation_m >= 25.0
     assert settled(flight.linear) < 60.0
 
 

@@ -92,7 +92,7 @@ def test_a_fire_of_initial_cells_burns_from_the_start_and_goes_on(land: Landscap
 def test_more_initial_cells_than_can_burn_are_refused() -> None:
     grid = ("landscape.rows=20", "landscape.cols=20", "fire.p_spread=0.5")
     scenario = load_scenario("virtual-agents", (*grid, "fire.initial_cells=401"))
-    with pytest.raises(ScenarioError, match="nothing is left to burn after 400 cells"):
+    with pytest.raises(ScenarioError, match="no burnable cell is left after 400 cells"):
         burning_of(scenario, landscape_of(scenario))
 
 

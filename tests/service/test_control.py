@@ -125,13 +125,13 @@ NAN = float("nan")
     ("request_", "words"),
     [
         ({"do": "fire"}, "unknown request 'fire'"),
-        ({"do": 7}, "unknown request without a word"),
-        ({}, "unknown request without a word"),
+        ({"do": 7}, "unknown request without a name"),
+        ({}, "unknown request without a name"),
         ({"do": "settings"}, "settings: give alpha"),
         ({"do": "hold", "vehicle": "../x"}, "hold: "),
         ({"do": "hold", "vehicle": "hawk\n"}, "hold: "),
         ({"do": "approve", "hash": HASH + "\n"}, "approve: "),
-        ({"do": "status"}, "status is answered"),
+        ({"do": "status"}, "status is a query"),
         ({"do": "approve", "hash": HASH[:12]}, "approve: "),
         ({"do": "approve", "hash": HASH.upper()}, "approve: "),
         ({"do": "approve"}, "approve: Object missing required field `hash`"),
@@ -142,10 +142,10 @@ NAN = float("nan")
         ({"do": "present", "by": "x" * 81}, "present: "),
         ({"do": "present", "by": "a\nb"}, "present: "),
         ({"do": "present", "by": "\x1b[2J"}, "present: "),
-        ({"do": "present", "by": "service"}, "is the service's own name; give yours"),
-        ({"do": "resume", "by": " Service"}, "is the service's own name; give yours"),
+        ({"do": "present", "by": "service"}, "is reserved for the service; give your name"),
+        ({"do": "resume", "by": " Service"}, "is reserved for the service; give your name"),
         ({"do": "present", "by": 3}, "present: Expected `str`"),
-        ({"do": "go", "item": "all"}, "no item 'all' on the list: weather; payload"),
+        ({"do": "go", "item": "all"}, "no item 'all' on the GO list: weather; payload"),
         ({"do": "go", "item": True}, "go: Expected `str`"),
         ({"do": "wind", "speed_m_s": NAN, "from_deg": 0}, "wind: Expected `float` "),
         ({"do": "wind", "speed_m_s": 1, "from_deg": NAN}, "wind: Expected `float` "),
@@ -169,11 +169,11 @@ NAN = float("nan")
         ),
         (
             {"do": "correct", "state": "burned", "shape": "line", "points": [[0, 0]]},
-            "correct: a line of 1 places; it takes 2",
+            "correct: a line of 1 points; it requires 2",
         ),
         (
             {"do": "correct", "state": "burned", "shape": "point", "points": CORNERS},
-            "correct: a point of 3 places; it takes 1",
+            "correct: a point of 3 points; it requires 1",
         ),
         (
             {"do": "correct", "state": "charred", "shape": "point", "points": [[0, 0]]},
@@ -204,7 +204,7 @@ def test_places_off_the_map_and_impossible_lines_are_not_submitted() -> None:
         {"do": "unit", "points": [*far, [60, -83]]},
         {"do": "correct", "state": "burned", "shape": "line", "points": far},
     ):
-        with pytest.raises(RequestError, match="km are too long to be meant"):
+        with pytest.raises(RequestError, match="km exceeds"):
             event_of({**request, **OPERATOR_FIELDS}, AT_US, SCOPE)
 
 

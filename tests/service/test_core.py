@@ -245,7 +245,7 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
     flight.at_height(8.0)
     (announcement,) = flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
     assert isinstance(announcement, Announce)
-    assert announcement.text == "return ordered by ann: as soon as it has taken off"
+    assert announcement.text == "return ordered by ann: executed after takeoff"
     # Neither the service nor the autopilot forgets it when it is restarted.
     flight.handle(Resumed(flight.at_us, "service", "", 1.0))
     flight.handle(VehicleConnected(flight.at_us, "hawk", "a stack", True))

@@ -328,9 +328,7 @@ def test_what_cannot_be_a_perimeter_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path)
     scenario = write_scenario(site, TIFFS, CSV, '[fire]\nperimeter = "area.geojson"\n')
     drawn(site / "area.geojson", on_grid(30, 20).buffer(100.0), on_grid(30, 20))
-    assert "area.geojson: feature 2 has Point; a perimeter is of polygons alone" in refused(
-        scenario
-    )
+    assert "area.geojson: feature 2 has Point; a perimeter has only polygons" in refused(scenario)
     drawn(site / "area.geojson", on_grid(30, 20).buffer(9000.0))
     assert "no outline of the perimeter is on the landscape" in refused(scenario)
 
@@ -340,7 +338,7 @@ def test_times_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
     late = refused(scenario, "--set", "ignition.0.at_s=3600")
     assert "the first ignition is at_s = 3600, which must be before duration_s = 3600" in late
     many = refused(scenario, "--set", "duration_s=10080", "--front-every", "1")
-    assert "10080 fronts until 10080 s, 10000 at most; make it 2 or more" in many
+    assert "10080 fronts until 10080 s, more than 10000; give 2 or more" in many
 
 
 def test_fronts_come_often_or_only_at_the_end(tmp_path: Path) -> None:
@@ -359,7 +357,7 @@ def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
     assert "Note" not in quiet.stderr
     result = call("fire", "run", str(scenario), *options, "duration_s=14400")
     assert result.exit_code == 0
-    assert "weather.csv: ends at 7200 s; its last record is taken to hold until" in result.stderr
+    assert "weather.csv: ends at 7200 s; its last record is used until" in result.stderr
 
 
 def test_a_folder_that_cannot_be_written_to_is_reported_before_the_simulation(

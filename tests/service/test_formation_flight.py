@@ -469,7 +469,7 @@ def test_a_lost_link_leaves_and_it_is_led_again_when_it_is_back(land: Landscape)
     flight.for_s(5.0)
     (announcement,) = flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
     assert isinstance(announcement, Announce)
-    assert "keeps circling" in announcement.text
+    assert "continues to circle" in announcement.text
     assert len(flight.agent.left) == 1
     assert flight.for_s(10.0) == []
     flight.handle(LinkRestored(flight.at_us, flight.name))

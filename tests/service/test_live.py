@@ -81,8 +81,8 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
         wait_for(logged("link lost"), 60)
         with mock(port, tmp_path / "mock2.log"):
             wait_for(logged("link restored"), 60)
-            wait_for(logged("autopilot restarted: it waits for an operator to start it"), 60)
-            wait_for(logged("on the ground: it waits for an operator to start it"), 60)
+            wait_for(logged("autopilot restarted: it waits for an operator's order to start"), 60)
+            wait_for(logged("on the ground: it waits for an operator's order to start"), 60)
             assert not logged("start mission: accepted", times=2)()
             with ControlClient(tmp_path) as operator:
                 operator.ask(do="start", vehicle="hawk", by="ann", station="desk")

@@ -72,7 +72,7 @@ SECOND = {
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({}, "needs a link with a port of its own"),
+        ({}, "needs a link with a separate port"),
         ({"link": "udpin:127.0.0.1"}, "write it as udpin:HOST:PORT"),
         ({"link": "udpin:0.0.0.0:14551"}, "have the same port"),
     ],

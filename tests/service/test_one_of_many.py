@@ -188,7 +188,7 @@ def test_only_its_own_vehicle_is_flown() -> None:
     assert len(scenario().vehicles) == 8
     with pytest.raises(ScenarioError, match="--vehicle dodo: virtual-agents has heron, stork"):
         one_of_many(load_scenario("virtual-agents"), "dodo", peer_messaging=True)
-    with pytest.raises(ScenarioError, match='--broker is for rule = "formation"'):
+    with pytest.raises(ScenarioError, match='--broker requires rule = "formation"'):
         one_of_many(load_scenario("team"), None, peer_messaging=True)
     with pytest.raises(ScenarioError, match="only: no vehicle dodo"):
         load_scenario("team", ('only="dodo"',))

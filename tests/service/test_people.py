@@ -188,7 +188,7 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     flight.run(20.0)  # meanwhile it comes to the front: another mission is due
     third = flight.state_view.missions["hawk"].proposed
     assert third is None or third.mission_hash != refused_hash
-    assert third is None or "unlike the mission that ann refused" in third.why
+    assert third is None or "different from the mission that ann refused" in third.why
     flight.run(300.0)
     lapsed = flight.state_view.missions["hawk"].proposed
     assert lapsed is not None
@@ -207,7 +207,7 @@ def test_settings_are_passed_to_planners_that_have_them(fly: Fly) -> None:
     assert (planner.settings.alpha, planner.settings.dwell_s) == (2.5, 50.0)
     flight.over()
     team = fly(rule="team.balanced")
-    assert "nothing was changed" in team.submit(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
+    assert "no setting was changed" in team.submit(SettingsChanged(team.now_us, *ANN, alpha=2.5))[0]
 
 
 def test_an_abort_before_it_was_found_keeps_a_vehicle_on_the_ground(fly: Fly) -> None:

@@ -118,9 +118,9 @@ def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) ->
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (('service.http.listen="0.0.0.0:80"',), "beyond loopback: give tokens"),
+        (('service.http.listen="0.0.0.0:80"',), "is not a loopback address: give tokens"),
         (('service.http.listen="8765"',), "write it as HOST:PORT"),
-        (('service.mqtt.password="hunter2"',), 'name where the password is, as "file:PATH"'),
+        (('service.mqtt.password="hunter2"',), 'give the source of the password, as "file:PATH"'),
         (("service.journal.rotate_mb=0",), "service.journal.rotate_mb"),
         (("service.http.port=1",), "service.http.port: unknown key"),
     ],

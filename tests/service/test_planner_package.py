@@ -134,7 +134,7 @@ def test_its_table_is_checked_by_its_own_model() -> None:
     [
         ("import nothing_such", "pendulum = pendulum:WAY", "No module named 'nothing_such'"),
         ("WAY = 1", "pendulum = pendulum:WAY", "it must be a WayOfFlying"),
-        ("WAY = 1", "Pen-dulum = pendulum:WAY", "lower case letters, digits and _"),
+        ("WAY = 1", "Pen-dulum = pendulum:WAY", "lower-case letters, digits and _"),
     ],
 )
 def test_a_package_that_cannot_be_used_is_named(

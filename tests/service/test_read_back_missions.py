@@ -244,7 +244,7 @@ def test_one_that_landed_unobserved_waits_for_a_start_and_announces_it(flight: F
     flight.fly(30.0)
     entries = flight.after_resumed()
     words = [each.text for each in entries if isinstance(each, Announce)]
-    assert any("waits for an operator to start it" in text for text in words)
+    assert any("waits for an operator's order to start" in text for text in words)
     assert StartMission not in kinds(entries)
 
 

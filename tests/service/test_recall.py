@@ -176,7 +176,7 @@ def test_one_on_its_way_home_when_it_is_discovered_is_left_alone(land: Landscape
     )
     assert isinstance(announcement, Announce)
     assert isinstance(alarm, RaiseAlarm)
-    assert "on its way home" in announcement.text
+    assert "returning home" in announcement.text
     assert core.handle(Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)) == []
 
 

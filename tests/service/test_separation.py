@@ -19,11 +19,11 @@ from mission_service.events import Telemetry, UploadFinished, VehicleConnected
 from mission_service.fire.setup import landscape_of
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.separation import (
+    avoidance_position,
     gives_way,
     has_passed,
     heights_below,
     is_near,
-    place_aside,
     track_of,
 )
 from mission_service.position_fix import PositionFix
@@ -76,10 +76,10 @@ def test_of_any_two_exactly_one_gives_way() -> None:
 
 def test_it_waits_off_the_line_away_from_the_fire_until_the_other_has_passed() -> None:
     own = fix(0, 0, 0, 15)
-    (place,) = place_aside(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
+    (place,) = avoidance_position(own, fix(0, 600, 0, -15), (-1000.0, 0.0), 400.0)
     assert place[0] == pytest.approx(400.0)
     assert place[1] > 0.0
-    (inwards,) = place_aside(own, fix(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
+    (inwards,) = avoidance_position(own, fix(300, 100, 0, 15), (-1000.0, 0.0), 400.0)
     assert inwards[0] == pytest.approx(-400.0)
     assert not has_passed(own, fix(0, 600, 0, -15), SEPARATION_M, TURN_M)
     assert not has_passed(own, fix(0, -200, 0, -15), SEPARATION_M, TURN_M)

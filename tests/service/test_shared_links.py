@@ -69,7 +69,7 @@ def test_vehicles_that_cannot_share_a_link_are_reported_in_one_line(
 
 def test_a_shared_link_with_mavsdk_is_refused() -> None:
     sets = (*changes("udpin:127.0.0.1:14550"), 'vehicles.1.backend="mavsdk"')
-    with pytest.raises(ScenarioError, match="each vehicle needs one of its own"):
+    with pytest.raises(ScenarioError, match="each vehicle needs a separate port"):
         check(load_scenario("demo", sets))
 
 

@@ -39,9 +39,9 @@ class StartsAgainAfterALanding(Core):
     """What was to be started again is not forgotten when the vehicle lands."""
 
     def _disarmed(self, vehicle: Vehicle, was_airborne: bool) -> list[AnyCommand]:
-        again_at_s, waits = vehicle.start_again_at_s, vehicle.waits_for_crew
+        again_at_s, waits = vehicle.start_again_at_s, vehicle.waits_for_operator
         commands = super()._disarmed(vehicle, was_airborne)
-        vehicle.start_again_at_s, vehicle.waits_for_crew = again_at_s, waits
+        vehicle.start_again_at_s, vehicle.waits_for_operator = again_at_s, waits
         return commands
 
 
@@ -83,7 +83,7 @@ class StartsAfterARestart(Core):
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: Any) -> list[AnyCommand]:
         commands = super()._rebooted(vehicle, at_s, was)
-        vehicle.waits_for_crew = False
+        vehicle.waits_for_operator = False
         return commands
 
 

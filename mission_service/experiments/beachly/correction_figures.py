@@ -1,11 +1,11 @@
-"""Figs. 10 and 11 of Beachly et al., drawn from our simulated participants."""
+"""Figs. 10 and 11 of Beachly et al., drawn from simulated participants."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from mission_service.experiments.beachly.corrections import (
@@ -35,7 +35,7 @@ def draw(out: Path, studies: list[Study]) -> None:
 
 
 def usual(studies: list[Study]) -> Study:
-    """The median study by the remaining fraction of the error with the Gaussian process."""
+    """Return the median study by the remaining fraction of the error with the Gaussian process."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))
@@ -45,9 +45,8 @@ def usual(studies: list[Study]) -> Study:
 
 
 def draw_errors(path: Path, studies: list[Study]) -> None:
-    """Draw fig. 10: left one fire with its participants, right the mean of all."""
+    """Draw fig. 10: one fire with its participants on the left, the mean of all on the right."""
     figure = Figure(figsize=(12.0, 4.8), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     one = usual(studies)
     same = [other for other in studies if other.case.name == one.case.name]
@@ -83,7 +82,6 @@ def draw_errors(path: Path, studies: list[Study]) -> None:
 def draw_fronts(path: Path, one: Study) -> None:
     """Draw fig. 11: true and simulated fronts at the end of the second segment."""
     figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     at_s = SHOWN_MIN * MINUTE_S
     number = int(np.argmin(np.abs(one.case.at_s - at_s)))
     observations = one.observations[one.observations[:, 2] <= at_s]
@@ -105,16 +103,11 @@ def draw_fronts(path: Path, one: Study) -> None:
             for state, (pen, name) in PENS.items():
                 these = observations[observations[:, 3] == state, :2] - (west, south)
                 axes.plot(*these.T, "o", color=pen, markersize=3.5, label=f"marked {name}")
-        axes.add_patch(_unit(east - west, north - south))
+        size = (east - west, north - south)
+        axes.add_patch(Rectangle((0.0, 0.0), *size, fill=False, color="#888888", linestyle=":"))
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
         axes.set(xlim=(-40.0, east - west + 40.0), ylim=(-40.0, north - south + 40.0))
         axes.set_title(f"{title}: {error_m:.1f} m", fontsize=10)
     panels[-1].legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), markerscale=1.5)
     figure.suptitle(f'fire "{one.case.name}", minute {SHOWN_MIN:g}; the square is the unit')
     figure.savefig(path)
-
-
-def _unit(width_m: float, height_m: float) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((0.0, 0.0), width_m, height_m, fill=False, color="#888888", linestyle=":")

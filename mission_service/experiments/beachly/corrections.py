@@ -1,14 +1,14 @@
 """Section VII of Beachly et al.: the effect of participants' corrections on a simulated fire.
 
-Front errors are as in VII.B: the mean distance from the true front, inside the unit, to the closest
-simulated one, every minute. At each minute only the observations made by then are used. Reported
-are the mean from the begin of the first segment to the end of the second one, as in the paper, and
-the mean of all minutes from the begin of the first segment on.
+Front errors follow VII.B: every minute, the mean distance from the true front, inside the unit, to
+the closest point of the simulated front. Each minute uses only the observations made by then. The
+result has two means: from the start of the first segment to the end of the second one, as in the
+paper, and over all minutes from the start of the first segment on.
 
 The relative reduction of the error depends on the model's error, because the remaining error hardly
-does. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute 12 on)
-it was 34 % by the paper's method and 54 % by ours; the model's error was then increased to about
-the paper's 24.8 m. Fires 100 to 119 were not used before.
+depends on it. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute
+12 on) it was 34 % by the paper's method and 54 % by the Gaussian process; the model's error was
+then increased to about the paper's 24.8 m. Fires 100 to 119 were not used for that choice.
 """
 
 from collections.abc import Callable
@@ -30,18 +30,12 @@ from mission_service.experiments.beachly.participants import (
     inside,
     random_observations,
 )
-from mission_service.experiments.beachly.truth import (
-    CELL_M,
-    END_S,
-    MINUTE_S,
-    Burn,
-    unit_box,
-)
+from mission_service.experiments.beachly.truth import CELL_M, END_S, MINUTE_S, Burn, unit_box
 
 Floats = NDArray[np.float64]
 Method = Callable[[Any, Floats], Simulation]
 
-FIRES = tuple(range(100, 120))  # seeds; constants were chosen on 0 to 19 and from 1000 on
+FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 and from 1000 on
 PARTICIPANTS = 3  # of each fire
 MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
@@ -54,13 +48,13 @@ METHODS: dict[str, Method] = {
 
 
 class Case(NamedTuple):
-    """A true fire and its model, the same for all participants and methods."""
+    """A true fire and its model, common to all participants and methods."""
 
     name: str
     at_s: Floats  # times at which errors are measured
     fronts: list[Floats]  # true fronts at these times, (n, 2) each
     model: Simulation
-    grid: Landscape  # where the model is evaluated
+    grid: Landscape  # on which the model is evaluated
     points: Floats  # (rows * cols, 2) centres of its cells
     before_s: Floats  # (rows, cols) arrival time of cells burned at the beginning, else infinity
     apart_m: float = APART_M  # spacing of points on fronts
@@ -90,7 +84,7 @@ def study(burn: Burn, participants: int) -> list[Study]:
 
 
 def case_of(burn: Burn) -> Case:
-    """The case of one fire, with errors each minute from the begin of the first segment on."""
+    """Return the case of one fire, with errors each minute from the first segment's start on."""
     at_s = np.arange(WATCHING.begins_s[0], END_S + 1.0, MINUTE_S)
     fronts = [front_points(burn.arrival_s, float(time), burn.landscape) for time in at_s]
     fronts = [front[inside(front, unit_box())] for front in fronts]
@@ -100,7 +94,7 @@ def case_of(burn: Burn) -> Case:
 
 
 def observations_of_participant(burn: Burn, participant: int) -> Floats:
-    """The observations (n, 4) of one participant, determined by the fire and the participant."""
+    """Return one participant's observations (n, 4), determined by the fire and the participant."""
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
     return random_observations(
@@ -111,7 +105,7 @@ def observations_of_participant(burn: Burn, participant: int) -> Floats:
 def grid_around(
     box: tuple[float, float, float, float], beyond_m: float, cell_m: float, crs: str
 ) -> Landscape:
-    """A level grid around a box, on which a simulation is evaluated."""
+    """Return a level grid around a box, on which a simulation is evaluated."""
     west, south, east, north = box
     cols, rows = (
         int(np.ceil((size + 2.0 * beyond_m) / cell_m)) for size in (east - west, north - south)
@@ -121,37 +115,37 @@ def grid_around(
 
 
 def cells_of(grid: Landscape) -> Floats:
-    """Centres of all cells (n, 2)."""
+    """Return the centres of all cells (n, 2)."""
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
 def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
+    """Return the arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
     fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Front error in metres at each time, from the observations made by then."""
+    """Return the front error in metres at each time, from the observations made by then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
-        known = int(np.count_nonzero(observations[:, 2] <= at_s))
-        if known != used:
-            used, expected_s = known, arrival_s(case, observations[:known], method)
+        count = int(np.count_nonzero(observations[:, 2] <= at_s))
+        if count != used:
+            used, expected_s = count, arrival_s(case, observations[:count], method)
         front = front_points(expected_s, float(at_s), case.grid, case.apart_m)
         found[number] = front_error_m(case.fronts[number], front, case.max_m)
     return found
 
 
 def in_period(at_s: Floats) -> NDArray[np.bool_]:
-    """Mask of the times up to the end of the second segment, as in the paper."""
+    """Return the mask of the times up to the end of the second segment, as in the paper."""
     return np.asarray(at_s <= WATCHING.begins_s[1] + WATCHING.segment_s)
 
 
 def rows_of(one: Study) -> list[dict[str, Any]]:
-    """The result of a study, one row for each method."""
+    """Return the result of a study, one row for each method."""
     period = in_period(one.case.at_s)
     return [
         {

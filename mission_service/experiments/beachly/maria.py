@@ -1,9 +1,9 @@
 """Corrections compared with the Maria fire (California, 2019) as the truth.
 
-The model has ellipses from all points of the first mapped perimeter, with one fuel and the wind
-recorded for that perimeter at all times. It cannot match the later perimeters without corrections,
-since the terrain is steep and the fuel varies. Participants mark points of each next perimeter with
-noise; the error is measured at the perimeter after it, which is not marked yet.
+The model has ellipses from all points of the first mapped perimeter, with one fuel and, at all
+times, the wind recorded for that perimeter. Without corrections it does not match the later
+perimeters, because the terrain is steep and the fuel varies. Participants mark points of each
+perimeter with noise; the error is measured at the following perimeter, which is not marked yet.
 """
 
 from collections.abc import Callable
@@ -24,6 +24,9 @@ from firemodel.landscape.readers.shapes import into_crs
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.experiments.beachly.corrections import (
+    MAX_CORRECTIONS,
+    MIN_CORRECTIONS,
+    PARTICIPANTS,
     Case,
     Method,
     cells_of,
@@ -35,11 +38,9 @@ Floats = NDArray[np.float64]
 
 FOLDER = Path("shared") / "data" / "maria_2019"
 CRS = "EPSG:32611"
-FUEL = 102  # the most frequent
+FUEL = 102  # the most frequent fuel model
 PERIMETERS = 7  # of the first afternoon and evening, while it grew
 SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
-PARTICIPANTS = 3
-MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175
 PLACE_SD_M = 50.0  # the fire is 25 times as wide as the unit
 PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
@@ -53,20 +54,20 @@ METHODS: dict[str, Method] = {
 
 
 class Perimeter(NamedTuple):
-    """A burned area in ``CRS``, and the weather recorded with it at the time of the perimeter."""
+    """A burned area in ``CRS``, and the weather recorded at the time of the perimeter."""
 
     area: BaseGeometry
     weather: Weather
 
 
 def folder() -> Path | None:
-    """The folder of the data in or above the repository, or None."""
+    """Return the folder of the data in or above the repository, or None."""
     found = [above / FOLDER for above in Path(__file__).parents if (above / FOLDER).is_dir()]
     return found[0] if found else None
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """The mapped perimeters in order of time, in seconds after the first."""
+    """Return the mapped perimeters in order of time; times are seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -90,7 +91,7 @@ def read_perimeters(path: Path) -> list[Perimeter]:
 
 
 def case_of(perimeters: list[Perimeter]) -> Case:
-    """The case with the model from the first perimeter and the others as the truth."""
+    """Return the case with the model from the first perimeter and the others as the truth."""
     bounds = shapely.total_bounds([one.area for one in perimeters])
     box = tuple(float(bound) for bound in bounds)
     grid = grid_around((box[0], box[1], box[2], box[3]), BEYOND_M, CELL_M, CRS)
@@ -114,9 +115,9 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 
 
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Noisy observations (n, 4) along all perimeters but the last, in order of time.
+    """Return noisy observations (n, 4) along all perimeters but the last, in order of time.
 
-    Their times are 1 s after their perimeter, so that they do not correct the error measured there.
+    They are 1 s later than their perimeter and so do not affect the error measured there.
     """
     found = []
     for at_s, front, number in zip(
@@ -134,10 +135,10 @@ def random_observations(rng: np.random.Generator, count: int, case: Case) -> Flo
 
 
 def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> list[dict[str, Any]]:
-    """A row for each participant and method, as for the random fires; none without the data."""
+    """Return a row for each participant and method, as for random fires; none without the data."""
     data = data or folder()
     if data is None:
-        progress(f"Maria is left out: no {FOLDER} beside the repository")
+        progress(f"Maria is skipped: no folder {FOLDER} next to the repository")
         return []
     case = case_of(read_perimeters(data / "firis_perimeters.shp")[:PERIMETERS])
     uncorrected = float(errors_m(case, np.empty((0, 4)), None)[1:].mean())

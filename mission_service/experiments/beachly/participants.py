@@ -14,9 +14,9 @@ from firemodel.landscape.landscape import Landscape
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
-APART_M = 1.0  # of points on a front, the paper's grid
+APART_M = 1.0  # spacing of points on a front, the paper's grid
 FARTHEST_M = 150.0
-NEVER_S = 1e6  # arrival time of unburned cells, so late that the edge is at the burned cell
+NEVER_S = 1e6  # arrival time of unburned cells, which places the edge at the burned cell
 
 
 class Watching(NamedTuple):
@@ -24,21 +24,21 @@ class Watching(NamedTuple):
 
     begins_s: tuple[float, ...]
     segment_s: float
-    step_s: float = 20.0  # observations are made at these times
-    look_s: float = 60.0  # the camera looks somewhere else after
-    view_m: float = 120.0  # around the place on the front that it looks at
-    wrong_m: float = 40.0  # off the front at most, of observations burned and unburned
-    burning_share: float = 0.7  # of the pens; the rest burned and unburned
-    place_sd_m: float = 5.0  # of each observation
-    offset_sd_m: float = 3.0  # of all observations of a participant, as by a fish-eye lens
+    step_s: float = 20.0  # between times of observation
+    look_s: float = 60.0  # between changes of the camera's view
+    view_m: float = 120.0  # radius of the view around a point of the front
+    wrong_m: float = 40.0  # maximum distance of burned and unburned observations from the front
+    burning_share: float = 0.7  # of observations with the burning pen; the others share the rest
+    place_sd_m: float = 5.0  # random error of each observation
+    offset_sd_m: float = 3.0  # constant error of a participant, as of a fish-eye lens
 
 
 def front_points(
     arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
 ) -> Floats:
-    """Points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
-    known = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
-    lines: Any = contourpy.contour_generator(z=known).lines(at_s)
+    """Return points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
+    finite_s = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
+    lines: Any = contourpy.contour_generator(z=finite_s).lines(at_s)
     found = [np.empty((0, 2))]
     for line in lines:
         x_m, y_m = landscape.xy_of(line[:, 1], line[:, 0])
@@ -49,14 +49,14 @@ def front_points(
 
 
 def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
-    """Mask of the points (n, 2) in a box."""
+    """Return the mask of the points (n, 2) in a box."""
     west, south, east, north = box
     x_m, y_m = points.T
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
 
 
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
-    """Mean distance from the true front to the closest point on the other (Beachly, VII.B).
+    """Return the mean distance from the true front to the closest point of the other (VII.B).
 
     Each distance is at most ``max_m``. Without a second front the result is ``max_m``, without a
     true front NaN.
@@ -78,12 +78,12 @@ def random_observations(
     landscape: Landscape,
     box: Box,
 ) -> Floats:
-    """Observations (n, 4) of one participant in order of time, about ``count`` of them.
+    """Return about ``count`` observations (n, 4) of one participant in order of time.
 
-    In each segment they follow a camera that shows a part of the front. Most observations are
-    ``burning`` on the true front; the others, ``burned`` behind it and ``unburned`` ahead of it,
-    are made where the uncorrected simulation is wrong, so that they are the same for every method.
-    All places have the participant's own constant offset and a random error.
+    In each segment the camera shows a part of the front. Most observations are ``burning`` on the
+    true front; the others, ``burned`` behind it and ``unburned`` ahead of it, are placed where the
+    uncorrected simulation is wrong, so that they are the same for every method. All positions have
+    the participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

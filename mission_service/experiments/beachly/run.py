@@ -19,7 +19,7 @@ Progress = Callable[[str], None]
 
 
 def run(out: Path | None, progress: Progress) -> dict[str, Any]:
-    """Run both experiments; with ``out`` pictures like figs. 6, 7, 10 and 11 are drawn there."""
+    """Run both experiments; with ``out``, draw pictures like figs. 6, 7, 10 and 11 there."""
     return {
         "trajectories": run_trajectories(out, progress),
         "corrections": run_corrections(out, progress),
@@ -27,7 +27,7 @@ def run(out: Path | None, progress: Progress) -> dict[str, Any]:
 
 
 def run_trajectories(out: Path | None, progress: Progress) -> list[dict[str, Any]]:
-    """Fly all four scenarios; with ``out`` pictures like figs. 6 and 7 are drawn there."""
+    """Fly all four scenarios; with ``out``, draw pictures like figs. 6 and 7 there."""
     rows = []
     for number in (1, 2, 3, 4):
         flown = fly(number, out)
@@ -46,7 +46,7 @@ def run_corrections(
     fires: tuple[int, ...] = FIRES,
     participants: int = PARTICIPANTS,
 ) -> list[dict[str, Any]]:
-    """Run all fires, and Maria if its data exists; with ``out`` the figures are drawn there."""
+    """Run all fires, and Maria if its data exists; with ``out``, draw the figures there."""
     studies: list[Study] = []
     for number, seed in enumerate(fires, 1):
         studies += study(random_burn(seed), participants)

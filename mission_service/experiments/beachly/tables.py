@@ -4,10 +4,10 @@ from typing import Any
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as lines of text."""
+    """Return the result as lines of text."""
     lines = [
-        "Trajectories: drops, places skipped as unsafe, least time to fire at low height,",
-        "drops outside the unit, farthest off its place",
+        "Trajectories: drops, places skipped as unsafe, minimum time to fire at low height,",
+        "drops outside the unit, maximum miss of a drop",
     ]
     for row in found["trajectories"]:
         lines.append(
@@ -15,7 +15,7 @@ def in_text(found: dict[str, Any]) -> str:
             f"{row['min_time_margin_s']:9.0f} s{row['outside_area']:6}"
             f"{row['farthest_off_its_place_m']:8.1f} m   {row['lines']} lines"
         )
-    lines.append("Corrections: mean front error without, with, and by how much less")
+    lines.append("Corrections: mean front error without and with corrections, and its reduction")
     for row in found["corrections"]:
         before_m, after_m = row["mean_error_uncorrected_m"], row["mean_error_m"]
         less = 1.0 - after_m / before_m if before_m else 0.0

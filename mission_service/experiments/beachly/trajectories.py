@@ -1,8 +1,9 @@
 """The four scenarios of Beachly's section VI, flown on a mock copter with a simulated crew.
 
-A burn unit of 20 acres, wind of 2 m/s towards the south, a backing fire along the southern edge.
-1: nothing else. 2: the centre has burned farther. 3: a second front at 45 degrees from the southern
-edge. 4: as 3, but the second front is reported to the planner in mid-flight.
+All have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along the
+southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. Scenario 3
+has a second front at 45 degrees from the southern edge; in scenario 4 this front is reported to the
+planner during the flight.
 """
 
 import math
@@ -32,11 +33,11 @@ from mission_service.simulation.sim import simulate
 Floats = NDArray[np.float64]
 Place = tuple[float, float]
 
-STARTS_S = 240.0  # of the vehicle, after the backing fire was lit
+STARTS_S = 240.0  # takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
 SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
 LOW_SHARE = 0.9  # of the safe height
-# m north of the edge, lit after s
+# (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
 
@@ -65,16 +66,13 @@ class Flown:
 
     @property
     def lines(self) -> list[IgnitionPlan]:
-        """Plans of which at least one sphere fell, in order."""
-        return [
-            plan
-            for name, plan in self.plans.items()
-            if any(s.plan_hash == name for s in self.spheres)
-        ]
+        """Plans with at least one dropped sphere, in order."""
+        flown = {sphere.plan_hash for sphere in self.spheres}
+        return [plan for name, plan in self.plans.items() if name in flown]
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
-    """The initial fire lines; corners of the unit are anticlockwise from the south-west."""
+    """Return the initial fire lines; corners of the unit are anticlockwise from the south-west."""
     (south, west), (_, east) = corners[0], corners[1]
     edge = LitLine(points=((south, west), (south, east)))
     if scenario == 2:
@@ -91,7 +89,7 @@ def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
 
 
 def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
-    """A line from the southern edge at 45 degrees to the eastern one."""
+    """Return a line from the southern edge at 45 degrees to the eastern one."""
     (south, west), (_, east) = corners[0], corners[1]
     start = west + 0.55 * (east - west)
     north = south + (east - start) * math.cos(math.radians(south))
@@ -99,7 +97,7 @@ def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
 
 
 def scenario_of(number: int) -> Scenario:
-    """The shipped burn with the fires of one of the paper's scenarios."""
+    """Return the shipped burn with the fires of one of the paper's scenarios."""
     base = load_scenario("burn", (f"duration_s={ENDS_S}", f"deploy_at_s={STARTS_S}"))
     assert base.burn is not None
     assert base.burn.unit is not None
@@ -118,18 +116,18 @@ class RecordingCrew:
         self._burn = scenario.burn
         self._flown = flown
         self._next_us = 0
-        self._told = flown.scenario != 4
+        self._reported = flown.scenario != 4
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """The crew's events that are due at ``now_us``."""
+        """Return the crew's events that are due at ``now_us``."""
         guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
-            self._note(now_us, core, guidance)
+            self._record(now_us, core, guidance)
         events = self._crew.due(now_us, core)
         spheres = guidance.state.account.spheres
-        if not self._told and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
-            self._told = True
+        if not self._reported and spheres and now_us > spheres[0].at_us + SECOND_FRONT_S * 1e6:
+            self._reported = True
             assert self._burn.unit is not None
             station = self._burn.stations[0].name
             events.append(
@@ -137,7 +135,7 @@ class RecordingCrew:
             )
         return events
 
-    def _note(self, now_us: int, core: Core, guidance: BurnFlight) -> None:
+    def _record(self, now_us: int, core: Core, guidance: BurnFlight) -> None:
         flown = self._flown
         flown.spheres = [sphere for sphere in guidance.state.account.spheres if sphere.counts]
         if guidance.approvals.plan is not None:
@@ -151,7 +149,7 @@ class RecordingCrew:
 
 
 def fly(number: int, out: Path | None = None) -> Flown:
-    """Fly one scenario; its journal stays in ``out`` if one is given."""
+    """Fly one scenario; with ``out``, keep its journal there."""
     scenario = scenario_of(number)
     landscape = landscape_of(scenario)
     assert scenario.burn is not None
@@ -166,9 +164,9 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """The minimum, over all samples at low height, of the time until fire reaches the vehicle.
+    """Return the minimum time, over all samples at low height, until fire reaches the vehicle.
 
-    It is from the estimate at the time of the sample, and negative where the place had burned.
+    The time is by the estimate at the time of the sample, and negative on burned ground.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -179,7 +177,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 
 def row_of(flown: Flown) -> dict[str, Any]:
-    """The figures of a scenario for the table."""
+    """Return the figures of a scenario for the table."""
     lines = flown.lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from mission_service.experiments.beachly.trajectories import LOW_SHARE, Flown
@@ -20,9 +21,8 @@ GRID_M = 2.0
 
 
 def draw_trajectory(path: Path, flown: Flown) -> None:
-    """One scenario: what burns when the first sphere falls and at the end, the way, the drops."""
+    """Draw one scenario: burned area at the first drop and at the end, flown path and drops."""
     figure = Figure(figsize=(8.0, 7.6), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     west, south, east, north = flown.area.bounds
     origin = np.array([west, south])
@@ -33,7 +33,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     last = flown.samples[-1]
     arrival = last.fire.ignition_time_s(points).reshape(grid_x.shape)
     first_s = flown.spheres[0].at_us / 1e6 if flown.spheres else last.at_s
-    inside = shapely.contains_xy(flown.area, grid_x, grid_y)  # the control lines hold
+    inside = shapely.contains_xy(flown.area, grid_x, grid_y)  # fire stays within control lines
     arrival = np.where(np.isfinite(arrival) & inside, arrival, 1e9)
     for until_s, colour in ((last.at_s, LATER), (first_s, BURNED)):
         axes.contourf(
@@ -54,12 +54,12 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
 
 
 def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
-    """Solid where it flew low, dashed at the safe height and on its way there."""
-    way = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
+    """Draw the path: solid at low height, dashed at the safe height and during the climb to it."""
+    track = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low = np.array([each.height_m < LOW_SHARE * safe_m for each in flown.samples])
     for style, chosen in (("-", low), ("--", ~low)):
-        line = np.where(chosen[:, None] | np.roll(chosen, 1)[:, None], way, np.nan)
+        line = np.where(chosen[:, None] | np.roll(chosen, 1)[:, None], track, np.nan)
         axes.plot(*line.T, style, color="#333333", linewidth=1.0)
 
 
@@ -87,9 +87,6 @@ def _draw_drops(axes: Any, flown: Flown, origin: Floats) -> None:
 
 
 def _legend(axes: Any, flown: Flown, first_s: float, last_s: float) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low_m = flown.lines[0].drop_height_m if flown.lines else 15.0
     axes.legend(

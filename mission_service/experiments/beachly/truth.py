@@ -1,9 +1,9 @@
-"""Fires, mis-set models and participants drawn by chance, for the study of Beachly's section VII.
+"""Random fires and models with wrong settings, for the study of Beachly's section VII.
 
-The truth is a fire by the cellular model: fuels in patches, a moisture of its own, wind that
-wanders. The model that is to be corrected has where and when the crew lit it and nothing else:
-one fuel everywhere, a wind and a moisture as they were set before the burn. Metres are those
-of the landscape; the unit is a square, and fire burns beyond it, which is not evaluated.
+The truth is a fire of the cellular model with patches of fuels, random moistures and varying wind.
+The model to be corrected has the true ignitions, but one fuel, one wind and one moisture
+everywhere. Coordinates are metres of the landscape. The unit is a square; fire also burns beyond
+it, where it is not evaluated.
 """
 
 import math
@@ -21,8 +21,8 @@ from firemodel.spread.anyangle import AnyAngleFire
 Floats = NDArray[np.float64]
 
 CELL_M = 5.0
-UNIT_M = 340.0  # as the paper's is wide
-MARGIN_M = 80.0  # around the unit, to which fire burns
+UNIT_M = 340.0  # width of the paper's unit
+MARGIN_M = 80.0  # of burnable ground around the unit
 CELLS = round((UNIT_M + 2.0 * MARGIN_M) / CELL_M)
 WEST_M, NORTH_M = 5e5, 4.5e6
 MINUTE_S = 60.0
@@ -30,17 +30,17 @@ END_S = 80.0 * MINUTE_S
 LIT_SPACING_M = 5.0
 FUELS = (1, 2, 3, 5, 6, 8, 9, 101, 102, 104, 121, 122, 161, 183, 186, 188)
 GUST_S = 240.0  # between entries of the wind
-# By how much the model is mis-set (sd; of ln for speed and rate): as much as it takes for about the
-# paper's 24.8 m without corrections.
+# Standard deviations of the model's wrong settings (of ln for speed and rate), which give about the
+# paper's error of 24.8 m without corrections.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
 MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MAX_UNEVEN = 4.0  # the fastest fuel's rate over the slowest's
+MAX_UNEVEN = 4.0  # rate of the fastest fuel over that of the slowest
 EARLY_S = 15.0 * MINUTE_S
 
 
 @dataclass(frozen=True)
 class Burn:
-    """A burn as it was: ``arrival_s`` (y, x), and the model that was set up for it."""
+    """A true burn with arrival times ``arrival_s`` (y, x), and its model with wrong settings."""
 
     seed: int
     landscape: Landscape
@@ -49,7 +49,7 @@ class Burn:
 
 
 def unit_box() -> tuple[float, float, float, float]:
-    """West, south, east, north of the unit in metres."""
+    """Return west, south, east and north of the unit in metres."""
     return (
         WEST_M + MARGIN_M,
         NORTH_M - MARGIN_M - UNIT_M,
@@ -59,10 +59,10 @@ def unit_box() -> tuple[float, float, float, float]:
 
 
 def random_burn(seed: int) -> Burn:
-    """Burn number ``seed``; the same on every machine.
+    """Return the burn of a seed.
 
-    Drawn again until after 80 minutes most of the unit has burned but not all of it, and after 15
-    the fire is still small.
+    Fires are drawn until one is small after 15 minutes, and after 80 minutes has burned most but
+    not all of the unit. The result is the same on every machine.
     """
     rng = np.random.default_rng(seed)
     inner = slice(round(MARGIN_M / CELL_M), CELLS - round(MARGIN_M / CELL_M))
@@ -85,7 +85,7 @@ def random_burn(seed: int) -> Burn:
 
 
 def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
-    """Fuels in patches of 30 to 80 m, with some of each cell's own, on gently rolling ground."""
+    """Draw fuels in patches of 30 to 80 m with noise of single cells, on gently rolling ground."""
     patch_cells = rng.uniform(30.0, 80.0) / CELL_M / 2.0
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), patch_cells)
     rough += 0.3 * rough.std() * rng.standard_normal((CELLS, CELLS))
@@ -97,7 +97,7 @@ def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
 
 
 def _weather(rng: np.random.Generator) -> WeatherStream:
-    """Wind that wanders every few minutes around its mean; moistures of one day."""
+    """Draw wind that changes every few minutes around its mean, and constant moistures."""
     speed_m_s, from_deg = rng.uniform(1.0, 5.0), rng.uniform(0.0, 360.0)
     dead_pct, live_pct = rng.uniform(6.0, 14.0), rng.uniform(60.0, 120.0)
     entries = []
@@ -105,11 +105,8 @@ def _weather(rng: np.random.Generator) -> WeatherStream:
     for at_s in np.arange(0.0, 2.0 * END_S, GUST_S):
         speed = 0.7 * speed + 0.25 * rng.standard_normal()
         turn_deg = 0.8 * turn_deg + 10.0 * rng.standard_normal()
-        entries.append(
-            _entry(
-                float(at_s), speed_m_s * math.exp(speed), from_deg + turn_deg, dead_pct, live_pct
-            )
-        )
+        wind = (speed_m_s * math.exp(speed), from_deg + turn_deg)
+        entries.append(_entry(float(at_s), *wind, dead_pct, live_pct))
     return WeatherStream(entries)
 
 
@@ -121,10 +118,10 @@ def _entry(
 
 
 def _lit(rng: np.random.Generator, from_deg: float) -> Floats:
-    """Sources (n, 3): a line along a side, then up to three more lines or spots inside."""
+    """Draw sources (n, 3): a line along a side, then one to three lines or spots inside."""
     west, south, east, north = unit_box()
     middle = np.array([(west + east) / 2.0, (south + north) / 2.0])
-    # Across the wind on the downwind side, as the first line of a burn is, or anywhere.
+    # The first line is across the wind on the downwind side, as in a burn; others lie anywhere.
     toward = math.radians(90.0 - (from_deg + 180.0)) + rng.uniform(-0.6, 0.6)
     along = np.array([-math.sin(toward), math.cos(toward)])
     ahead = np.array([math.cos(toward), math.sin(toward)])
@@ -152,9 +149,9 @@ def _ignitions(landscape: Landscape, lit: Floats) -> list[tuple[int, int, float]
 def _misset(
     rng: np.random.Generator, fuels: NDArray[np.int64], weather: WeatherStream, landscape: Landscape
 ) -> tuple[Spread, ...]:
-    """One spread for all: the middling one of the fuels, under a wind and at a rate some way off.
+    """Draw one spread for all cells: the median fuel's, with errors of wind and rate.
 
-    By sd the direction is wrong by 30 degrees, the wind's speed and the rates by a third.
+    The standard deviations are ``WRONG_SPEED``, ``WRONG_DEG`` and ``WRONG_RATE``.
     """
     given = weather.entries[0]
     wrong = _entry(
@@ -171,10 +168,5 @@ def _misset(
     )
     found = choice[len(choice) // 2]
     factor = math.exp(WRONG_RATE * rng.standard_normal())
-    return (
-        found._replace(
-            head_m_s=found.head_m_s * factor,
-            back_m_s=found.back_m_s * factor,
-            flank_m_s=found.flank_m_s * factor,
-        ),
-    )
+    rates = ("head_m_s", "back_m_s", "flank_m_s")
+    return (found._replace(**{name: getattr(found, name) * factor for name in rates}),)

@@ -1,4 +1,4 @@
-"""Figures 5.1 to 5.3 of Bent's thesis, of the runs here."""
+"""Figures 5.1 to 5.3 of Bent's thesis, drawn from the runs of this experiment."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,16 +17,13 @@ def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) 
     """Draw all three figures as PNG; ``single`` are the runs of one vehicle for figure 5.3."""
     draw_combinations(out / "bent_5_1.png", "5.1", runs, "linear")
     draw_combinations(out / "bent_5_2.png", "5.2", runs, "exponential")
-    shown = [
-        run
-        for run in [*single, *runs]
-        if run.case[:3] == ("back-and-forth", "importance", "linear")
-    ]
+    combination = ("back-and-forth", "importance", "linear")
+    shown = [run for run in [*single, *runs] if run.case[:3] == combination]
     draw_team_sizes(out / "bent_5_3.png", sorted(shown, key=lambda run: run.case.uavs), every_s)
 
 
 def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: str) -> None:
-    """Figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
+    """Draw figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -61,7 +58,7 @@ def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: 
 
 
 def draw_team_sizes(path: Path, runs: Sequence[Run], every_s: float) -> None:
-    """Figure 5.3: cost over time of teams of different sizes."""
+    """Draw figure 5.3: cost over time of teams of different sizes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 5.0), dpi=120, layout="constrained")

@@ -1,7 +1,8 @@
-"""A team flown ideally around the growing ring of a fire: how Bent's experiments fly.
+"""Ideal flight of a team around the growing ring of a fire, as in Bent's experiments.
 
-Each vehicle goes from cell to cell at its speed, turns on the spot and sees the cell it is in; each
-cell it comes to is one decision of the rule. Growth moves cells, vehicles and regions along.
+Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
+is in; at each cell it reaches, the rule takes one decision. Growth of the ring moves cells,
+vehicles and regions.
 """
 
 import math
@@ -19,12 +20,11 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Tea
 Floats = NDArray[np.float64]
 
 LAYER_M = 30.0
-SEPARATION_M = 25.0
 
 
 @dataclass(frozen=True)
 class TeamFlight:
-    """What a flight leaves; costs and the worst kept cell are taken at each step of the ring (s).
+    """The results of a flight; costs are evaluated at each step of the ring.
 
     Cost is Bent's (3.3): the mean over the cells of an importance (3.2) with spread rates in m/s.
     """
@@ -33,45 +33,45 @@ class TeamFlight:
     linear: Floats  # spread rate * age, m
     exponential: Floats  # age ** (1 + spread rate)
     worst_linear: Floats  # of the cell where it is highest, m
-    tracks: dict[int, Floats]  # by seat: (n, 3) time in s, row, column
+    tracks: dict[int, Floats]  # by member: (n, 3) time in s, row, column
     decisions: int
-    min_separation_m: float  # closest any two came, each in its own layer
+    min_separation_m: float  # of any two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
-        """Mean and standard deviation over time of the "linear" or "exponential" cost."""
+        """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
         cost = self.exponential if importance == "exponential" else self.linear
         return float(cost.mean()), float(cost.std())
 
 
 def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Bent 3.2: metres that the front may have advanced unseen."""
+    """Return importance by Bent 3.2: metres that the front may have advanced unseen."""
     return spread_rate_m_s * age_s
 
 
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Bent 3.2. The spread rate is an exponent, so its unit matters: in m/s, as in the thesis.
+    """Return importance by Bent 3.2, with the spread rate in m/s as exponent, as in the thesis.
 
-    Its tables fit no other unit: a linear cost of 64 with an exponential one of 3,000 belongs to
-    ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 (300 ** 1.5 = 5,200). In
-    m/min 64 would belong to ages of 5 s, 5 ** 13 = 10 ** 9.
+    The thesis's tables exclude other units: a linear cost of 64 with an exponential one of 3,000
+    corresponds to ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5
+    (300 ** 1.5 = 5,200). In m/min, 64 would correspond to ages of 5 s, and 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance
 
 
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
-    """Cells (count) that part a ring of these steps (n) into equal lengths; the first is cell 0."""
+    """Return ``count`` cells that divide a ring of these steps (n) equally, from cell 0 on."""
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
-    wished_m = along_m[-1] * np.arange(count) / count
-    after = np.searchsorted(along_m, wished_m)
-    nearer_before = wished_m - along_m[after - 1] < along_m[after] - wished_m
+    goal_m = along_m[-1] * np.arange(count) / count
+    after = np.searchsorted(along_m, goal_m)
+    nearer_before = goal_m - along_m[after - 1] < along_m[after] - goal_m
     cells: NDArray[np.int64] = np.where((after > 0) & nearer_before, after - 1, after)
     return cells % step_m.size
 
 
 @dataclass
 class _Vehicle:
-    """On its way from a place (row, col) to a cell of the ring."""
+    """A vehicle on its flight from a position (row, col) to a cell of the ring."""
 
     member: int
     speed_m_s: float
@@ -93,13 +93,13 @@ def fly_team(
     joining: Sequence[tuple[float, int]] = (),
     layer_m: float = LAYER_M,
 ) -> TeamFlight:
-    """Fly ``uavs`` vehicles over a history of a ring; the whole ring was seen at its beginning.
+    """Fly ``uavs`` vehicles over a history of a ring; at its start the whole ring has been seen.
 
-    They start at equal distances, seats 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
-    (time in s, seat), done at the first step of the ring from then on; a vehicle that joins comes
-    in at the cell that has waited longest. ``rule.decide`` gets one ``FrontRing`` a step and one
-    ``ActiveFleet`` while the team is the same; it must copy their arrays to keep them, because they
-    are written in place.
+    They start at equal distances, members 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
+    (time in s, member) and take effect at the first step of the ring from that time on; a vehicle
+    joins at the cell with the oldest visit. ``rule.decide`` receives one ``FrontRing`` per step and
+    one ``ActiveFleet`` until the team changes; it must copy arrays that it stores, because they are
+    modified in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -154,12 +154,12 @@ class _Team:
         """Replace the ring from now on."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
-        # Lists: single items of arrays are slow.
+        # Lists, because access to single items of arrays is slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Cells inherit their last visit, vehicles go on to what has become of their cells."""
+        """Replace the ring by the next one: cells inherit their last visit, and goals move."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:
@@ -172,21 +172,20 @@ class _Team:
         self._rule.on_ring_changed(step.place_of)
 
     def join(self, member: int, cell: int) -> None:
-        """A vehicle comes in at a cell, and decides there."""
+        """Add a vehicle at a cell, where it takes its first decision."""
         at = (self._at_s, *self._places[cell])
         track = self.tracks.setdefault(member, [])
         joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
-        self._now([*self._vehicles, joined])
+        self._set_vehicles([*self._vehicles, joined])
 
     def leave(self, member: int) -> None:
         """Remove a vehicle."""
-        self._now([vehicle for vehicle in self._vehicles if vehicle.member != member])
+        self._set_vehicles([vehicle for vehicle in self._vehicles if vehicle.member != member])
 
-    def _now(self, vehicles: list[_Vehicle]) -> None:
-        heading = dict(
-            zip(self._fleet.member.tolist(), self._fleet.clockwise.tolist(), strict=True)
-        )
-        cells = dict(zip(self._fleet.member.tolist(), self._fleet.cell.tolist(), strict=True))
+    def _set_vehicles(self, vehicles: list[_Vehicle]) -> None:
+        members = self._fleet.member.tolist()
+        heading = dict(zip(members, self._fleet.clockwise.tolist(), strict=True))
+        cells = dict(zip(members, self._fleet.cell.tolist(), strict=True))
         self._vehicles = sorted(vehicles, key=lambda vehicle: vehicle.member)
         self._fleet = ActiveFleet(
             np.array([vehicle.member for vehicle in self._vehicles], np.int64),
@@ -196,7 +195,7 @@ class _Team:
         )
 
     def fly_until(self, end_s: float) -> None:
-        """From cell to cell; each decides as it arrives, the lower seat first."""
+        """Fly from cell to cell until a time; of equal arrivals the lower member decides first."""
         arrivals_s = [vehicle.arrival_s for vehicle in self._vehicles]
         while arrivals_s:
             at_s = min(arrivals_s)
@@ -215,7 +214,7 @@ class _Team:
         clockwise = self._rule.decide(self.ring, self._fleet, which, at_s)
         self._fleet.clockwise[which] = clockwise
         self.decisions += 1
-        # Index -1 is the last cell, and the step from it to the first.
+        # Index -1 is the last cell, and the step from the last cell to the first.
         vehicle.goal = (cell + 1) % len(self._places) if clockwise else cell - 1
         away_m = self._step_m[cell if clockwise else cell - 1]
         vehicle.goal_place = self._places[vehicle.goal]
@@ -223,7 +222,7 @@ class _Team:
 
 
 def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
-    """Position of a vehicle between two cells: time, row, column."""
+    """Return the position of a vehicle between two cells: time, row, column."""
     left_s, row, col = vehicle.left
     share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
     to_row, to_col = vehicle.goal_place
@@ -231,9 +230,9 @@ def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
 
 
 def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -> float:
-    """Closest 3-D distance of any two vehicles, in m; tracks (n, 3) are straight between points.
+    """Return the minimum 3-D distance of two vehicles in m; tracks (n, 3) are polylines.
 
-    Each seat has its own altitude layer, ``layer_m`` apart. Infinite for one vehicle alone.
+    Each member flies in its own layer; layers are ``layer_m`` apart. Infinite for one vehicle.
     """
     closest_m = math.inf
     for (member, one), (other_member, other) in combinations(tracks.items(), 2):
@@ -253,7 +252,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
 
 
 def _closest_to_origin(points: Floats) -> float:
-    """The least distance of a line through points (n, 2) from (0, 0)."""
+    """Return the minimum distance of a polyline through points (n, 2) from (0, 0)."""
     start, along = points[:-1], np.diff(points, axis=0)
     squared = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(-(start * along).sum(axis=1) / squared, 0.0, 1.0)

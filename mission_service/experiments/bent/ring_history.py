@@ -1,8 +1,8 @@
-"""The true front of a fire as a growing ring: how Bent's experiments see it.
+"""The true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-A ring of cells, clockwise, at steps in time; what each cell inherits from the ring before. A cell
-that has only just become front was last seen when the front behind it was: growing ahead unseen
-is what importance measures, so it must not make a cell look fresh.
+At each time step the ring has its cells, clockwise, and for each the cell of the previous ring
+whose last visit it inherits. A new front cell inherits the age of the front behind it, because
+importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -25,18 +25,18 @@ TANGENT_CELLS = 3
 
 @dataclass(frozen=True)
 class RingStep:
-    """The front from one moment until the next step; arrays over its n cells, clockwise."""
+    """The front from one time until the next step; arrays over its n cells, clockwise."""
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) from each cell to the next one
     spread_rate_m_s: Floats  # (n) outwards
-    came_from: Integers  # (n) place on the ring before whose last visit each cell inherits
-    place_of: Integers  # (m) place now of each cell of the ring before, in order around the ring
+    came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
+    place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
 def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
-    """The front from deployment to the end of a fire."""
+    """Return the front from deployment to the end of a fire."""
     return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
 
 
@@ -60,9 +60,9 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 
 
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
-    """The front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
+    """Return the front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
 
-    Tails one cell wide, which a walk along the edge passes both ways, are counted on the way out.
+    A tail one cell wide, which a walk along the edge passes twice, is counted once, outbound.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)
     _, first = np.unique(loop, axis=0, return_index=True)
@@ -70,7 +70,7 @@ def outer_cells(burned: NDArray[np.bool_]) -> Integers:
 
 
 def facing(cells: Integers) -> tuple[Floats, Floats]:
-    """Outwards (north, east) at each cell of a clockwise ring (n, 2), unit vectors (n)."""
+    """Return outward unit vectors (north, east), each (n), of a clockwise ring (n, 2)."""
     along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
     length = np.maximum(np.hypot(*along.T), 1e-9)
     # Clockwise on a north-up map has the outside on its left.
@@ -78,7 +78,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Places on a ring of ``count`` made to go round once, never backwards."""
+    """Return the places on a ring of ``count`` made monotonic, at most once around."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -1,7 +1,8 @@
-"""Bent's experiments (thesis, chapter 5): every planner with every negotiation, and benchmarks."""
+"""Bent's experiments (thesis, chapter 5): all planners with all negotiations, and benchmarks."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import chain, islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,10 @@ from mission_service.experiments.bent.scenarios import (
     uneven,
 )
 
-TOLD_EVERY = 20
+PROGRESS_EVERY = 20
 PROCESSES = 2
-# The thesis gives no speed; its vehicles move as a model of firefighters does (2.3), and at this
-# speed its costs come out: 64 and 3,000 on average.
+# The thesis gives no speed; its vehicles move like its model of firefighters (2.3). This speed
+# reproduces its average costs of 64 and 3,000.
 SPEED_M_S = 1.5
 
 
@@ -34,7 +35,7 @@ def _share(history: Sequence[RingStep], speed_m_s: float) -> None:
     _shared = history, speed_m_s
 
 
-def _flown(case: Case) -> Run:
+def _fly_shared(case: Case) -> Run:
     assert _shared is not None
     return fly_case(case, *_shared)
 
@@ -56,9 +57,9 @@ def fly_cases(
     """Fly many cases in separate processes; results are in the order of the cases."""
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _share, (history, speed_m_s)) as pool:
         found = []
-        for run in pool.map(_flown, cases, chunksize=4):
+        for run in pool.map(_fly_shared, cases, chunksize=4):
             found.append(run)
-            if len(found) % TOLD_EVERY == 0:
+            if len(found) % PROGRESS_EVERY == 0:
                 progress(f"{len(found)} of {len(cases)} flights")
         return found
 
@@ -68,24 +69,22 @@ def run(
     speed_m_s: float = SPEED_M_S,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """The whole result; figures as PNG in ``out``, if given."""
+    """Fly all cases and return the result; with ``out``, draw figures as PNG there."""
     burn = uneven()
     history = ring_history(burn)
-    thesis, later, single = thesis_cases(), later_cases(), team_size_cases()
-    ours = balanced_cases()
-    runs = fly_cases([*thesis, *later, *ours, *single], history, speed_m_s, progress)
-    of_thesis, of_later = runs[: len(thesis)], runs[len(thesis) : len(thesis) + len(later)]
-    of_ours = runs[len(thesis) + len(later) : -len(single)]
+    groups = {"runs": thesis_cases(), "later": later_cases(), "balanced": balanced_cases()}
+    single = team_size_cases()
+    cases = [*chain(*groups.values()), *single]
+    flown = iter(fly_cases(cases, history, speed_m_s, progress))
+    runs = {name: list(islice(flown, len(group))) for name, group in groups.items()}
     if out:
         from mission_service.experiments.bent.figures import draw
 
-        draw(out, of_thesis, runs[-len(single) :], EVERY_S)
+        draw(out, runs["runs"], list(flown), EVERY_S)
     return {
         "fire": burn.name,
         "speed_m_s": speed_m_s,
         "hours": (burn.end_s - burn.deploy_s) / 3600.0,
         "perimeter_km": [float(step.step_m.sum()) / 1e3 for step in (history[0], history[-1])],
-        "runs": [one.as_row() for one in of_thesis],
-        "later": [one.as_row() for one in of_later],
-        "balanced": [one.as_row() for one in of_ours],
+        **{name: [one.as_row() for one in group] for name, group in runs.items()},
     }

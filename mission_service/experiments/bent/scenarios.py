@@ -1,4 +1,4 @@
-"""The fire on which teams fly, and its cases: planners, negotiations, team sizes."""
+"""The fire of Bent's experiments, and the cases: planners, negotiations, team sizes."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -37,7 +37,7 @@ SIZES = (2, 3, 4, 5, 6)
 
 
 def uneven() -> Burn:
-    """Brush in the north, grass in the south, wind that freshens, veers and drops again."""
+    """Return a fire on brush in the north and grass in the south, in wind that changes twice."""
     weather = WeatherStream(
         (wind(0.0, 4.0, 30.0), wind(2.0 * HOUR_S, 6.0, 60.0), wind(3.5 * HOUR_S, 3.0, 20.0))
     )
@@ -46,7 +46,7 @@ def uneven() -> Burn:
 
 
 class Case(NamedTuple):
-    """One run; a benchmark has no negotiation, and its importance is only that of its cost."""
+    """One run; a benchmark has no negotiation, and uses importance only for its cost."""
 
     planner: str
     negotiation: str | None
@@ -64,16 +64,16 @@ class Run:
 
     @property
     def mean(self) -> float:
-        """Of the cost over time."""
+        """The mean of the cost over time."""
         return float(self.cost.mean())
 
     @property
     def std(self) -> float:
-        """Of the cost over time."""
+        """The standard deviation of the cost over time."""
         return float(self.cost.std())
 
     def as_row(self) -> dict[str, Any]:
-        """The result as in the JSON."""
+        """Return the result as a row of the JSON output."""
         return {
             **self.case._asdict(),
             "mean_cost": self.mean,
@@ -83,7 +83,7 @@ class Run:
 
 
 def thesis_cases() -> list[Case]:
-    """The thesis's 80 runs, and its 20 of benchmarks."""
+    """Return the cases of the thesis: 80 combinations and 20 benchmarks."""
     cases = [Case(*names) for names in product(PLANNERS, NEGOTIATIONS, IMPORTANCES, SIZES)]
     return cases + [
         Case(name, None, importance, uavs)
@@ -92,7 +92,7 @@ def thesis_cases() -> list[Case]:
 
 
 def later_cases() -> list[Case]:
-    """Cases with the two ideas that the thesis proposes as future work (6.1)."""
+    """Return the cases with the two ideas that the thesis proposes as future work (6.1)."""
     cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
     return [
         Case(planner, negotiation, importance, uavs)
@@ -102,19 +102,19 @@ def later_cases() -> list[Case]:
 
 
 def balanced_cases() -> list[Case]:
-    """team.balanced, beside them."""
+    """Return the cases of ``team.balanced``."""
     return [
         Case("balanced", None, importance, uavs) for importance in IMPORTANCES for uavs in SIZES
     ]
 
 
 def team_size_cases() -> list[Case]:
-    """The further case of figure 5.3: one vehicle."""
+    """Return the further case of figure 5.3, with one vehicle."""
     return [Case("back-and-forth", "importance", "linear", 1)]
 
 
 def rule_of(case: Case) -> TeamRule:
-    """The planner rule of a case."""
+    """Return the planner rule of a case."""
     if case.planner == "balanced":
         return Balanced("exponential" if case.importance == "exponential" else "linear")
     return bent_rule(case.planner, case.negotiation, case.importance)

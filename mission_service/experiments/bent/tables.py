@@ -1,4 +1,4 @@
-"""Tables 5.1 to 5.4 of Bent's thesis: what it found beside what was found here."""
+"""Tables 5.1 to 5.4 of Bent's thesis, with the results of the thesis and of this experiment."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ PLANNER_NAMES = {
     "predictive": "Predictive",
     "predictive-kept": "Predictive Kept",
 }
-# As in the thesis, negotiation on importance goes without saying.
+# As in the thesis, the name of negotiation on importance is omitted.
 NEGOTIATION_NAMES = {None: "", "importance": "", "centre": " - COI", "arrival": " - First There"}
 # Tables 5.1 and 5.2: lowest cost, lowest standard deviation; by number of vehicles, then average.
 THESIS_BEST = {
@@ -46,12 +46,12 @@ Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation o
 
 
 def name_of(planner: str, negotiation: str | None) -> str:
-    """A combination as the thesis calls it."""
+    """Return the thesis's name of a combination."""
     return PLANNER_NAMES[planner] + NEGOTIATION_NAMES[negotiation]
 
 
 def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
-    """Costs of the combinations, averaged over numbers of vehicles."""
+    """Return the costs of the combinations, averaged over numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
         if run["importance"] == importance and run["uavs"] in sizes:
@@ -64,12 +64,12 @@ def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES)
 
 
 def best(costs: Averages, which: int) -> str:
-    """The combination of lowest mean (0) or standard deviation (1)."""
+    """Return the combination of lowest mean (0) or standard deviation (1)."""
     return min(costs, key=lambda name: costs[name][which])
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as tables of text."""
+    """Return the result as tables of text."""
     from_km, to_km = found["perimeter_km"]
     lines = [
         f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "
@@ -87,7 +87,7 @@ def in_text(found: dict[str, Any]) -> str:
         lines += ["", f"All combinations, {importance} importance: mean ± standard deviation"]
         lines += _all_lines([*runs, *later], importance)
     closest_m = min(run["min_separation_m"] for run in [*runs, *later])
-    return "\n".join([*lines, "", f"Closest that any two vehicles came: {closest_m:.1f} m"])
+    return "\n".join([*lines, "", f"Minimum distance of two vehicles: {closest_m:.1f} m"])
 
 
 def _best_lines(runs: Sequence[Row], importance: str) -> list[str]:
@@ -114,8 +114,8 @@ def _negotiation_lines(runs: Sequence[Row], later: Sequence[Row], importance: st
         ("centre", "Center of Importance"),
         ("arrival", "First There (idea)"),
     ):
-        taken = [run for run in [*runs, *later] if run["negotiation"] == negotiation]
-        costs = averages([run for run in taken if run["planner"] != "predictive-kept"], importance)
+        chosen = [run for run in [*runs, *later] if run["negotiation"] == negotiation]
+        costs = averages([run for run in chosen if run["planner"] != "predictive-kept"], importance)
         thesis = THESIS_NEGOTIATIONS[importance].get(negotiation)
         line = f"{label:24}"
         for which in (0, 1):

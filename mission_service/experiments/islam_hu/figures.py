@@ -1,10 +1,12 @@
-"""The figures of Islam & Hu, section VI, drawn from our flights. Axes are in cells."""
+"""The figures of Islam & Hu, section VI, drawn from the flights of this experiment.
+
+Axes are in cells.
+"""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -34,11 +36,7 @@ MARGIN_CELLS = 6
 def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, Flight]) -> None:
     """Draw all figures of one fire."""
     stem = f"{burn.name}-{burn.scheme}"
-    draw_tracks(
-        out / f"trajectory-{stem}.png",
-        burn,
-        flights,
-    )
+    draw_tracks(out / f"trajectory-{stem}.png", burn, flights)
     if burn.name in PAPER_REVERSALS:  # fig. 11
         named = {f"α = {alpha:g}": flight for alpha, flight in sweep.items()}
         draw_tracks(out / f"alpha-{stem}.png", burn, named)
@@ -48,12 +46,11 @@ def draw(out: Path, burn: Burn, flights: dict[str, Flight], sweep: dict[float, F
 
 def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, list[Any]]:
     figure = Figure(figsize=size, dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
 
 
 def draw_tracks(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
+    """Draw figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
     columns = 2 if len(flights) in (2, 4) else 3
     rows = -(-len(flights) // columns)
     figure, panels = _new(columns, rows, (4.0 * columns + 0.8, 4.2 * rows + 0.3))
@@ -85,7 +82,7 @@ def _draw_fire(axes: Any, burn: Burn) -> Any:
 
 
 def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
-    """A square around the fire."""
+    """Set the axes to a square around the fire."""
     rows, cols = np.nonzero(burned)
     centre_row, centre_col = (rows.min() + rows.max()) / 2, (cols.min() + cols.max()) / 2
     half = max(np.ptp(rows), np.ptp(cols)) / 2 + MARGIN_CELLS
@@ -98,7 +95,7 @@ def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
 
 
 def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Fig. 16: the maximum distance error over time, and its mean so far (dashed)."""
+    """Draw fig. 16: the maximum distance error over time, and its running mean (thick line)."""
     figure, (axes,) = _new(1, 1, (8.0, 4.0))
     for planner, flight in flights.items():
         hours, colour = flight.at_s / HOUR_S, COLOURS.get(planner, OTHER_COLOUR)
@@ -106,12 +103,14 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         axes.plot(hours, flight.max_error, color=colour, linewidth=0.8, alpha=0.6)
         so_far = np.cumsum(flight.max_error) / np.arange(1, flight.max_error.size + 1)
         axes.plot(hours, so_far, color=colour, linewidth=2.0, label=label)
-    most = max(flight.max_error.max() for name, flight in flights.items() if name != "islam_hu")
+    max_error = max(
+        flight.max_error.max() for name, flight in flights.items() if name != "islam_hu"
+    )
     axes.set(
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * most),  # the literal rule may lose a part of the fire altogether
+        ylim=(0.0, 1.3 * max_error),  # the rule ``islam_hu`` may lose a part of the fire
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
@@ -119,10 +118,10 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 
 
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
-    """Fig. 10: importance of the cells behind and ahead, at two decisions of the damped rule.
+    """Draw fig. 10: importance of the cells behind and ahead at two decisions of the damped rule.
 
-    Left the one that speaks most for going on after the fire has changed, right the first turn
-    after it, or what comes nearest to one.
+    Left: the decision after the change of the fire with the lowest importance behind relative to
+    ahead. Right: the first turn after the change, or the decision nearest to a turn.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]
     share = later[:, 1] / np.maximum(later[:, 2], 1e-9)
@@ -138,7 +137,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
             importance = planner.importance(row, col, at_s)
             _draw_windows(panels[column], importance, at_s, turning=at_s in turns_s)
             estimated = planner.shape(row, col)
-            _draw_belief(panels[2 + column], burn, estimated, (row, col), planner.clockwise, at_s)
+            _draw_estimate(panels[2 + column], burn, estimated, (row, col), planner.clockwise, at_s)
 
     fly(burn, planner, before=look_at)
     figure.suptitle(f"{burn.name}, {burn.scheme}: importance of the windows, damped rule, α = 1")
@@ -148,10 +147,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
 def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> None:
     half = importance.size // 2
     cell = np.arange(importance.size)
-    for name, colour, part in (
-        ("back", BACK, np.s_[:half]),
-        ("front", FRONT, np.s_[half:]),
-    ):
+    for name, colour, part in (("back", BACK, np.s_[:half]), ("front", FRONT, np.s_[half:])):
         label = f"{name}: {importance[part].sum():.0f}"
         axes.fill_between(cell[part], importance[part], color=colour, alpha=0.7, label=label)
     axes.set(
@@ -159,18 +155,19 @@ def _draw_windows(axes: Any, importance: Floats, at_s: float, turning: bool) -> 
         ylabel="importance (cells of unseen spread)",
         ylim=(0.0, None),
     )
-    axes.set_title(f"{at_s / HOUR_S:.2f} h: {'turns back' if turning else 'goes on'}", fontsize=10)
+    choice = "turns back" if turning else "keeps its direction"
+    axes.set_title(f"{at_s / HOUR_S:.2f} h: {choice}", fontsize=10)
     axes.legend(fontsize=8)
 
 
-def _draw_belief(
+def _draw_estimate(
     axes: Any, burn: Burn, estimated: Floats, at: tuple[int, int], clockwise: bool, at_s: float
 ) -> None:
     rows, cols = burn.ignition[0] - estimated * NORTH, burn.ignition[1] + estimated * EAST
     axes.contourf(burn.burned(at_s), levels=(0.5, 1.5), colors=("#fdae6b",))
     axes.plot(np.append(cols, cols[0]), np.append(rows, rows[0]), color="black", linewidth=1.0)
-    here = int(np.argmin(np.hypot(rows - at[0], cols - at[1])))
-    ahead = (here + (12 if clockwise else -12)) % rows.size
+    nearest = int(np.argmin(np.hypot(rows - at[0], cols - at[1])))
+    ahead = (nearest + (12 if clockwise else -12)) % rows.size
     axes.annotate(
         "",
         xy=(cols[ahead], rows[ahead]),

@@ -1,7 +1,7 @@
-"""One vehicle flown ideally over a fire that is already burned: no autopilot, no wind, no MAVLink.
+"""Ideal flight of one vehicle over a simulated fire, without autopilot, wind or MAVLink.
 
-As in Islam & Hu it goes from cell to cell of the true front at a steady speed, whichever way round
-the planner decides, turns on the spot, and sees the cells around it.
+As in Islam & Hu, the vehicle flies from cell to cell of the true front at constant speed, in the
+direction of the planner's decision, turns on the spot, and observes the cells around it.
 """
 
 import math
@@ -15,6 +15,7 @@ from mission_service.events import Observed
 from mission_service.experiments.boundary_following import BoundaryFollower
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
+from mission_service.fire.simulated_fire import in_letters
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.protocol import Planner
 from mission_service.replay.distance_error import TrueShape
@@ -29,11 +30,11 @@ VEHICLE = "uas"
 
 @dataclass(frozen=True)
 class Flight:
-    """What a flight leaves.
+    """The results of a flight.
 
     ``track`` (n, 3) holds time in s, row and column of all steps, ``reversals`` (k, 3) those of
-    turns, ``windows`` (d, 3) the time of each decision and what spoke for turning back and for
-    going on. The errors, in cells, are taken at each step (m) from the end of the first lap on.
+    turns, ``windows`` (d, 3) the time of each decision and its importances behind and ahead. The
+    errors, in cells, are evaluated at each step (m) from the end of the first lap on.
     """
 
     track: Floats
@@ -45,7 +46,7 @@ class Flight:
 
 
 def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
-    """The view of the vehicle's camera: the cells within ``VIEW_CELLS``."""
+    """Return the view of the vehicle's camera: the cells within ``VIEW_CELLS``."""
     rows, cols = burn.arrival_s.shape
     top, left = max(row - REACH, 0), max(col - REACH, 0)
     bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)
@@ -54,10 +55,7 @@ def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
         top - row + REACH : bottom - row + REACH, left - col + REACH : right - col + REACH
     ]
     codes[~disc] = b"."
-    width = right - left
-    text = codes.tobytes().decode("ascii")
-    lines = tuple(text[start : start + width] for start in range(0, len(text), width))
-    return Observed(round(at_s * 1e6), VEHICLE, top, left, lines)
+    return Observed(round(at_s * 1e6), VEHICLE, top, left, in_letters(codes.view(np.uint8)))
 
 
 def fly(
@@ -68,12 +66,11 @@ def fly(
     measured: MeasuredWind | None = None,
     before: Callable[[float, int, int], None] | None = None,
 ) -> Flight:
-    """Fly a planner from deployment to the end; the error is taken at each new cell.
+    """Fly a planner from deployment to the end; the error is evaluated at each new cell.
 
-    ``hull``: the fire is reconstructed as in the paper, by the convex hull of what the planner
-    believes; otherwise it is what the planner believes. ``measured`` is the wind the planner is
-    told at each step; without it, none. ``before`` is told time, row and column of each step before
-    the planner decides.
+    With ``hull`` the error is that of the convex hull of the planner's estimate, as in the paper,
+    otherwise that of the estimate. ``measured`` gives the wind for the planner at each step; None
+    gives no wind. ``before`` is called with time, row and column of each step before the decision.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
@@ -101,12 +98,5 @@ def fly(
         new_row, new_col = walk.cell
         at_s += cell_s * max(math.hypot(new_row - row, new_col - col), 1.0)
         row, col = new_row, new_col
-    at, most, mean = np.array(errors).reshape(-1, 3).T
-    return Flight(
-        np.array(track),
-        np.array(reversals).reshape(-1, 3),
-        np.array(windows).reshape(-1, 3),
-        at,
-        most,
-        mean,
-    )
+    triples = (np.array(rows).reshape(-1, 3) for rows in (track, reversals, windows))
+    return Flight(*triples, *np.array(errors).reshape(-1, 3).T)

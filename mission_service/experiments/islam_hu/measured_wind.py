@@ -1,4 +1,4 @@
-"""Wind as a small vehicle measures it: the fire's own wind, at its height, with errors."""
+"""The wind measured by a small vehicle: the wind of the fire, at its height, with errors."""
 
 import math
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from firemodel.physics.weather import WeatherStream
 
-# Of estimates from airspeed and ground speed: standard deviations, and how long an error lasts.
+# Of estimates from airspeed and ground speed: standard deviations, and correlation time of errors.
 SPEED_ERROR_M_S, DIRECTION_ERROR_DEG, LASTING_S = 0.8, 8.0, 120.0
-# Wind 20 ft above the vegetation over that at the vehicle's height.
+# Wind 20 ft above the vegetation over the wind at the vehicle's height.
 WIND_20FT_SHARE = 0.75
 
 
@@ -22,7 +22,7 @@ class MeasuredWind:
         self._at_s: float | None = None
 
     def at(self, at_s: float) -> tuple[float, float]:
-        """Speed in m/s at the vehicle's height, and degrees it comes from (true north)."""
+        """Return the wind speed in m/s at the vehicle's height, and the direction it comes from."""
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)
             fresh = math.sqrt(1.0 - kept * kept)

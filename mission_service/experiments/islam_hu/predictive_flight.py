@@ -1,7 +1,7 @@
 """The predictive planner in the experiments: its inputs and its flights.
 
-Its inputs are the landscape, the moistures at the beginning, and a measured wind with errors: of
-0.8 m/s and 8 degrees, lasting two minutes (``measured_wind``). Neither the fire nor a forecast.
+Its inputs are the landscape, the initial moistures, and a measured wind with errors of 0.8 m/s and
+8 degrees, correlated over two minutes (``measured_wind``); not the true fire and not a forecast.
 """
 
 from mission_service.experiments.fires import Burn
@@ -18,7 +18,7 @@ SEED = 1
 
 
 def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanner:
-    """One for a fire whose ignition is known; it turns on the spot, as in the paper."""
+    """Return the planner for a known ignition; the vehicle turns on the spot, as in the paper."""
     cell_m = burn.landscape.cell_size_m
     settings = PredictiveSettings(
         clockwise_first=True,
@@ -35,6 +35,6 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
 
 
 def fly_predictive(burn: Burn, seed: int = SEED) -> Flight:
-    """Flown with a measured wind; the shape is the planner's estimate."""
+    """Fly the predictive planner with a measured wind; errors are of the estimated front."""
     measured = MeasuredWind(burn.weather, seed)
     return fly(burn, predictive_planner(burn), hull=False, measured=measured)

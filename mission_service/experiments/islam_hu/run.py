@@ -28,9 +28,9 @@ def run(
     names: tuple[str, ...] = tuple(ISLAM_HU),
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Fly all planners over all fires, on two cores; figures as PNG in ``out``, if given.
+    """Fly all planners over all fires, on two cores; with ``out``, draw figures as PNG there.
 
-    Cells are 30 m. ``alpha_sweep`` is the damped rule; ``attention`` is its reversals and the
+    Cells are 30 m. ``alpha_sweep`` is of the damped rule; ``attention`` has its reversals and the
     share of time north of the ignition, at alpha 1, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
@@ -80,7 +80,7 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:
-    """Reversals, and the share of time north of the ignition, before and after the change."""
+    """Return reversals and the share of time north of the ignition, before and after the change."""
     at_s = changes_s(burn)
     earlier, turns_earlier = flight.track[:, 0] < at_s, flight.reversals[:, 0] < at_s
     north = flight.track[:, 1] < burn.ignition[0]

@@ -1,4 +1,4 @@
-"""What is flown: six fires like the paper's, by two spread schemes, and three of its planners."""
+"""Six fires like the paper's, by two spread schemes, and three of its planners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ from mission_service.experiments.fires import (
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.front.perimeter_planner import (
     PerimeterPlanner,
-    PerimeterSettings,
     Rule,
+    perimeter_settings,
 )
 from mission_service.guidance.protocol import Planner
 
 COMPARED: tuple[SchemeName, ...] = ("devs8", "anyangle")
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
-# What the paper prints: figs. 11 and 16, there on fires of its own.
+# The paper's figs. 11 and 16, on its fires.
 PAPER_REVERSALS = {"slow-then-fast": (0, 8, 11, 15, 20, 43)}
 PAPER_MEAN_MAX_CELLS = {
     "slow-then-fast": {"circling": 8.5, "islam_hu": 7.3, "islam_hu_damped": 7.3},
@@ -48,15 +48,15 @@ class FireScenario:
     fuel: NDArray[np.int16]
     weather: tuple[Weather, ...]
     ignition: tuple[int, int]
-    speed_m_s: float  # slow enough for circling to be 7 to 16 cells wrong, as in the paper
+    speed_m_s: float  # gives circling an error of 7 to 16 cells, as in the paper
 
 
 ISLAM_HU_END_S = 6 * HOUR_S
-# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not print its weather: this
-# was tuned until circling's error and the damped rule's behaviour were like the paper's. In "wind
-# turns" the later wind is the stronger one; with equal ones the rule hardly turned in the south.
-# "Slow and even" is tall grass in a breath of wind: without any, fire is so slow that no vehicle
-# could be slow enough.
+# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not state its weather: these
+# values were tuned until circling's error and the damped rule's behaviour resembled the paper's. In
+# "wind-turns" the later wind is stronger; with equal winds the rule hardly turned in the south.
+# "slow-even" is tall grass in a light wind; without wind, the fire would require a vehicle slower
+# than any.
 ISLAM_HU: dict[str, FireScenario] = {
     "slow-then-fast": FireScenario(
         of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2
@@ -76,7 +76,7 @@ ISLAM_HU: dict[str, FireScenario] = {
 
 
 def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
-    """One of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
+    """Return one of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
     scenario = ISLAM_HU[name]
     return burn(
         name,
@@ -90,21 +90,10 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 
 def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
-    """The planner of Islam & Hu for a fire whose ignition is known, with a scenario's defaults."""
-    defaults = PlannerSection()
-    settings = PerimeterSettings(
-        rule=rule,
-        alpha=alpha,
-        clockwise_first=True,
-        ignition_known=True,
-        baseline_s=defaults.baseline_s,
-        smoothing_deg=defaults.smoothing_deg,
-        reversal_margin=defaults.reversal_margin,
-        min_gain_cells=defaults.min_gain_cells,
-        dwell_s=defaults.dwell_s,
-        speed_cells_s=burn.speed_m_s / burn.landscape.cell_size_m,
-        path=PathSettings(horizon_cells=80.0, lookahead_cells=5.0),  # paths are not flown
-    )
+    """Return the planner of Islam & Hu for a known ignition, with a scenario's defaults."""
+    path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)  # paths are not flown
+    speed_cells_s = burn.speed_m_s / burn.landscape.cell_size_m
+    settings = perimeter_settings(PlannerSection(rule=rule, alpha=alpha), speed_cells_s, path)
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))
     return PerimeterPlanner(settings, burn.arrival_s.shape, centre, 0.0)
 
@@ -117,7 +106,7 @@ PLANNERS: dict[str, Callable[[Burn], Planner]] = {
 
 
 def changes_s(burn: Burn) -> float:
-    """When a fire changes: other weather, or it comes to the southern fuel; else half-way."""
+    """Return when weather or fuel changes (arrival in the southern fuel); else half-way."""
     fuel = burn.landscape.fuel_model
     if len(burn.weather.entries) > 1:
         return burn.weather.change_times()[0]

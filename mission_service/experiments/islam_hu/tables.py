@@ -1,4 +1,4 @@
-"""The result beside the paper's figures, as tables of text."""
+"""The result and the paper's figures as tables of text."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from mission_service.experiments.islam_hu.scenarios import (
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as tables of text."""
+    """Return the result as tables of text."""
     return "\n\n".join((_reversals(found), _errors(found), _attention(found)))
 
 
@@ -33,8 +33,8 @@ def _errors(found: dict[str, Any]) -> str:
     planners = [row["planner"] for row in _of(found["distance_error"], *_fires(found)[0])]
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
-        "against circling); then of the mean. Of the convex hull of what was seen (section VI.E);",
-        "predictive: of the front it estimates",
+        "against circling), then of the mean; of the convex hull of the seen front (section VI.E),",
+        "for predictive of its estimated front",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "
@@ -44,16 +44,16 @@ def _errors(found: dict[str, Any]) -> str:
         rows = _of(found["distance_error"], name, scheme)
         worst = {row["planner"]: row["mean_max_cells"] for row in rows}
         lines.append(
-            f"  {name:16}{scheme:10}{_beside_circling(worst, planners)}   "
+            f"  {name:16}{scheme:10}{_against_circling(worst, planners)}   "
             + "".join(f"{row['mean_mean_cells']:11.2f}" for row in rows)
         )
         if name in PAPER_MEAN_MAX_CELLS and scheme == COMPARED[-1]:
-            printed = _beside_circling(PAPER_MEAN_MAX_CELLS[name], planners)
+            printed = _against_circling(PAPER_MEAN_MAX_CELLS[name], planners)
             lines.append(f"  {'':16}{'paper':10}{printed}".rstrip())
     return "\n".join(lines)
 
 
-def _beside_circling(worst: dict[str, float], planners: list[str]) -> str:
+def _against_circling(worst: dict[str, float], planners: list[str]) -> str:
     text = f"{worst['circling']:15.1f}"
     for planner in planners[1:]:
         cell = ""

@@ -20,10 +20,10 @@ Footprint = tuple[float, float, float, float, float]
 def changed_cells(
     grid: MapGrid, footprint: Footprint, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
 ) -> tuple[Cells, Cells]:
-    """Cells in a footprint that burn and are not in a map of the fire, and the other way round.
+    """Return the cells in a footprint that burn but are not mapped, and the opposite.
 
-    ``arrival_s`` (y, x) is the true fire's, infinity where it does not come; burned is burning.
-    ``fire`` (y, x) is the map. Returns two arrays of cell numbers, rising.
+    ``arrival_s`` (y, x) is of the true fire, infinity for cells that never burn; burned cells count
+    as burning. ``fire`` (y, x) is the map. Returns two arrays of cell numbers in ascending order.
     """
     cells = cells_in_view(grid, footprint)
     burns, mapped = arrival_s.ravel()[cells] <= at_s, fire.ravel()[cells]
@@ -36,7 +36,7 @@ def mark_seen(grid: MapGrid, footprint: Footprint, seen_s: Floats, at_s: float) 
 
 
 def cells_in_view(grid: MapGrid, footprint: Footprint) -> Cells:
-    """Indices of the cells in a footprint, in ascending order."""
+    """Return the indices of the cells in a footprint, in ascending order."""
     x_m, y_m, course_rad, half_across_m, half_along_m = footprint
     row, col = grid.row_col_of(x_m, y_m)
     across, along = half_across_m / grid.cell_m, half_along_m / grid.cell_m

@@ -1,10 +1,9 @@
-"""Figures 6 to 12 of the "Virtual agents" paper, drawn from our flights."""
+"""Figures 6 to 12 of the "Virtual agents" paper, drawn from the flights of this experiment."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
@@ -21,7 +20,7 @@ SERIES = {
     "inaccuracy": ("fig11-inaccuracy", "cells wrong in a UAV's fire map", False),
 }
 
-Flights = dict[str, list[Flight]]  # by experiment, a flight a seed
+Flights = dict[str, list[Flight]]  # by experiment, one flight per seed
 
 
 def draw(out: Path, flights: Flights) -> None:
@@ -35,7 +34,6 @@ def draw(out: Path, flights: Flights) -> None:
 
 def _figure(size: tuple[float, float], columns: int = 1) -> tuple[Figure, list[Any]]:
     figure = Figure(figsize=size, dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, list(np.ravel(figure.subplots(1, columns, squeeze=False)))
 
 
@@ -58,12 +56,12 @@ def _draw_fire(axes: Any, flight: Flight, before_s: float, until_s: float) -> No
 
 
 def _zoom(axes: Any, tracks: Any) -> None:
-    least, most = np.nanmin(tracks, axis=(0, 1)) - 200.0, np.nanmax(tracks, axis=(0, 1)) + 200.0
-    axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]))
+    low, high = np.nanmin(tracks, axis=(0, 1)) - 200.0, np.nanmax(tracks, axis=(0, 1)) + 200.0
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def draw_agents(path: Path, flight: Flight) -> None:
-    """Fig. 6: tracks of the virtual agents, before and after 500 s."""
+    """Draw fig. 6: tracks of the virtual agents before and after 500 s."""
     figure, panels = _figure((11.0, 5.2), 2)
     ends = ((0.0, HALFWAY_S), (HALFWAY_S, flight.track_s[-1]))
     for axes, (from_s, until_s) in zip(panels, ends, strict=True):
@@ -82,7 +80,7 @@ def draw_agents(path: Path, flight: Flight) -> None:
 
 
 def draw_uav(path: Path, flight: Flight) -> None:
-    """Fig. 7: UAV 0 and its virtual agent in the first 500 s."""
+    """Draw fig. 7: UAV 0 and its virtual agent in the first 500 s."""
     figure, (axes,) = _figure((6.4, 6.0))
     chosen = flight.track_s <= HALFWAY_S
     _draw_fire(axes, flight, HALFWAY_S, HALFWAY_S)
@@ -95,7 +93,7 @@ def draw_uav(path: Path, flight: Flight) -> None:
 
 
 def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool) -> None:
-    """Figs. 8 to 11: a metric over time, the mean of the seeds, a line an experiment."""
+    """Draw figs. 8 to 11: a metric over time, averaged over the seeds, one line per experiment."""
     figure, (axes,) = _figure((8.4, 4.4))
     for k, (experiment, runs) in enumerate(flights.items()):
         mean = np.mean([run.series[name] for run in runs], axis=0)
@@ -116,15 +114,15 @@ def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool
 
 
 def draw_safety(path: Path, flights: Flights) -> None:
-    """Fig. 12: conflicts and collisions, the mean of the seeds."""
+    """Draw fig. 12: conflicts and collisions, averaged over the seeds."""
     figure, (axes,) = _figure((8.4, 4.0))
     names = [experiment.name for experiment in EXPERIMENTS if experiment.name in flights]
     places = np.arange(len(names))
-    for shift, what, colour in ((-0.2, "conflicts", COLOURS[0]), (0.2, "collisions", COLOURS[1])):
-        counts = [np.mean([run.series[what][-1] for run in flights[name]]) for name in names]
-        bars = axes.bar(places + shift, counts, 0.4, color=colour, label=what)
+    for shift, count, colour in ((-0.2, "conflicts", COLOURS[0]), (0.2, "collisions", COLOURS[1])):
+        means = [np.mean([run.series[count][-1] for run in flights[name]]) for name in names]
+        bars = axes.bar(places + shift, means, 0.4, color=colour, label=count)
         axes.bar_label(bars, fmt="{:.4g}", fontsize=8)
     axes.set_xticks(places, names)
-    axes.set_ylabel("a flight, mean of the seeds")
+    axes.set_ylabel("number per flight, mean of the seeds")
     axes.legend()
     figure.savefig(path)

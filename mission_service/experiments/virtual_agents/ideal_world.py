@@ -1,7 +1,7 @@
-"""An ideal world for a formation: fixed wings by their equations, a radio, no autopilot between.
+"""An ideal world for a formation: equations of fixed wings and a radio, without autopilots.
 
-All inputs of the agents come through their cameras and the radio. What is measured here (the six
-metrics of the paper, section 6.2) is of the true fire and the true places.
+Agents receive inputs only from their cameras and the radio. The six metrics of the paper (section
+6.2) are computed from the true fire and the true positions.
 """
 
 import math
@@ -19,8 +19,8 @@ from mission_service.experiments.virtual_agents.camera_footprint import (
 )
 from mission_service.experiments.virtual_agents.ideal_world_kernels import (
     count_meetings,
+    desired_headings,
     fly_all,
-    wanted_headings,
 )
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea, inaccuracy_cells
 from mission_service.experiments.virtual_agents.rvo_kernels import clear_heading_rad
@@ -36,39 +36,39 @@ TICK_S = 0.25
 LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
-BASE_M = (-1400.0, -1400.0)  # the first in the queue, from the middle of the map
-QUEUE_M = 70.0  # between one and the next, and between queues
-QUEUE = 8  # so many in a queue
+BASE_M = (-1400.0, -1400.0)  # start of the first UAV, from the centre of the map
+QUEUE_M = 70.0  # spacing in a queue, and of queues
+QUEUE = 8  # UAVs in a queue
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Deviations of a flight from the paper's nominal one."""
+    """Deviations of a flight from the paper's nominal flight."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
-    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, each receiver
+    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, per receiver
     delay_s: float = TICK_S
-    wind_m_s: tuple[float, float] = (0.0, 0.0)  # it blows towards (east, north)
+    wind_m_s: tuple[float, float] = (0.0, 0.0)  # towards (east, north)
     duration_s: float = 1200.0
-    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # UAV: from, until
-    dead_from_s: dict[int, float] = field(default_factory=dict)  # UAV flies on, its agent is gone
+    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # by UAV: from, until
+    dead_from_s: dict[int, float] = field(default_factory=dict)  # by UAV: failure of its agent
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What was measured of a flight; ``series`` by name at ``series_s``, counts are sums so far."""
+    """The measurements of a flight; ``series`` by name at ``series_s``, counts are cumulative."""
 
     arrival_s: Floats
     series_s: Floats
     series: dict[str, Floats]
     track_s: Floats
-    uavs_m: Floats  # (times, UAVs, 2) from the middle of the map
+    uavs_m: Floats  # (times, UAVs, 2) from the centre of the map
     agents_m: Floats
     closest_m: float
 
     def at_end(self, name: str, last_s: float) -> float:
-        """The mean of a metric over the last so many seconds."""
+        """Return the mean of a metric over the last ``last_s`` seconds."""
         return float(self.series[name][self.series_s >= self.series_s[-1] - last_s].mean())
 
 
@@ -76,15 +76,15 @@ class Radio:
     """Messages in transit: states reach receivers in range, all others reach every receiver."""
 
     def __init__(self, count: int, rules: Rules, range_m: float, seed: int) -> None:
-        self._everybody = np.arange(count)
+        self._uavs = np.arange(count)
         self._rules = rules
         self._range_m = range_m
         self._rng = np.random.default_rng((seed, 1))
-        self._under_way: deque[tuple[float, AnyMessage, list[int]]] = deque()
+        self._in_transit: deque[tuple[float, AnyMessage, list[int]]] = deque()
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
-        """A message from UAV ``sender``; ``places_m`` (n, 2) is where all are."""
-        receives = self._everybody != sender
+        """Send a message from UAV ``sender``; ``places_m`` (n, 2) are the positions of all UAVs."""
+        receives = self._uavs != sender
         if isinstance(message, State):
             off_m = places_m - places_m[sender]
             receives &= np.hypot(off_m[:, 0], off_m[:, 1]) <= self._range_m
@@ -92,21 +92,21 @@ class Radio:
         if loss > 0.0:
             receives &= self._rng.random(len(receives)) >= loss
         receivers = np.flatnonzero(receives).tolist()
-        self._under_way.append((at_s + self._rules.delay_s, message, receivers))
+        self._in_transit.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
-        """Receivers and the messages that reach them now."""
-        while self._under_way and self._under_way[0][0] <= at_s + 1e-9:
-            _, message, receivers = self._under_way.popleft()
+        """Yield receivers and the messages that reach them now."""
+        while self._in_transit and self._in_transit[0][0] <= at_s + 1e-9:
+            _, message, receivers = self._in_transit.popleft()
             for receiver in receivers:
                 yield receiver, message
 
 
 class Safety:
-    """Counts conflicts and collisions of pairs: each counts when it begins (section 5.3.3).
+    """Counts conflicts and collisions of pairs, each when it begins (section 5.3.3).
 
-    A conflict: the velocity one of them wants, to follow its virtual agent, is inside the other's
-    reciprocal velocity obstacle. A collision: they are nearer than twice the safety radius.
+    In a conflict the velocity with which one UAV follows its virtual agent is inside the other's
+    reciprocal velocity obstacle. In a collision they are nearer than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:
@@ -117,11 +117,11 @@ class Safety:
         self.collisions = 0
         self.closest_m = math.inf
 
-    def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, wanted_m_s: Floats,
+    def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, desired_m_s: Floats,
         heights_m: Floats) -> None:  # fmt: skip
-        """All vehicles, now; rows are vehicles."""
+        """Count the conflicts and collisions that begin now; rows of the arrays are vehicles."""
         conflicts, collisions, closest_m = count_meetings(
-            at_s, places_m, velocities_m_s, wanted_m_s, heights_m,
+            at_s, places_m, velocities_m_s, desired_m_s, heights_m,
             2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
             self._in_conflict_s, self._together,
         )  # fmt: skip
@@ -131,15 +131,16 @@ class Safety:
 
 
 class FormationWorld:
-    """Fire, vehicles, agents and radio; ``tick`` lets a quarter of a second pass."""
+    """Fire, vehicles, agents and radio; ``tick`` advances them by a quarter of a second."""
 
     def __init__(
         self, arrival_s: Floats, uavs: int, settings: Settings, rules: Rules, seed: int
     ) -> None:
-        """``arrival_s`` (y, x): when each cell burns, at 0 or before for what burns already.
+        """Set up the world; ``arrival_s`` (y, x) is 0 or less for cells that burn at the start.
 
-        The UAVs are in the air, in queues of eight, flying towards the middle of the map. Cells are
-        the paper's. All maps begin with what burns at 0 s, as if sent by the ground base.
+        The UAVs are in the air, in queues of eight, and fly towards the centre of the map. Cells
+        have the paper's size. All maps contain the cells that burn at 0 s, as if sent by the ground
+        base.
         """
         self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s
@@ -147,31 +148,21 @@ class FormationWorld:
         self.rules = rules
         self.at_s = 0.0
         self.ticks = 0
-        known = np.flatnonzero(arrival_s <= 0.0)
-        self.agents = [
-            Agent(
-                f"uav{number}",
-                settings,
-                self.grid,
-                known,
-                0,
-                rules.avoidance,
-                rules.synchronises,
-            )
-            for number in range(uavs)
-        ]
+        burning = np.flatnonzero(arrival_s <= 0.0)
+        nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises)
+        self.agents = [Agent(f"uav{number}", *nominal) for number in range(uavs)]
         self.radio = Radio(uavs, rules, settings.range_m, seed)
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
         self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
-        self.layers_m = np.zeros(uavs)  # how far above the altitude of all each one flies
+        self.layers_m = np.zeros(uavs)  # height of each UAV above the common altitude
         self.heights_m = np.full(uavs, settings.altitude_agl_m)
         self.intentions: list[Intention] = []
         self.safety = Safety(uavs, settings)
         self.seen_s = np.full(arrival_s.shape, -np.inf)
 
     def tick(self) -> None:
-        """A quarter of a second: receive, observe, decide, send, fly."""
+        """Advance by a quarter of a second: receive, observe, decide, send, fly."""
         self.ticks += 1
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)
@@ -197,7 +188,7 @@ class FormationWorld:
         return self.at_s >= self.rules.dead_from_s.get(number, math.inf)
 
     def _send_away(self, number: int, agent: Agent) -> None:
-        """To its base and back again, when it is time."""
+        """Send a UAV to its base, or back to the formation, at the times in ``Rules.away_s``."""
         from_s, until_s = self.rules.away_s.get(number, (math.inf, math.inf))
         if from_s <= self.at_s < until_s and agent.home_m is None:
             agent.go_home(*_start(number))
@@ -211,7 +202,7 @@ class FormationWorld:
         return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
     def view(self, number: int) -> Footprint:
-        """x, y, course, half across, half along of what a camera sees now."""
+        """Return a camera's present footprint: x, y, course, half width and half length."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
@@ -228,13 +219,13 @@ class FormationWorld:
             agent.add_view(burning, unburned, at_us)
 
     def _fly(self) -> None:
-        """All fly on for a tick as they mean to."""
+        """Move all vehicles by one tick along their intended orbits."""
         orbits = np.array(
             [(i.orbit_x_m, i.orbit_y_m, i.orbit_radius_m, i.airspeed_m_s) for i in self.intentions]
         )
         wind, bank_rad = self.rules.wind_m_s, self.settings.airframe.bank_rad
         headings_rad = np.empty(len(orbits))
-        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        desired_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         if self.rules.avoidance == "rvo":
             for number, agent in enumerate(self.agents):
                 headings_rad[number] = self._clear_heading(number, agent, headings_rad[number])
@@ -246,11 +237,11 @@ class FormationWorld:
         self.heights_m[:] = self.settings.altitude_agl_m + self.layers_m + climbs_m
 
     def agents_m(self) -> Floats:
-        """Positions (n, 2) of the virtual agents; NaN where there is none."""
+        """Return the positions (n, 2) of the virtual agents; NaN for a UAV without one."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
-        """Conflicts are those of what eqs. 14 and 15 want: to circle the virtual agent."""
+        """Count conflicts of the velocities of eqs. 14 and 15, which circle the virtual agents."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
         orbits = np.array(
             [
@@ -262,13 +253,13 @@ class FormationWorld:
         )
         headings_rad = np.empty(len(orbits))
         bank_rad = self.settings.airframe.bank_rad
-        wanted_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
+        desired_headings(self.places_m, self.motion, orbits, *wind, TICK_S, bank_rad, headings_rad)
         directions = np.column_stack([np.cos(headings_rad), np.sin(headings_rad)])
-        wanted_m_s = self.motion[:, 1:] * directions + wind
-        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, wanted_m_s, self.heights_m)
+        desired_m_s = self.motion[:, 1:] * directions + wind
+        self.safety.look(self.at_s, self.places_m, self.velocities_m_s, desired_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
-        """The paper's avoidance, from the states received from the others."""
+        """Return the heading of the paper's avoidance, from the other UAVs' states."""
         intention = self.intentions[number]
         heading_rad, _ = clear_heading_rad(
             *self.places_m[number],
@@ -284,20 +275,20 @@ class FormationWorld:
 
 
 def world_grid(shape: tuple[int, int]) -> MapGrid:
-    """The paper's cells around the middle of the map."""
+    """Return the paper's cells around the middle of the map."""
     rows, cols = shape
     return MapGrid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:
-    """Where a UAV begins: one behind the other, and queue beside queue."""
+    """Return the start position of a UAV, in queues of eight."""
     queue, place = divmod(number, QUEUE)
     along, across = place * QUEUE_M * math.sqrt(0.5), queue * QUEUE_M * math.sqrt(0.5)
     return BASE_M[0] - along + across, BASE_M[1] - along - across
 
 
 def fly(world: FormationWorld) -> Flight:
-    """Fly a world to the end of its time and measure it as it goes (section 6.2)."""
+    """Advance a world to the end of its flight, measure it (section 6.2), return the flight."""
     grid, settings = world.grid, world.settings
     area = MonitoringArea(grid, settings.augmentation_m(grid.cell_m), settings.monitoring_m)
     measured: list[tuple[float, ...]] = []
@@ -323,14 +314,7 @@ def fly(world: FormationWorld) -> Flight:
     )
 
 
-MEASURES = (
-    "va_coverage",
-    "uav_coverage",
-    "efficiency",
-    "inaccuracy",
-    "conflicts",
-    "collisions",
-)
+MEASURES = ("va_coverage", "uav_coverage", "efficiency", "inaccuracy", "conflicts", "collisions")
 
 
 def _measured(world: FormationWorld, area: MonitoringArea) -> tuple[float, ...]:

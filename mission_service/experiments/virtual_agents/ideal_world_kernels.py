@@ -8,18 +8,18 @@ from firemodel.compiled import kernel
 from mission_service.experiments.virtual_agents.rvo_kernels import meets_after_s
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 
-# The paper's cones have no end; but then vehicles that circle near each other are in conflict at
-# every turn, a hundred times for each collision, where the paper has two.
+# The paper's cones are infinite; that would give vehicles that circle near each other a conflict at
+# every turn, a hundred for each collision, while the paper reports two.
 CONFLICT_WITHIN_S = 5.0
-ANEW_S = 2.0  # a conflict that has been over for so long begins again
+REPEATED_AFTER_S = 2.0  # a conflict after such an interval counts again
 
 
 @kernel
 def count_meetings(  # type: ignore[no-untyped-def]
-    at_s, places_m, velocities_m_s, wanted_m_s, heights_m, apart_m, neighbourhood_m,
+    at_s, places_m, velocities_m_s, desired_m_s, heights_m, apart_m, neighbourhood_m,
     in_conflict_s, together,
 ):  # fmt: skip
-    """Conflicts and collisions that begin now, and the least distance of any two."""
+    """Return the numbers of conflicts and collisions that begin now, and the minimum distance."""
     conflicts, collisions, closest_m = 0, 0, np.inf
     for a in range(len(places_m)):
         for b in range(a):
@@ -34,21 +34,21 @@ def count_meetings(  # type: ignore[no-untyped-def]
             mean_x = velocities_m_s[a, 0] + velocities_m_s[b, 0]
             mean_y = velocities_m_s[a, 1] + velocities_m_s[b, 1]
             of_a = meets_after_s(
-                x, y, 2.0 * wanted_m_s[a, 0] - mean_x, 2.0 * wanted_m_s[a, 1] - mean_y, apart_m
+                x, y, 2.0 * desired_m_s[a, 0] - mean_x, 2.0 * desired_m_s[a, 1] - mean_y, apart_m
             )
             of_b = meets_after_s(
-                -x, -y, 2.0 * wanted_m_s[b, 0] - mean_x, 2.0 * wanted_m_s[b, 1] - mean_y, apart_m
+                -x, -y, 2.0 * desired_m_s[b, 0] - mean_x, 2.0 * desired_m_s[b, 1] - mean_y, apart_m
             )
             if min(of_a, of_b) < CONFLICT_WITHIN_S:
-                if at_s - in_conflict_s[a, b] > ANEW_S:
+                if at_s - in_conflict_s[a, b] > REPEATED_AFTER_S:
                     conflicts += 1
                 in_conflict_s[a, b] = at_s
     return conflicts, collisions, closest_m
 
 
 @kernel
-def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
-    """Fill ``headings_rad`` (n): where eqs. 14 and 15 lead each vehicle."""
+def desired_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
+    """Fill ``headings_rad`` (n) with the headings of eqs. 14 and 15."""
     for k in range(headings_rad.size):
         headings_rad[k] = wanted_heading_rad(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
@@ -60,7 +60,7 @@ def wanted_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, 
 def fly_all(  # type: ignore[no-untyped-def]
     places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
 ):
-    """One step of all: ``motion`` (n, 2) is heading and airspeed."""
+    """Move all vehicles by one step; ``motion`` (n, 2) is heading and airspeed."""
     for k in range(headings_rad.size):
         x_m, y_m, heading_rad, airspeed_m_s = heading_step(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],

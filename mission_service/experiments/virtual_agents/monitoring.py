@@ -1,8 +1,8 @@
-"""The area to be monitored around the true fire, and how well it is: for evaluation (section 6.2).
+"""The area to be monitored around the true fire, and metrics of its monitoring (section 6.2).
 
-It is no input of any UAV. Like the agents' maps it consists of counts of the cells of fire within
-reach, to which a cell that begins to burn adds a disc. Cells with a priority are also in a list,
-because the metrics are computed far more often than the fire grows.
+UAVs do not receive it. Like the agents' maps it counts the burning cells within reach of each cell:
+a cell that begins to burn adds a disc. Cells with a priority are also stored in a list, because the
+metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
-SEEN_WITHIN_S = 60.0  # UAV coverage is of this long
+SEEN_WITHIN_S = 60.0  # interval of UAV coverage
 
 
 class MonitoringArea:
     """Priorities of all cells for a fire that only grows.
 
-    ``priority`` (y, x): 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
-    elsewhere; ``cells`` (n) are those above 0, and ``priorities`` (n) theirs.
+    ``priority`` (y, x) is 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
+    elsewhere; ``cells`` (n) are the cells above 0, with ``priorities`` (n).
     """
 
     def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
@@ -42,7 +42,7 @@ class MonitoringArea:
         self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
         self._priorities: Floats = np.empty(grid.rows * grid.cols)
         self.cells, self.priorities = self._cells[:0], self._priorities[:0]
-        # What fire can give a priority: first row and column, and where they end.
+        # Rows and columns that can have a priority: first row and column, end of both.
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
@@ -54,33 +54,18 @@ class MonitoringArea:
         if not len(cells):
             return
         check_cells(cells, self.grid.shape)
-        stamp(
-            cells,
-            True,
-            self.fire,
-            self._near,
-            self._near_fire,
-            self._far,
-            self._far_fire,
-            self._sums,
-        )
+        near, far = (self._near, self._near_fire), (self._far, self._far_fire)
+        stamp(cells, True, self.fire, *near, *far, self._sums)
         rows, cols = np.divmod(cells, self.grid.cols)
         k = len(self._far) // 2
         self._window[:2] = np.minimum(self._window[:2], (rows.min() - k, cols.min() - k))
         self._window[2:] = np.maximum(self._window[2:], (rows.max() + k + 1, cols.max() + k + 1))
-        count = _priorities(
-            self.fire,
-            self._near_fire,
-            self._far_fire,
-            self._window,
-            self.priority,
-            self._cells,
-            self._priorities,
-        )
+        outputs = (self.priority, self._cells, self._priorities)
+        count = _priorities(self.fire, self._near_fire, self._far_fire, self._window, *outputs)
         self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
-        """Share of the priorities within ``coverage_m`` of a virtual agent; ``agents_m`` (n, 2)."""
+        """Return the share of the priorities within ``coverage_m`` of virtual agents (n, 2)."""
         cell_m = self.grid.cell_m
         rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
         cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
@@ -90,12 +75,12 @@ class MonitoringArea:
         return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
-        """Share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x) are times."""
+        """Return the share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x)."""
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
-        """Priorities in all footprints together over the sum of each one's; 1 without any."""
+        """Return the priorities in the union of the footprints over their sum; 1 without any."""
         union = total = 0.0
         self._view += 1
         priorities, views = self.priority.ravel(), self._views.ravel()
@@ -108,7 +93,7 @@ class MonitoringArea:
 
 
 def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bool_]]) -> float:
-    """Mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
+    """Return the mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
     return sum(np.count_nonzero(true_fire != fire) for fire in fires) / len(fires)
 
 
@@ -116,7 +101,7 @@ def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bo
 def _priorities(  # type: ignore[no-untyped-def]
     fire, near_fire, far_fire, window, priority, cells, priorities
 ):
-    """Priorities of a window; fills ``cells`` and ``priorities``, returns how many are above 0."""
+    """Set the priorities of a window; fill ``cells`` and ``priorities``, return their number."""
     rows, cols = fire.shape
     count = 0
     for r in range(max(window[0], 0), min(window[2], rows)):
@@ -157,7 +142,7 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Priorities in a view that are in none with this number yet, and all of them."""
+    """Return the priorities in a view that no view of this number has counted, and all of them."""
     new, total = 0.0, 0.0
     for cell in cells:
         total += priorities[cell]

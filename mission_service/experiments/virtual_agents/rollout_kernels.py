@@ -1,6 +1,6 @@
-"""All virtual agents of a team moved by the paper's forces over a fire that stands still, compiled.
+"""Roll-out of a team's virtual agents under the paper's forces, around a static fire, compiled.
 
-For tuning, which does it ten thousands of times; the same kernels fly.
+Tuning needs ten thousands of roll-outs. The flight uses the same kernels.
 """
 
 from firemodel.compiled import kernel
@@ -9,27 +9,13 @@ from mission_service.guidance.formation.virtual_forces_kernels import is_set, ve
 
 @kernel
 def unroll(  # type: ignore[no-untyped-def]
-    agents,
-    before,
-    steps,
-    step_s,
-    ties_rad,
-    centre_x_m,
-    centre_y_m,
-    augmentation,
-    area,
-    danger,
-    west_m,
-    north_m,
-    cell_m,
-    constants,
-    spacing_m,
-    max_m_s,
-):
+    agents, before, steps, step_s, ties_rad, centre_x_m, centre_y_m, augmentation, area, danger,
+    west_m, north_m, cell_m, constants, spacing_m, max_m_s,
+):  # fmt: skip
     """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
 
-    ``before`` (2, n) is a work array. Every agent receives the places of all others. Returns the
-    number of steps, summed over the agents, at places where the map ``danger`` is set.
+    ``before`` (2, n) is a work array. Every agent receives the positions of all others. Returns the
+    number of steps, summed over the agents, to positions where the map ``danger`` is set.
     """
     n = agents.shape[1]
     touched = 0
@@ -38,25 +24,12 @@ def unroll(  # type: ignore[no-untyped-def]
             before[0, i], before[1, i] = agents[0, i], agents[1, i]
         for i in range(n):
             x_m, y_m = before[0, i], before[1, i]
-            # An agent does not repel itself: its place is moved out of reach meanwhile.
+            # An agent does not repel itself: its position is moved out of reach temporarily.
             before[0, i] += 1e9
             east, north = velocity_of_forces(
-                x_m,
-                y_m,
-                before[0],
-                before[1],
-                centre_x_m,
-                centre_y_m,
-                augmentation,
-                area,
-                west_m,
-                north_m,
-                cell_m,
-                constants,
-                spacing_m,
-                max_m_s,
-                ties_rad[i],
-            )
+                x_m, y_m, before[0], before[1], centre_x_m, centre_y_m, augmentation, area,
+                west_m, north_m, cell_m, constants, spacing_m, max_m_s, ties_rad[i],
+            )  # fmt: skip
             before[0, i] = x_m
             agents[0, i] += east * step_s
             agents[1, i] += north * step_s

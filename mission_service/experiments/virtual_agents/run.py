@@ -28,7 +28,7 @@ COMPLETE = 0.998
 def run(
     out: Path | None, seeds: tuple[int, ...] = SEEDS, progress: Callable[[str], None] = print
 ) -> dict[str, Any]:
-    """Fly all experiments and return the result; with ``out`` the figures are drawn there."""
+    """Fly all experiments and return the result; with ``out``, draw the figures there."""
     flights: dict[str, list[Flight]] = {experiment.name: [] for experiment in EXPERIMENTS}
     best: dict[str, list[float]] = {experiment.name: [] for experiment in EXPERIMENTS}
     cases = list(product(EXPERIMENTS, seeds))
@@ -46,9 +46,9 @@ def run(
 
 
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
-    """One flight of 20 minutes in the ideal world, and the best coverage for the fire at its end.
+    """Return one flight of 20 minutes and the best coverage for the fire at its end.
 
-    Where all is covered in flight nothing is better, and nothing is searched for.
+    No better placement is searched for after a flight with complete coverage.
     """
     rules = Rules(
         avoidance="intent" if experiment.avoids else "none", synchronises=experiment.synchronises

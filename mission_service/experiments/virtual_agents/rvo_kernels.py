@@ -1,8 +1,8 @@
-"""Reciprocal velocity obstacles, the paper's avoidance (5.3.3), of van den Berg and others 2008.
+"""Reciprocal velocity obstacles, the paper's avoidance (5.3.3), after van den Berg et al. 2008.
 
-A velocity v' is inside the obstacle of B for A when 2 v' - v_A is inside B's velocity obstacle:
-when moving on with 2 v' - v_A - v_B relative to B comes within the combined radius. Velocities are
-over the ground. Kernels; ``peers`` (n, COLUMNS) as of ``PeerTable.rows``.
+A velocity v' is inside the obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle, that
+is, if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are
+over the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
 """
 
 import math
@@ -17,9 +17,9 @@ YAW_STEP_RAD = math.radians(2.0)
 
 @kernel
 def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: ignore[no-untyped-def]
-    """When a point that moves with ``rel`` comes within a radius of a place; inf for never.
+    """Return when a point that moves with ``rel`` enters a radius around a place; inf for never.
 
-    Inside already: now if it comes nearer still, else never.
+    A point inside the radius meets it now if it approaches, else never.
     """
     nearing = away_x_m * rel_x_m_s + away_y_m * rel_y_m_s
     if nearing <= 0.0:
@@ -38,7 +38,7 @@ def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: 
 def first_meeting_s(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """When the velocity ``new``, as RVO weighs it, meets a neighbour; inf: outside all cones."""
+    """Return when the velocity ``new`` (RVO) meets a neighbour; inf: outside all cones."""
     soonest_s = np.inf
     for row in range(peers.shape[0]):
         away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - x_m
@@ -55,7 +55,7 @@ def first_meeting_s(  # type: ignore[no-untyped-def]
 def in_conflict(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """True if a desired velocity is inside any neighbour's velocity obstacle."""
+    """Return whether a desired velocity is inside any neighbour's velocity obstacle."""
     return (
         first_meeting_s(
             x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
@@ -69,10 +69,10 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, desired_rad, airspeed_m_s, wind_x_m_s, wind_y_m_s,
     peers, radius_m, neighbourhood_m,
 ):  # fmt: skip
-    """The heading nearest to the desired one whose velocity is outside all cones.
+    """Return the heading nearest to the desired one whose velocity is outside all cones.
 
-    If there is none, the one with the latest meeting. ``radius_m`` is the combined one (2 r_s).
-    Returns the heading and whether the desired one was in conflict.
+    If all are inside, the heading with the latest meeting. ``radius_m`` is the combined radius
+    (2 r_s). Returns the heading, and whether the desired heading was in conflict.
     """
     best_rad, best_s = desired_rad, -1.0
     for number in range(2 * int(math.pi / YAW_STEP_RAD) + 1):

@@ -1,9 +1,9 @@
-"""The fires of the "Virtual agents" paper, table 2: each grown by its own automaton from one cell.
+"""The fires of the "Virtual agents" paper, table 2, each grown from one cell by its automaton.
 
-The paper does not describe how a fire came to its initial size. Here the same automaton makes it,
-with the same p_spread, so that the shape goes on as it began. With the printed p_spread = 0.025 a
-fire of 1000 cells grows to 2480 (five seeds), not to about 3050; with 0.033 it does, so that is
-what experiments 3 and 3_1 burn with: their sizes matter more than that number.
+The paper does not describe the growth of a fire to its initial size. Here the same automaton with
+the same p_spread produces it, so that the shape is consistent. With the printed p_spread = 0.025 a
+fire of 1000 cells grows to 2480 (five seeds) instead of about 3050. Experiments 3 and 3_1 use
+0.033, which reproduces the paper's sizes.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ UPDATE_S = DURATION_S / UPDATES
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A line of table 2; the final size is what the paper has."""
+    """A line of table 2; the final size is the paper's."""
 
     name: str
     uavs: int
@@ -47,7 +47,7 @@ EXPERIMENTS = (
 
 
 def burned(p_spread: float, first_cells: int, seed: int) -> NDArray[np.float64]:
-    """Arrival times (y, x) in seconds of the experiment, negative for what burns at its start."""
+    """Return arrival times (y, x) in s, not positive for cells that burn at the start."""
     landscape = flat(np.ones((ROWS, COLS), dtype=np.int16), CELL_M)
     fire = ProbabilisticFire(
         landscape,

@@ -1,8 +1,8 @@
-"""The best places that n discs can have around a fire that stands still, found offline.
+"""The best positions of n discs around a static fire, computed offline.
 
-A yardstick for what virtual agents do by themselves. One disc at a time goes to where it adds most
-to the others, over all allowed cells (exactly, by sums along rows); from many starts, and from the
-best found with some discs taken away again. In the end discs leave the centres of cells.
+They are a reference for the positions of virtual agents. One disc at a time moves to the allowed
+cell where it adds most to the others (exactly, by sums along rows), from many starts, and from the
+best result with some discs moved at random. Finally, discs are shifted by parts of a cell.
 """
 
 import math
@@ -24,52 +24,52 @@ STARTS, KICKS = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Float (row, col) of each disc (n, 2), and the share of all weights they cover together."""
+    """Float (row, col) of each disc (n, 2), and the share of all weights that they cover."""
 
     places: Floats
     coverage: float
 
 
 @kernel
-def add_disc(weights, taken, row, col, radius, sign):  # type: ignore[no-untyped-def]
-    """Count ``sign`` to ``taken`` within ``radius`` of a place; returns the weight that changed.
+def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
+    """Add ``sign`` to ``counts`` within ``radius`` of a place; return the weight that changed.
 
-    That is what the disc adds to the others (sign 1) or what is lost without it (-1). All in cells;
-    a cell counts where its centre is within the radius.
+    This is the weight that the disc adds to the others (sign 1) or that is lost without it (-1).
+    All in cells; a cell counts if its centre is within the radius.
     """
     rows, cols = weights.shape
     changed = 0.0
     for r in range(max(math.ceil(row - radius), 0), min(math.floor(row + radius), rows - 1) + 1):
         half = math.sqrt(max(radius * radius - (r - row) ** 2, 0.0))
         for c in range(max(math.ceil(col - half), 0), min(math.floor(col + half), cols - 1) + 1):
-            if taken[r, c] == (0 if sign > 0 else 1):
+            if counts[r, c] == (0 if sign > 0 else 1):
                 changed += weights[r, c]
-            taken[r, c] += sign
+            counts[r, c] += sign
     return changed
 
 
 @kernel
-def covered(weights, taken, places, radius):  # type: ignore[no-untyped-def]
-    """The weight that discs at ``places`` cover together; ``taken`` must be 0 and is again."""
+def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
+    """Return the weight that discs at ``places`` cover; ``counts`` is 0 before and after."""
     total = 0.0
     for place in places:
-        total += add_disc(weights, taken, place[0], place[1], radius, 1)
+        total += add_disc(weights, counts, place[0], place[1], radius, 1)
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
 @kernel
-def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Where a disc covers most of what is not taken: the allowed cell and that weight.
+def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
+    """Return the allowed cell where a disc covers the most free weight, and that weight.
 
-    ``sums`` (rows, cols + 1) is room for sums along rows.
+    ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
     rows, cols = weights.shape
     for r in range(rows):
         sums[r, 0] = 0.0
         for c in range(cols):
-            sums[r, c + 1] = sums[r, c] + (weights[r, c] if taken[r, c] == 0 else 0.0)
+            sums[r, c + 1] = sums[r, c] + (weights[r, c] if counts[r, c] == 0 else 0.0)
     reach = math.floor(radius)
     best, best_row, best_col = -1.0, 0, 0
     for row in range(rows):
@@ -85,39 +85,39 @@ def best_cell(weights, taken, allowed, radius, sums):  # type: ignore[no-untyped
 
 
 @kernel
-def settle(weights, taken, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Let each disc in turn go where it adds most, until none gains; returns what they cover.
+def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
+    """Move each disc in turn to where it adds most, until none gains; return the covered weight.
 
     ``places`` (n, 2) are changed; those with a negative row are not placed yet.
     """
     total = 0.0
     for i in order:
         if places[i, 0] >= 0:
-            total += add_disc(weights, taken, places[i, 0], places[i, 1], radius, 1)
+            total += add_disc(weights, counts, places[i, 0], places[i, 1], radius, 1)
     gained = True
     while gained:
         gained = False
         for i in order:
             lost = 0.0
             if places[i, 0] >= 0:
-                lost = add_disc(weights, taken, places[i, 0], places[i, 1], radius, -1)
-            row, col, found = best_cell(weights, taken, allowed, radius, sums)
+                lost = add_disc(weights, counts, places[i, 0], places[i, 1], radius, -1)
+            row, col, found = best_cell(weights, counts, allowed, radius, sums)
             if places[i, 0] < 0 or found > lost + 1e-9:
                 places[i, 0], places[i, 1] = row, col
                 gained = True
-            total += add_disc(weights, taken, places[i, 0], places[i, 1], radius, 1) - lost
+            total += add_disc(weights, counts, places[i, 0], places[i, 1], radius, 1) - lost
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
 @kernel
-def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell as long as that gains; returns what they cover."""
+def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
+    """Shift discs by parts of a cell while that adds weight; return the covered weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
-        total += add_disc(weights, taken, place[0], place[1], radius, 1)
+        total += add_disc(weights, counts, place[0], place[1], radius, 1)
     step = 0.5
     while step >= MIN_STEP_CELLS:
         gained = False
@@ -127,34 +127,34 @@ def refine(weights, taken, allowed, places, radius):  # type: ignore[no-untyped-
                 col = place[1] + step * round(math.cos(side * math.pi / 4.0))
                 r, c = math.floor(row + 0.5), math.floor(col + 0.5)
                 if 0 <= r < rows and 0 <= c < cols and allowed[r, c]:
-                    lost = add_disc(weights, taken, place[0], place[1], radius, -1)
-                    found = add_disc(weights, taken, row, col, radius, 1)
+                    lost = add_disc(weights, counts, place[0], place[1], radius, -1)
+                    found = add_disc(weights, counts, row, col, radius, 1)
                     if found > lost + 1e-9:
                         place[0], place[1] = row, col
                         total += found - lost
                         gained = True
                     else:
-                        add_disc(weights, taken, row, col, radius, -1)
-                        add_disc(weights, taken, place[0], place[1], radius, 1)
+                        add_disc(weights, counts, row, col, radius, -1)
+                        add_disc(weights, counts, place[0], place[1], radius, 1)
         if not gained:
             step *= 0.5
     for place in places:
-        add_disc(weights, taken, place[0], place[1], radius, -1)
+        add_disc(weights, counts, place[0], place[1], radius, -1)
     return total
 
 
 def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
-    """The share of all weights (rows, cols) within the radius of any place (n, 2) (row, col).
+    """Return the share of all weights (rows, cols) within the radius of any place (n, 2).
 
-    The virtual-agent coverage of section 6.2, for the weights of the monitoring-area map. Nothing
-    to cover is all covered.
+    This is the virtual-agent coverage of section 6.2 for the weights of the monitoring-area map; 1
+    if all weights are 0.
     """
     total = float(weights.sum())
     if total == 0.0:
         return 1.0
-    taken = np.zeros(weights.shape, dtype=np.int64)
+    counts = np.zeros(weights.shape, dtype=np.int64)
     places = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-    return float(covered(weights.astype(np.float64), taken, places, radius_cells)) / total
+    return float(covered(weights.astype(np.float64), counts, places, radius_cells)) / total
 
 
 def best_placement(
@@ -167,45 +167,47 @@ def best_placement(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """The best found places of ``count`` discs on ``allowed`` cells for ``weights`` (rows, cols).
+    """Return the best places found for ``count`` discs on ``allowed`` cells (rows, cols).
 
     The same seed gives the same places. Raises MissionServiceError where no cell is allowed.
     """
     cells = np.argwhere(allowed & _near(weights > 0, radius_cells))
     if count < 1 or not cells.size:
         raise MissionServiceError(
-            f"placement: {count} discs on {np.count_nonzero(allowed)} allowed cells; none can be "
-            "placed so that it covers anything"
+            f"placement: {count} discs on {np.count_nonzero(allowed)} allowed cells; none can "
+            "cover a cell with a weight"
         )
     north, west = cells.min(axis=0)
     box = np.s_[north : cells[:, 0].max() + 1, west : cells[:, 1].max() + 1]
-    # Weights are in the box too, but for those that no allowed disc reaches.
+    # The box also contains all weights.
     box = _joined(box, weights > 0)
     corner = np.array([box[0].start, box[1].start])
     near = np.zeros(weights.shape, dtype=np.bool_)
     near[cells[:, 0], cells[:, 1]] = True
     part = np.ascontiguousarray(weights[box], dtype=np.float64)
     free = np.ascontiguousarray(near[box])
-    taken = np.zeros(part.shape, dtype=np.int64)
+    counts = np.zeros(part.shape, dtype=np.int64)
     sums = np.empty((part.shape[0], part.shape[1] + 1))
     rng = np.random.default_rng(seed)
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # one after the other
+            places = np.full((count, 2), -1.0)  # placed one after the other
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:
             places = best_places.copy()
-            gone = rng.permutation(count)[: rng.integers(1, max(count // 2, 1) + 1)]
-            places[gone] = (cells[rng.integers(len(cells), size=gone.size)] - corner).astype(float)
+            moved = rng.permutation(count)[: rng.integers(1, max(count // 2, 1) + 1)]
+            places[moved] = (cells[rng.integers(len(cells), size=moved.size)] - corner).astype(
+                float
+            )
         order = rng.permutation(count)
-        found = float(settle(part, taken, free, places, order, radius_cells, sums))
+        found = float(settle(part, counts, free, places, order, radius_cells, sums))
         if found > best + 1e-9:
             best, best_places = found, places
         if best >= weights.sum() - 1e-9:
             break
-    best = float(refine(part, taken, free, best_places, radius_cells))
+    best = float(refine(part, counts, free, best_places, radius_cells))
     return Placement(best_places + corner, best / float(weights.sum()))
 
 
@@ -218,15 +220,8 @@ def best_around(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """The best found places of ``count`` virtual agents around a fire (y, x), see above."""
-    maps = AgentMaps(
-        grid.shape,
-        grid.cell_m,
-        settings.augmentation_m(grid.cell_m),
-        settings.agent_area_m,
-        settings.monitoring_m,
-    )
-    maps.set(np.flatnonzero(fire), np.empty(0, dtype=np.int64))
+    """Return the best places found for ``count`` virtual agents around a fire (y, x)."""
+    maps = maps_of(np.flatnonzero(fire), grid, settings)
     return best_placement(
         weights_of(maps),
         maps.augmentation == 0,
@@ -238,8 +233,16 @@ def best_around(
     )
 
 
+def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> AgentMaps:
+    """Return the maps of an agent that has received all burned cells ``fire`` (n)."""
+    radii_m = (settings.augmentation_m(grid.cell_m), settings.agent_area_m, settings.monitoring_m)
+    maps = AgentMaps(grid.shape, grid.cell_m, *radii_m)
+    maps.set(fire, np.empty(0, dtype=np.int64))
+    return maps
+
+
 def weights_of(maps: AgentMaps) -> Floats:
-    """The monitoring-area map (section 3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
+    """Return the monitoring-area map (3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)
 

@@ -1,8 +1,8 @@
-"""Table 2 beside the paper's, as text."""
+"""Table 2 of this experiment and of the paper, as text."""
 
 from typing import Any
 
-# What the paper's text and figures have at the end, in percent; conflicts that end in collisions.
+# Final coverage in percent in the paper's text and figures.
 PAPER = {
     "Exp1": 100,
     "Exp2": 67,
@@ -15,10 +15,10 @@ PAPER = {
 
 
 def in_text(found: dict[str, Any]) -> str:
-    """The result as a table of text."""
+    """Return the result as a table of text."""
     lines = [
-        "Coverage in the last minute, beside that of the best places found offline; the best at",
-        "any time; the paper's. Conflicts, collisions, nearest pair of all flights",
+        "Coverage in the last minute, of the best places found offline, the best at any time, and",
+        "the paper's. Conflicts, collisions, nearest pair of all flights",
         "             virtual agents",
         "            end offline   best  paper      UAVs  efficiency  conflicts collisions"
         "  nearest  cells wrong",

@@ -1,8 +1,8 @@
-"""Small fires drawn by chance on which virtual agents' constants are tuned (section 5.2.6).
+"""Small random fires for the tuning of the virtual agents' constants (section 5.2.6).
 
-Maps of 50 x 50 and 100 x 100 cells. The paper gives no size: cells are 50 m here, so
-that 50 of them (2.5 km) hold a fire, 350 m around it and room to come from, which 50 of 10 m would
-not. Fires have the areas of table 2, stand still, and agents come from one side in a line.
+Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Cells are 50 m here, so that 50
+of them (2.5 km) contain a fire, 350 m around it and room for the approach. Fires have the areas of
+table 2 and do not grow; agents approach from one side in a line.
 """
 
 import math
@@ -17,7 +17,11 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.experiments.fires import flat, wind
 from mission_service.experiments.virtual_agents.rollout_kernels import unroll
-from mission_service.experiments.virtual_agents.static_placement import coverage, weights_of
+from mission_service.experiments.virtual_agents.static_placement import (
+    coverage,
+    maps_of,
+    weights_of,
+)
 from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
@@ -28,13 +32,13 @@ Floats = NDArray[np.float64]
 CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
-ABREAST_M = 150.0  # between agents as they come
-PENALTY = 10.0  # for virtual agents always so near to fire that UAVs fly over it
+ABREAST_M = 150.0  # between agents at the start
+PENALTY = 10.0  # for virtual agents that are at all times so near that UAVs fly over fire
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A map, how long it is unrolled, how many agents, and the least and most cells of fire."""
+    """Size of a map, steps of a roll-out, number of agents, minimum and maximum burned cells."""
 
     cells: int
     steps: int
@@ -47,7 +51,7 @@ KINDS = (Kind(50, 250, 4, (15, 60)),) * 3 + (Kind(100, 500, 8, (60, 160)),) * 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scenario:
-    """A fire and where the agents begin: ``agents_m`` (2, n), x and y. Maps are (y, x)."""
+    """A fire and the start of the agents, ``agents_m`` (2, n), x and y. Maps are (y, x)."""
 
     kind: Kind
     grid: MapGrid
@@ -59,7 +63,7 @@ class Scenario:
 
 @lru_cache(maxsize=4)
 def scenarios(seed: int, kinds: tuple[Kind, ...] = KINDS) -> tuple[Scenario, ...]:
-    """One of each kind; the same seed gives the same, on every machine."""
+    """Return one scenario of each kind; they depend only on the seed."""
     rng = np.random.default_rng(seed)
     return tuple(_scenario(kind, rng) for kind in kinds)
 
@@ -69,17 +73,9 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
     fire = np.flatnonzero(_fire(kind, rng))
     size_m = kind.cells * CELL_M
     grid = MapGrid(kind.cells, kind.cells, CELL_M, 0.0, size_m)
-    no_cells = np.empty(0, dtype=np.int64)
-    maps = AgentMaps(
-        grid.shape,
-        CELL_M,
-        settings.augmentation_m(CELL_M),
-        settings.agent_area_m,
-        settings.monitoring_m,
-    )
+    maps = maps_of(fire, grid, settings)
     near = AgentMaps(grid.shape, CELL_M, settings.loiter_radius_m, 0.0)
-    maps.set(fire, no_cells)
-    near.set(fire, no_cells)
+    near.set(fire, np.empty(0, dtype=np.int64))
     side_rad = rng.uniform(0.0, 2.0 * math.pi)
     abreast_m = ABREAST_M * (np.arange(kind.agents) - (kind.agents - 1) / 2.0)
     away_m = 0.45 * size_m
@@ -93,7 +89,7 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
 
 
 def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Burned cells (y, x): from one to three places near each other until it is large enough."""
+    """Return burned cells (y, x): one to three near ignitions, grown to the required size."""
     cells = kind.cells
     landscape = flat(np.ones((cells, cells), dtype=np.int16), CELL_M)
     middle = rng.integers(int(0.42 * cells), int(0.58 * cells), size=2)
@@ -106,15 +102,15 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
         update_s=1.0,
         rng=rng,
     )
-    least, most = kind.fire_cells
-    wanted = int(rng.integers(least, most + 1))
-    while np.count_nonzero(np.isfinite(fire.arrival_time_s)) < wanted:
+    min_cells, max_cells = kind.fire_cells
+    count = int(rng.integers(min_cells, max_cells + 1))
+    while np.count_nonzero(np.isfinite(fire.arrival_time_s)) < count:
         fire.advance(fire.time_s + 1.0)
     return np.isfinite(fire.arrival_time_s)
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """The final coverage, and for which share of the time virtual agents were too near to fire.
+    """Return the final coverage and the share of time with virtual agents too near to fire.
 
     ``constants`` (8) as in ``constants_array``.
     """
@@ -129,25 +125,18 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
         STEP_S,
         np.array([tie_rad(number) for number in range(scenario.kind.agents)]),
         *grid.xy_of(*centre),
-        scenario.maps.augmentation,
-        scenario.maps.area,
-        scenario.danger,
-        grid.west_m,
-        grid.north_m,
-        grid.cell_m,
-        constants,
-        settings.spacing_m,
-        settings.agent_speed_m_s,
+        *(scenario.maps.augmentation, scenario.maps.area, scenario.danger),
+        *(grid.west_m, grid.north_m, grid.cell_m),
+        *(constants, settings.spacing_m, settings.agent_speed_m_s),
     )
     rows, cols = grid.row_col_of(agents_m[0], agents_m[1])
     places = np.stack([rows, cols], axis=1)
-    return coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m), touched / (
-        scenario.kind.steps * scenario.kind.agents
-    )
+    share = coverage(scenario.weights, places, settings.coverage_radius_m / grid.cell_m)
+    return share, touched / (scenario.kind.steps * scenario.kind.agents)
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:
-    """Mean final coverage over the scenarios of a seed, less the penalties."""
+    """Return the mean final coverage over the scenarios of a seed, less the penalties."""
     constants = np.array(genes, dtype=np.float64)
     results = [flown(scenario, constants) for scenario in scenarios(seed)]
     return sum(covered - PENALTY * too_near for covered, too_near in results) / len(results)

@@ -1,7 +1,7 @@
 """Importance of front cells and of the two planning windows (Islam & Hu, section III).
 
-Rings are arrays over the cells of the perimeter. Index 0 is the cell the UAS occupies, the index
-grows against its flying direction and ends with the cell just in front of it (section III.B).
+Rings are arrays over the cells of the perimeter. Index 0 is the cell of the UAS; the index grows
+against the flying direction and ends with the cell ahead of the UAS (section III.B).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
-    """Eq. 7: heterogeneity of the spread rates scaled by ``alpha`` (>= 0); same units."""
+    """Return eq. 7: spread rates with their heterogeneity scaled by ``alpha`` (>= 0)."""
     lowest = spread_rate.min()
     adjusted: Floats = lowest + alpha * (spread_rate - lowest)
     if alpha >= 1.0:
@@ -20,12 +20,12 @@ def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
 
 
 def cell_importance(spread_rate: Floats, since_visit_s: Floats, to_cell_s: Floats) -> Floats:
-    """Eq. 4: spread expected between the last visit of each cell and the next one."""
+    """Return eq. 4: the spread expected between the last and the next visit of each cell."""
     return spread_rate * since_visit_s + spread_rate * to_cell_s
 
 
 def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
-    """Eq. 3 on a ring: time to fly to each cell, backwards in the back half, forwards in front.
+    """Return eq. 3 on a ring: time to each cell, backwards in the back half, else forwards.
 
     ``step_m[i]`` is the distance from cell i to cell i + 1 (the last one closes the ring).
     """
@@ -38,7 +38,7 @@ def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
 
 
 def window_importance(importance: Floats) -> tuple[float, float]:
-    """Eqs. 5 and 6: (back, front) = the sums over the first and the second half of the ring."""
+    """Return eqs. 5 and 6: (back, front), the sums over the first and second half of the ring."""
     half = importance.size // 2
     return float(importance[:half].sum()), float(importance[half:].sum())
 
@@ -46,6 +46,6 @@ def window_importance(importance: Floats) -> tuple[float, float]:
 def ring_importance(
     spread_rate: Floats, since_visit_s: Floats, step_m: Floats, speed_m_s: float, alpha: float
 ) -> Floats:
-    """Importance of each cell of a ring, as listing 3 computes it; sum it up by halves."""
+    """Return the importance of each cell of a ring by listing 3, to be summed by halves."""
     rate = adjusted_spread_rate(spread_rate, alpha)
     return cell_importance(rate, since_visit_s, time_to_cells_s(step_m, speed_m_s))

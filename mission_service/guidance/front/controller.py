@@ -62,7 +62,7 @@ class FrontFlight(Guidance):
         )
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Note corrections of the fire, after which missions may be renewed."""
+        """Record corrections of the fire, after which missions may be renewed."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         return []
@@ -81,18 +81,18 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words))
             else:
                 rule = self.scenario.planner.rule
-                words = f"the rule {rule} has no such settings: nothing was changed"
+                words = f"the rule {rule} has no such settings: no setting was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """The path to the reported fire; the camera finds the front on the way."""
+        """Return the path to the reported fire, on which the camera finds the front."""
         return approach_path(self.scenario, self.landscape, (fix.x_m, fix.y_m))
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Announce a new phase, a decision, and advice to a team's user."""
+        """Announce a new phase, a decision, and advice on the size of a team."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -113,17 +113,15 @@ class FrontFlight(Guidance):
         if not self._adviser.is_due(team.flying, at_s):
             return []
         ring = team.ring()
-        announcements = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
-        return (
-            []
-            if announcements is None
-            else [announce(vehicle, f"team: {announcements[1]}", warning=announcements[0])]
-        )
+        advice = self._adviser.advise(ring, team.fleet(ring, at_s).speed_m_s, at_s)
+        if advice is None:
+            return []
+        return [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Note missions sent; report parts of the front no longer monitored, or monitored again."""
+        """Record missions sent; report parts of the front that are left or monitored again."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)
@@ -136,21 +134,21 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Commands to give way, or to renew the mission if that is due."""
+        """Return commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
-        aside = self._out_of_the_way(vehicle, fix)
-        if aside is not None:
-            return aside
+        commands = self._give_way(vehicle, fix)
+        if commands is not None:
+            return commands
         return self._follow(vehicle, fix) if self._renewal.to_be_checked(vehicle, fix) else []
 
-    def _out_of_the_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Commands to move aside and hold there; None when the way is free."""
+    def _give_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
+        """Return commands to move aside and hold there; None when the path is clear."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
             if waiting is not None:
-                vehicle.due = "the way is free"
+                vehicle.due = "the path is clear"
             return None
         if other == waiting and not self.traffic.comes_too_low(vehicle.name):
             return []
@@ -174,7 +172,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """The mission that a renewal would send now, without side effects."""
+        """Return the mission that a renewal would send now, without side effects."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, fix), fix)
@@ -182,14 +180,14 @@ class FrontFlight(Guidance):
         return None if path is None else self.items(vehicle, path, fix)
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """The importances of the front's cells; None before the first lap or for other planners."""
+        """Return the importances of the front's cells; None before the phase ``monitor``."""
         planner = self.planners[name]
         if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
             return None
         return planner.compared(fix.row, fix.col, fix.at_s)
 
     def settings(self) -> dict[str, float]:
-        """The present settings of the perimeter planners."""
+        """Return the present settings of the perimeter planners."""
         for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 return {name: getattr(planner.settings, name) for name in TUNED}
@@ -203,7 +201,7 @@ class FrontFlight(Guidance):
         return self._missions.upload(vehicle, path, items, fix, why, keeps_apart)
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """The mission along a path, above those of vehicles in lower layers."""
+        """Return the mission along a path, above those of vehicles in lower layers."""
         return mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
@@ -217,13 +215,14 @@ class FrontFlight(Guidance):
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
-    """Whether its autopilot is still taking off: a new mission would abort that at any height.
+    """Return whether the autopilot is still taking off, which a new mission would abort.
 
-    ArduPlane then climbs at 1 to 4 m/s rather than 10, and a PX4 plane that took off soon after its
-    start sinks to the ground (flown). The takeoff is over when the next item is current.
+    A new mission ends the takeoff at any height: ArduPlane then climbs at 1 to 4 m/s instead of 10,
+    and a PX4 plane shortly after takeoff sinks to the ground (observed in flight). The takeoff has
+    ended when the next item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 
 
-def _in_words(told: SettingsChanged) -> str:
-    return ", ".join(f"{name} = {value:g}" for name, value in told.given.items())
+def _in_words(event: SettingsChanged) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in event.given.items())

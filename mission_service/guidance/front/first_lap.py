@@ -1,4 +1,4 @@
-"""The first lap around a fire: its end, and the map rebuilt around the fire's centre."""
+"""The first lap around a fire, and the map rebuilt around the fire's centre at its end."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.fire_map import BEARINGS, FireMap
+from mission_service.events import Observed
+from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
-MAX_SEEN = 10_000  # windows kept of a lap: 20 minutes of four cameras, some 4 MB
+MAX_SEEN = 10_000  # stored windows of a lap: 20 minutes of four cameras, about 4 MB
 
 CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
 
@@ -30,8 +31,13 @@ class LapProgress:
         return counts and self.swept_deg >= ROUND_AGAIN_DEG
 
 
+def view_of(observed: Observed) -> CameraView:
+    """Return the window of an observation."""
+    return observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
+
+
 def append_view(seen: list[CameraView], one: CameraView) -> None:
-    """Add a view to those of a lap; at ``MAX_SEEN`` every second one is dropped first."""
+    """Add a view to those of a lap; at ``MAX_SEEN`` every second view is deleted before."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
@@ -40,9 +46,9 @@ def append_view(seen: list[CameraView], one: CameraView) -> None:
 def recentred_map(
     fire_map: FireMap, seen: Sequence[CameraView]
 ) -> tuple[FireMap, NDArray[np.bool_]]:
-    """A map of the same views around the fire's centre of area, for an unknown ignition.
+    """Return a map of the same views around the fire's centre of area, for an unknown ignition.
 
-    Also returns the bearings (360) that were in the last view.
+    The second result is the bearings (360) of the last view.
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)

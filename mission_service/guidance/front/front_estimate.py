@@ -1,15 +1,15 @@
-"""An estimate of the fire front that advances where no camera looks: a front on 360 bearings.
+"""An estimate of the fire front on 360 bearings, which also advances out of view.
 
 Each bearing has the distance of the front, the time of the last view, and a factor: the measured
-rate of spread over the one of the fire model. A front in view is set to what the camera sees; out
-of view it advances at the model's rate, under the wind that the vehicle measures, times the factor.
-A Kalman filter estimates the factors of 72 sectors, correlated with their neighbours and, less,
-with all: the advance between two views is the factor times the modelled advance, plus the noise of
-a front that moves in whole cells. A view taken seconds after another one
-therefore changes the estimate little, a view after half an hour changes it much.
+rate of spread over the rate of the fire model. A front in view is set to the observation; out of
+view it advances at the model's rate, under the wind that the vehicle measures, times the factor. A
+Kalman filter estimates the factors of 72 sectors, which are correlated with their neighbours and,
+less, with all: the advance between two views is the factor times the modelled advance, plus the
+noise of a front that moves in whole cells. A view seconds after another one therefore changes the
+estimate little, a view after half an hour changes it much.
 
 Without a landscape, or before a wind is measured, the model is an even spread, and the factor
-becomes the measured rate of spread. Nothing here reads the simulated fire.
+becomes the measured rate of spread. The simulated fire is not an input.
 
 Distances are in cells from the centre, times in seconds of mission time.
 """
@@ -43,19 +43,19 @@ SECTORS = BEARINGS // PER_SECTOR
 LONGEST_STEP_S = 60.0
 EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
 
-# Standard deviations of the factor: common to all sectors, and of each by itself; the correlation
+# Standard deviations of the factor: common to all sectors, and of single sectors; the correlation
 # length of the latter; the random walk of both.
 COMMON, LOCAL = 0.25, 0.25
 ALIKE_DEG = 20.0
 DRIFT_PER_SQRT_H = 0.15
 FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
-UNMODELLED = 4.0  # times these standard deviations where there is no model
-# The wind is averaged over the longer time, or over the shorter one where both means differ by more
+UNMODELLED = 4.0  # factor of these standard deviations without a model
+# The wind is averaged over the longer time, or over the shorter time if both means differ by more
 # than the noise (m/s, and a share of the speed).
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
-WITHIN_CELLS = 1.5  # burned and unburned ground nearer than this have the front between them
-BEYOND_CELLS = 2.0  # a front out of view is estimated at least this far beyond what is in view
+WITHIN_CELLS = 1.5  # maximum distance of burned and unburned ground with the front between them
+BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 UNSEEN_ALIKE_DEG = 60.0
 
 
@@ -68,7 +68,7 @@ class FrontModel:
 
 
 def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
-    """Distance in cells from a place to the edge of the grid on all bearings."""
+    """Return the distance in cells from a place to the edge of the grid on all bearings."""
     with np.errstate(divide="ignore"):
         rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
         cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
@@ -97,27 +97,27 @@ class FrontEstimate:
         self.wind_m_s: Floats | None = None  # towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
-        self._reset_learning()
+        self._reset_factors()
         room = PLACES * BEARINGS
         self._bearing, self._rows, self._cols = (np.zeros(room, np.int64) for _ in range(3))
         self._north, self._east, self._stretch, self._limit = (np.ones(room) for _ in range(4))
         self._unit = np.zeros(BEARINGS)
         self._edge = distance_to_edge(shape, centre)
-        self._believed_fuel = self._anchor_fuel
+        self._predicted_fuel = self._anchor_fuel
         self._burned_to, self._unburned_from = np.zeros(BEARINGS), np.zeros(BEARINGS)
 
     @property
     def modelled(self) -> bool:
-        """Whether the fire model advances the front; otherwise only measured rates do."""
+        """Whether the fire model advances the front, and not only measured rates."""
         return self.model is not None and self.wind_m_s is not None
 
-    def _reset_learning(self) -> None:
-        """Set factors and covariance to those before the first view."""
+    def _reset_factors(self) -> None:
+        """Set factors and covariance to their values before the first view."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
         self._anchor_fuel = self._fuel_at(self.front)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
-        self._unseen = np.zeros(BEARINGS)  # the same since it was last seen
+        self._unseen = np.zeros(BEARINGS)  # the same since the last view
         scale = 1.0 if self.modelled else UNMODELLED
         apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
@@ -126,7 +126,7 @@ class FrontEstimate:
         self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
-        """Fuel under a front; 0 everywhere without a landscape."""
+        """Return the fuel under a front; 0 everywhere without a landscape."""
         if self.model is None:
             return np.zeros(BEARINGS, np.int16)
         rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
@@ -137,24 +137,24 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """An estimate around another centre, with the same model and wind, before any view."""
+        """Return an estimate around another centre, with the same model and wind, without views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
         renewed._wind_at_s = self._wind_at_s
-        renewed._reset_learning()
+        renewed._reset_factors()
         return renewed
 
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind (at 20 ft, from true north) to the mean over a quarter of an hour.
 
-        A shift beyond gusts and errors of measurement is adopted within a minute or two.
+        The estimate follows a shift larger than gusts and errors within one or two minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
         if self.wind_m_s is None:
             self.wind_m_s = self._short_wind = self._long_wind = new
-            self._reset_learning()
+            self._reset_factors()
         else:
             elapsed_s = max(at_s - self._wind_at_s, 0.0)
             short = 1.0 - math.exp(-elapsed_s / SHORT_WIND_S)
@@ -183,84 +183,53 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """Rate of spread over the model's, on all bearings (360)."""
+        """Return the rate of spread over the model's, on all bearings (360)."""
         found = np.empty(BEARINGS)
         interpolate_sectors(self.factor, found)
         return found
 
     def factor_sd(self) -> Floats:
-        """Standard deviation of the factor on all bearings (360)."""
+        """Return the standard deviation of the factor on all bearings (360)."""
         found = np.empty(BEARINGS)
         interpolate_sectors(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
         return found
 
     def slant(self) -> Floats:
-        """Length along each bearing (360) over the length across the front."""
+        """Return the length along each bearing (360) over the length across the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Advance (cells) since each bearing was last in view, with a factor of 1."""
+        """Return the advance (cells) since each bearing was last in view, with a factor of 1."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
-        """Speed outwards in cells/s on all bearings with a factor of 1."""
-        places = (
-            self._bearing,
-            self._rows,
-            self._cols,
-            self._north,
-            self._east,
-            self._stretch,
-            self._limit,
-        )
-        count = front_normals(self.front, self.centre_row, self.centre_col, self._shape, *places)
+        """Return the speed outwards in cells/s on all bearings with a factor of 1."""
+        ground = (self._bearing, self._rows, self._cols)
+        facing = (self._north, self._east, self._stretch, self._limit)
+        centre = (self.centre_row, self.centre_col)
+        count = front_normals(self.front, *centre, self._shape, *ground, *facing)
         if self.model is None or self.wind_m_s is None:
             return EVEN_CELLS_S * self._stretch[:BEARINGS]
         north, east = self.wind_m_s
         blows_from = math.hypot(north, east), math.degrees(math.atan2(-east, -north)) % 360.0
-        rate = self.model.rates.under_wind(
-            self._rows[:count],
-            self._cols[:count],
-            self._north[:count],
-            self._east[:count],
-            self.at_s,
-            blows_from,
-        )
+        bearing, rows, cols = (each[:count] for each in ground)
+        north_of, east_of, stretch, limit = (each[:count] for each in facing)
+        rate = self.model.rates.under_wind(rows, cols, north_of, east_of, self.at_s, blows_from)
         rate /= self.model.landscape.cell_size_m
-        speed_along_bearings(
-            self._bearing[:count],
-            rate,
-            self._stretch[:count],
-            self._limit[:count],
-            LONGEST_STEP_S,
-            self._unit,
-        )
+        speed_along_bearings(bearing, rate, stretch, limit, LONGEST_STEP_S, self._unit)
         return self._unit
 
     def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
-        """Update the front by one camera window; returns the bearings (360) with it in view.
+        """Update the front by one camera window; return the bearings (360) that show it.
 
-        ``window`` (y, x) holds the codes of ``fire_map``, ``row`` and ``col`` are its corner.
+        ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are its corner.
         """
         self.advance(at_s)
-        burned_to, unburned_from = self._burned_to, self._unburned_from
-        bounds_in_window(
-            window,
-            row,
-            col,
-            self.centre_row,
-            self.centre_col,
-            NORTH,
-            EAST,
-            burned_to,
-            unburned_from,
-        )
-        np.maximum(self.burned, burned_to, out=self.burned)
-        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        in_view, burned_to = self._front_in(row, col, window)
         before = self.front.copy()
-        self._believed_fuel = self._fuel_at(before)
+        self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
-        # A front seen in a cell is somewhere in it: half-way from its middle to the prediction.
+        # A front may be anywhere in its cell: it is set half-way from the centre to the prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
         self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
         self._bound(window, in_view)
@@ -268,7 +237,7 @@ class FrontEstimate:
             self._scale_unseen(np.flatnonzero(new), before)
         self.seen_at_s[in_view] = at_s
         self._unseen[in_view] = 0.0
-        self._learn(in_view, at_s)
+        self._update_factors(in_view, at_s)
         return in_view
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
@@ -278,10 +247,7 @@ class FrontEstimate:
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
         self.burned[not_burned] = still_burned[not_burned]
         self.front[not_burned] = np.minimum(self.front[not_burned], still_burned[not_burned] + 0.5)
-        burned_to, unburned_from = self._burned_to, self._unburned_from
-        bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
-        np.maximum(self.burned, burned_to, out=self.burned)
-        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        in_view, burned_to = self._front_in(row, col, window)
         self.front[in_view] = burned_to[in_view]
         self._bound(window, in_view)
         self.seen_at_s[in_view] = at_s
@@ -291,8 +257,17 @@ class FrontEstimate:
         self._anchor_at_s[moved] = at_s
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
+    def _front_in(self, row: int, col: int, window: NDArray[np.uint8]) -> tuple[Booleans, Floats]:
+        """Update the bounds by a window; return the bearings that show the front, and where."""
+        burned_to, unburned_from = self._burned_to, self._unburned_from
+        centre = (self.centre_row, self.centre_col)
+        bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
+        np.maximum(self.burned, burned_to, out=self.burned)
+        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
+        return in_view, burned_to
+
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
-        """Move the front out of ground seen burned, and back from ground seen unburned."""
+        """Move the front out of burned ground and back from unburned ground in view."""
         burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
         short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
         front[short] = np.minimum(front[short], unburned_from[short])
@@ -305,7 +280,7 @@ class FrontEstimate:
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
-        """Scale the front never in view as the first view scales the front next to it."""
+        """Scale the front that was never in view like the front next to it in its first view."""
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False
         places = np.flatnonzero(unseen)
@@ -318,7 +293,7 @@ class FrontEstimate:
         weight = np.exp(-apart.min(axis=1) / UNSEEN_ALIKE_DEG)
         self.front[places] *= ratio[nearest] ** weight
 
-    def _learn(self, in_view: Booleans, at_s: float) -> None:
+    def _update_factors(self, in_view: Booleans, at_s: float) -> None:
         factors = self.factors()
         due = in_view & (
             (self._modelled * factors >= BASELINE_CELLS) | (at_s - self._anchor_at_s >= BASELINE_S)
@@ -326,8 +301,8 @@ class FrontEstimate:
         if not due.any():
             return
         fuel = self._fuel_at(self.front)
-        # An advance over two fuels is no measurement of either.
-        alike = (fuel == self._anchor_fuel) & (fuel == self._believed_fuel)
+        # An advance over two fuels measures the rate of neither.
+        alike = (fuel == self._anchor_fuel) & (fuel == self._predicted_fuel)
         update_factors(
             due & alike,
             self.front,
@@ -342,6 +317,6 @@ class FrontEstimate:
         self._anchor_fuel[due] = fuel[due]
         self._anchor_at_s[due] = at_s
         self._modelled[due] = 0.0
-        # The new factors hold for the advance since the last view, too.
+        # The new factors also apply to the advance since the last view.
         self.front += (self.factors() - factors) * self._unseen
         np.maximum(self.front, self.burned - 0.5, out=self.front)

@@ -1,6 +1,6 @@
 """Compiled inner loops of ``front_estimate``. Lengths in cells, times in seconds.
 
-Arrays are (360) by whole-degree bearing unless said otherwise, (72) by sector of five degrees.
+Arrays have 360 elements, by whole-degree bearing, or 72, by sector of five degrees.
 """
 
 import math
@@ -10,20 +10,20 @@ import numpy as np
 from firemodel.compiled import compiled
 
 UNBURNED, BURNED = 1, 2  # as in fire_map
-SAMPLES_PER_CELL = 2  # along a bearing, as the distance error does
-TANGENT_CELLS = 3.5  # the front's slant is taken over this much of it to either side
-HOLLOW = 0.5  # difference of the slants on both sides from which on a front is hollow
-LEAP_CELLS = 2.0  # farther outwards on the next bearing: another part of the front
-PLACES = 9  # at most, for each bearing, where the rate of spread is computed
-BEHIND_CELLS = 0.7  # fire comes from the cell so far behind the front
-STEEPEST = 4.0  # the slant is capped here, for the speed along a bearing grows with it
+SAMPLES_PER_CELL = 2  # along a bearing, as for the distance error
+TANGENT_CELLS = 3.5  # length of front to either side over which its slant is computed
+HOLLOW = 0.5  # difference of the slants on both sides above which a front is hollow
+LEAP_CELLS = 2.0  # a larger step outwards to the next bearing is another part of the front
+PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
+BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
+STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
 
 PER_SECTOR = 5
-# A view is compared with one since which the front has advanced this far, or that is this old.
+# Minimum advance of the front, or age, of the view with which a view is compared.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
-CELL_VARIANCE = 1.0 / 12.0  # of a position known to one whole cell
-# Shares by which an advance may differ from the factor times the model's for other reasons: between
-# two views, and before the first one, when the wind is not known.
+CELL_VARIANCE = 1.0 / 12.0  # of a position with a resolution of one cell
+# Relative error of an advance for reasons other than the factor: between two views, and before the
+# first view, when the wind is unknown.
 UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
 AT_IGNITION_CELLS = 1.0
 SURPRISE = 3.0  # standard deviations
@@ -33,12 +33,12 @@ SURPRISE = 3.0  # standard deviations
 def front_normals(  # type: ignore[no-untyped-def]
     front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
 ):
-    """Where the front faces, and the cells from which fire comes; arrays of ``PLACES`` * 360.
+    """Compute the front's normals and the cells behind it; arrays of ``PLACES`` * 360.
 
-    Returns how many: first one place for each bearing; two more where the front is hollow, with its
-    slant to either side; three more where it leaps outwards from one bearing to the next, along the
-    flank there. ``stretch`` is the speed along the bearing over the one across the front, and
-    ``max_advance`` (cells) the advance along it that a place can bring.
+    Returns the number of places: first one for each bearing, then two more where the front is
+    hollow, with the slants to either side, and three more along the flank where it leaps outwards
+    from one bearing to the next. ``stretch`` is the speed along the bearing over the speed across
+    the front, and ``max_advance`` (cells) limits the advance along the bearing.
     """
     n, count = front.size, front.size
     degree = math.pi / 180.0
@@ -80,9 +80,9 @@ def front_normals(  # type: ignore[no-untyped-def]
 
 @compiled
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
-    """Speed along each bearing; where the front is hollow, of the fire from the faster side.
+    """Compute the speed along each bearing; in a hollow, that of the fire from the faster side.
 
-    (Godunov's scheme for the front as a Hamilton-Jacobi equation.)
+    This is Godunov's scheme for the front as a Hamilton-Jacobi equation.
     """
     for place in range(rate.size):
         speed = min(rate[place] * stretch[place], max_advance[place] / step_s)
@@ -92,7 +92,7 @@ def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # 
 
 @compiled
 def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
-    """Values of sectors on all bearings, linear between the sectors' middles."""
+    """Interpolate the values of sectors on all bearings, linearly between the sectors' middles."""
     sectors = factor.size
     for i in range(found.size):
         at = (i + 0.5) / PER_SECTOR - 0.5
@@ -105,10 +105,10 @@ def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
 def bounds_in_window(  # type: ignore[no-untyped-def]
     window, top, left, centre_row, centre_col, north, east, burned_to, unburned_from
 ):
-    """Bounds of the front on each bearing from a window of cells (y, x).
+    """Compute the bounds of the front on each bearing from a window of cells (y, x).
 
     ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
-    ``unburned_from`` the first sample beyond it on ground known to be unburned (inf: none).
+    ``unburned_from`` the first sample beyond it on unburned ground (inf: none).
     """
     rows, cols = window.shape
     down, right = top + (rows - 1) / 2.0 - centre_row, left + (cols - 1) / 2.0 - centre_col
@@ -117,8 +117,8 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
     last = int((away + reach) * SAMPLES_PER_CELL) + 1
     for i in range(north.size):
         burned_to[i], unburned_from[i] = -1.0, np.inf
-        aside = abs(north[i] * right + east[i] * down)
-        if aside > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
+        offset = abs(north[i] * right + east[i] * down)
+        if offset > reach or (away > reach and east[i] * right - north[i] * down < 0.0):
             continue
         for k in range(first, last):
             r = k / SAMPLES_PER_CELL
@@ -137,7 +137,7 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 def update_factors(  # type: ignore[no-untyped-def]
     due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
 ):
-    """Kalman updates of the sectors' factors from the bearings that are due.
+    """Update the sectors' factors (Kalman filter) from the bearings that are due.
 
     Observed advance since the anchor = factor x modelled advance + noise.
     """
@@ -159,7 +159,7 @@ def update_factors(  # type: ignore[no-untyped-def]
         variance = 2.0 * CELL_VARIANCE * slant * slant + (unlike * predicted * factor[sector]) ** 2
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
-        # A surprise beyond what doubt and noise explain is another part of the front, not a rate.
+        # A difference beyond variance and noise is another part of the front, not a rate.
         scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
         for i in range(n):
             column[i] = covariance[i, sector]

@@ -1,7 +1,7 @@
-"""The path along a front: the vehicle's place on it, the bearings in view, and the path to fly.
+"""The path along a front: the vehicle's position on it, the bearings in view, the path to fly.
 
-Functions of the on-board map alone, the same for all planners. Positions are float (row, col) of
-the landscape's grid; ``clockwise`` is the flying direction around the fire.
+The functions depend only on the on-board map and are common to all planners. Positions are float
+(row, col) of the landscape's grid; ``clockwise`` is the flying direction around the fire.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """Length of a path, and its begin ahead of the vehicle, in cells."""
+    """Length of a path, and distance of its start ahead of the vehicle, in cells."""
 
     horizon_cells: float
     lookahead_cells: float
@@ -38,20 +38,20 @@ class PolarMap(Protocol):
 
 
 def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
-    """Bearing of a place from the map's centre, degrees clockwise from north."""
+    """Return the bearing of a place from the map's centre, degrees clockwise from north."""
     return float(
         np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
     )
 
 
 def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
-    """Degrees from one bearing to another in the flying direction, -180 to 180."""
+    """Return the degrees from one bearing to another in the flying direction, -180 to 180."""
     turned = (to_deg - from_deg + 180.0) % 360.0 - 180.0
     return turned if clockwise else -turned
 
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
-    """The last bearing in view ahead of a vehicle, without a break from its own."""
+    """Return the last bearing ahead of a vehicle up to which all bearings are in view."""
     found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
     return found
 
@@ -70,7 +70,7 @@ def _foremost(in_view, bearing, step):  # type: ignore[no-untyped-def]
 def reconstructed_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
-    """Islam & Hu, section IV.B: distance of the front in cells for each of 360 bearings."""
+    """Return the front's distance in cells on 360 bearings (Islam & Hu, section IV.B)."""
     outer, _ = fire_map.filled_outer()
     bearing = round(bearing_deg(fire_map, row, col))
     return close_gap(outer, foremost_in_view(in_view, bearing, clockwise), clockwise)
@@ -79,7 +79,7 @@ def reconstructed_front(
 def extrapolated_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
-    """The front where it was seen; ahead of it a straight line in the direction of its end."""
+    """Return the front where it was seen, extended ahead by a straight line."""
     step = 1 if clockwise else -1
     outer, _ = fire_map.filled_outer()
     foremost = foremost_in_view(in_view, round(bearing_deg(fire_map, row, col)), clockwise)
@@ -110,10 +110,10 @@ def path_along(
     settings: PathSettings,
     smoothing_deg: int = PATH_SMOOTHING_DEG,
 ) -> Floats:
-    """The path to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
+    """Return the path to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
 
-    The path is never inside ground seen burned: a vehicle over burned ground is led outwards until
-    the front is in view again.
+    The path is never over ground seen burned: from there it leads outwards until the front is in
+    view again.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)
@@ -130,7 +130,7 @@ def path_along(
 
 
 def centre_of_area(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
-    """Centre of area, as (row, col), of the polygon with these distances on 360 bearings."""
+    """Return the centre of area (row, col) of the polygon with these distances on 360 bearings."""
     north, east = outer * NORTH, outer * EAST
     cross = north * np.roll(east, -1) - np.roll(north, -1) * east
     area = cross.sum() / 2.0

@@ -1,6 +1,7 @@
 """Fire shape from the on-board map: the scan method, the ring of perimeter cells, the hull.
 
-Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of the map's centre.
+The methods are from Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of
+the map's centre.
 """
 
 import numpy as np
@@ -11,8 +12,8 @@ from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 
 Floats = NDArray[np.float64]
 
-# The paper scans "as long as the angle keeps increasing"; cells are a staircase, so the scan ends
-# only when the angle has fallen this far below the largest one.
+# The paper scans "as long as the angle keeps increasing"; because cells form a staircase, this scan
+# ends when the angle is this much below the largest one.
 STAIRCASE_DEG = 4.0
 SCAN_DEG = 150
 
@@ -36,7 +37,7 @@ def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
 def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
     start_north = outer[foremost] * NORTH[foremost]
     start_east = outer[foremost] * EAST[foremost]
-    # Turn from "towards the centre" to the cell, counted outwards along the flying direction.
+    # Angle between the directions to the centre and to the cell, positive outwards.
     inward = foremost + 180.0
     highest, best = -np.inf, 0
     for ahead in range(SCAN_DEG - 1):
@@ -67,10 +68,10 @@ def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
 def ring_of_cells(
     outer: Floats, start: int, clockwise: bool
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """The closed ring of perimeter cells, from the vehicle's bearing against its direction.
+    """Return the closed ring of perimeter cells, from the vehicle's bearing against its direction.
 
-    Returns (north, east, bearing) of each cell in whole cells relative to the centre; cells
-    follow each other without gaps (8 neighbours).
+    Returns (north, east, bearing) of each cell in whole cells relative to the centre; successive
+    cells are neighbours (8 neighbours).
     """
     cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
         outer, int(start), -1 if clockwise else 1
@@ -82,57 +83,60 @@ def ring_of_cells(
 def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
     north, east = np.rint(outer * NORTH), np.rint(outer * EAST)
     size = 0
-    for here in range(BEARINGS):
-        there = (here + 1) % BEARINGS
-        size += int(max(abs(north[there] - north[here]), abs(east[there] - east[here])))
+    for bearing in range(BEARINGS):
+        next_bearing = (bearing + 1) % BEARINGS
+        size += int(
+            max(abs(north[next_bearing] - north[bearing]), abs(east[next_bearing] - east[bearing]))
+        )
     cell_north, cell_east = np.empty(size), np.empty(size)
     cell_bearing = np.empty(size, dtype=np.int64)
     cell = 0
     for place in range(BEARINGS):
-        here = (start + step * place) % BEARINGS
-        there = (here + step) % BEARINGS
-        to_north, to_east = north[there] - north[here], east[there] - east[here]
+        bearing = (start + step * place) % BEARINGS
+        next_bearing = (bearing + step) % BEARINGS
+        to_north, to_east = north[next_bearing] - north[bearing], east[next_bearing] - east[bearing]
         count = int(max(abs(to_north), abs(to_east)))
         for part in range(count):
-            cell_north[cell] = np.rint(north[here] + part / count * to_north)
-            cell_east[cell] = np.rint(east[here] + part / count * to_east)
-            cell_bearing[cell] = here
+            cell_north[cell] = np.rint(north[bearing] + part / count * to_north)
+            cell_east[cell] = np.rint(east[bearing] + part / count * to_east)
+            cell_bearing[cell] = bearing
             cell += 1
     return cell_north, cell_east, cell_bearing
 
 
 def steps_between(north: Floats, east: Floats) -> Floats:
-    """Distance in cells from each ring cell to the next one, the last to the first."""
+    """Return the distance in cells from each ring cell to the next one, the last to the first."""
     steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps
 
 
 def hull_of(shape: Floats) -> Floats:
-    """Section VI.E: the filled convex hull of a shape (360), as distances on 360 bearings."""
+    """Return the convex hull of a shape (360) as distances on 360 bearings (section VI.E)."""
     distance: Floats = _hull_of(shape)
     return distance
 
 
 @compiled
 def _hull_of(shape):  # type: ignore[no-untyped-def]
-    """Andrew's monotone chain over points in order of bearing, begun at the farthest one.
+    """Compute the hull by Andrew's monotone chain over points in order of bearing.
 
-    The centre is inside, so that the points' order around it is the hull's as well.
+    The chain starts at the farthest point. The centre is inside the hull, so that the order of the
+    points around it is also their order on the hull.
     """
     north, east = shape * NORTH, shape * EAST
-    first = int(np.argmax(shape))  # is a corner
+    first = int(np.argmax(shape))  # a corner of the hull
     corners = np.empty(BEARINGS + 1, dtype=np.int64)
     size = 0
     for place in range(BEARINGS + 1):
-        here = (first + place) % BEARINGS
+        added = (first + place) % BEARINGS
         while size > 1:
             last, before = corners[size - 1], corners[size - 2]
-            turn = (east[last] - east[before]) * (north[here] - north[last])
-            turn -= (north[last] - north[before]) * (east[here] - east[last])
+            turn = (east[last] - east[before]) * (north[added] - north[last])
+            turn -= (north[last] - north[before]) * (east[added] - east[last])
             if turn < 0.0:  # clockwise, as the bearings go
                 break
             size -= 1
-        corners[size] = here
+        corners[size] = added
         size += 1
     found = shape.copy()
     for corner in range(size - 1):

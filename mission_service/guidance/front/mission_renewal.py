@@ -1,7 +1,7 @@
-"""The rule that decides when the mission of a vehicle along a front is renewed, and why.
+"""The rule for when the mission of a vehicle along a front is renewed, and for which reason.
 
-``Vehicle.due`` is a reason that has come up elsewhere: a decision to turn back, a way that is free
-again, an operator's request. A further reason is a line of ``Renewal.why``.
+``Vehicle.due`` is a reason set by other modules: a decision to turn back, a path that is clear
+again, an operator's request. ``Renewal.why`` adds reasons of the mission itself.
 """
 
 import numpy as np
@@ -13,22 +13,20 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
-# A new path is compared with the one being flown over this share of the horizon ...
-COMPARED_SHARE = 0.25
-# ... and a mission is extended when less than this share of the horizon is left.
-LEFT_SHARE = 0.4
+COMPARED_SHARE = 0.25  # of the horizon, over which a new path is compared with the flown one
+LEFT_SHARE = 0.4  # of the horizon, below which a mission is extended
 CHECK_EVERY_S = 2.0
-CLOSE_BELOW = "another flies close below"
+CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
 
 
 class Renewal:
-    """The rule, for all vehicles of a run."""
+    """The rule for all vehicles of a run."""
 
-    def __init__(self, settings: MissionSection, spacing: TrafficManager) -> None:
+    def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
-        self._spacing = spacing
-        self._corrected: set[str] = set()  # those whose whole path is to be compared
+        self._traffic = traffic
+        self._corrected: set[str] = set()  # vehicles whose complete path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
         """Request a check of the mission at once, after an operator's correction of the fire."""
@@ -36,12 +34,12 @@ class Renewal:
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the mission is to be checked now; no upload is under way, and no takeoff."""
-        if vehicle.due != CLOSE_BELOW and self._spacing.comes_too_low(vehicle.name):
+        """Return whether the mission is to be checked now; not called during upload or takeoff."""
+        if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
             return False  # until it is accepted, refused or withdrawn
-        if vehicle.due == TURN_BACK and not self._spacing.may_turn_back(vehicle.name):
+        if vehicle.due == TURN_BACK and not self._traffic.may_turn_back(vehicle.name):
             return False
         if not vehicle.due and fix.at_s < vehicle.not_before_s:
             return False
@@ -49,24 +47,24 @@ class Renewal:
         return True
 
     def why_on_approach(self, vehicle: Vehicle) -> str | None:
-        """The reason to send a mission before the front is found; None: there is no reason."""
+        """Return the reason to send a mission before the front is found, or None."""
         if vehicle.flown_line is not None and not vehicle.due:
             return None
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Whether the mission may be renewed so soon after the one before."""
+        """Return whether the mission may be renewed after the time since its last upload."""
         since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
-        """The reason to renew the mission by one along a path; None: no renewal.
+        """Return the reason to renew the mission by one along a path; None: no renewal.
 
-        ``path_m`` is (n, 2) x, y in metres, the path of a mission made now.
+        ``path_m`` (n, 2) is x, y in metres, the path of a mission that starts now.
         """
         line, horizon_m = vehicle.flown_line, self._settings.horizon_m
         if line is None:
-            return "no trusted mission on board"
+            return "no confirmed mission on board"
         if vehicle.due:
             return vehicle.due
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
@@ -75,8 +73,8 @@ class Renewal:
         near = path_m[along <= share * horizon_m]
         off_m = float(shapely.distance(shapely.points(near), line).max())
         if off_m > self._settings.path_tolerance_m:
-            return "the front is not where the mission leads"
+            return "the front has left the mission's path"
         left_m = line.length - line.project(shapely.Point(fix.x_m, fix.y_m))
         if left_m < LEFT_SHARE * horizon_m:
-            return "the mission is nearly flown"
+            return "the mission is nearly completed"
         return None

@@ -1,20 +1,20 @@
-"""The Islam & Hu planner: fly the front, turn back where the fire behind is more important.
+"""The planner of Islam & Hu: fly along the front, turn back if the part behind is more important.
 
-Listing 1: circle once to fill the on-board map, then at every new cell reconstruct the fire's
-shape, compare the importance of the two halves of the perimeter, and turn or go on.
+Listing 1: circle once to fill the on-board map; then, at every new cell, reconstruct the fire's
+shape, compare the importance of the two halves of the perimeter, and turn or keep the direction.
 
-There are three rules. ``islam_hu`` is the paper's. It chatters once the spread is very uneven:
-every turn makes the other window the more important one, and spread rates come from two views
-seconds apart. ``islam_hu_damped``, the default, adds only this:
+The planner has three rules. ``islam_hu`` is the paper's. It oscillates if the spread is very
+uneven: each turn makes the other window more important, and spread rates are computed from two
+views seconds apart. ``islam_hu_damped``, the default, differs only in this:
 
-- spread rates come from views at least ``baseline_s`` apart and are averaged over neighbouring
-  bearings, so that one cell more or less does not become a high rate;
-- the back window must exceed the front one by the share ``reversal_margin``, and by at least
+- spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
+  bearings, so that a difference of one cell does not become a high rate;
+- the back window must exceed the front window by the share ``reversal_margin``, and by at least
   ``min_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
-- after a turn the vehicle flies on for ``dwell_s`` before it may turn again: the time in which it
-  turns around and has other cells in view.
+- after a turn the vehicle keeps its direction for ``dwell_s``, the time in which it turns around
+  and has other cells in view.
 
-``circling`` never turns: the baseline of section VI.E.
+``circling`` never turns; it is the baseline of section VI.E.
 """
 
 from dataclasses import dataclass, replace
@@ -24,15 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
+from mission_service.config.sections import PlannerSection, VehicleSection
 from mission_service.events import Observed, SettingsChanged
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_path import (
     PathSettings,
@@ -90,26 +91,23 @@ class PerimeterPlanner:
 
     def observe(self, observed: Observed) -> None:
         """Update the map by a camera window."""
-        window = window_codes(observed.cells)
-        at_s = observed.at_us / 1e6
-        self._in_view = self.map.observe(observed.row, observed.col, window, at_s)
+        view = view_of(observed)
+        self._in_view = self.map.observe(*view)
         if self.phase == "approach" and self._in_view.any():
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
-            append_view(self._observations, (observed.row, observed.col, window, at_s))
+            append_view(self._observations, view)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        self.map.correct(
-            observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
-        )
+        self.map.correct(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
         """Apply changed settings from now on."""
         self.settings = replace(self.settings, **event.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision at each new cell of the grid."""
+        """Set the vehicle's position; return a decision at each new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -121,24 +119,24 @@ class PerimeterPlanner:
         return self._decide(row, col, at_s)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Nothing: the paper's rule does not use the wind."""
+        """Do nothing: the paper's rule does not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """Nothing: the planner has one vehicle."""
+        """Do nothing: the planner has one vehicle."""
 
     def _finish_initial_circle(self) -> None:
-        """End listing 2; an unknown ignition is replaced by the fire's centre."""
+        """End listing 2; the fire's centre replaces an unknown ignition."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
             self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
-        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
         return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
 
     def importance(self, row: float, col: float, at_s: float) -> Floats:
-        """Importance in cells of each cell of the reconstructed front (n), by listing 3.
+        """Return the importance in cells of each cell of the reconstructed front (n), by listing 3.
 
         Index 0 is the vehicle's cell; the index grows against its flying direction.
         """
@@ -157,7 +155,7 @@ class PerimeterPlanner:
         )
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """The importance and the place of each cell of the front."""
+        """Return the importance and the position of each cell of the front."""
         values = self.importance(row, col, at_s)
         bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         north, east, _ = ring_of_cells(self.shape(row, col), bearing, self.clockwise)
@@ -183,40 +181,44 @@ class PerimeterPlanner:
         if settings.rule == "islam_hu":
             return back > front
         rested = at_s - self._turned_at_s >= settings.dwell_s
-        gain = back - front
-        return (
-            rested
-            and gain > front * settings.reversal_margin
-            and gain > window_cells * settings.min_gain_cells
-        )
+        min_gain = max(front * settings.reversal_margin, window_cells * settings.min_gain_cells)
+        return rested and back - front > min_gain
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
-        In view the path follows the front itself, beyond it the reconstructed front; during the
-        initial circle it extends the visible front in a straight line.
+        In view the path follows the front, beyond it the reconstructed front; during the initial
+        circle it extends the visible front in a straight line.
         """
-        known = reconstructed_front if self.phase == "monitor" else extrapolated_front
-        front = known(self.map, self._in_view, row, col, self.clockwise)
+        front_by = reconstructed_front if self.phase == "monitor" else extrapolated_front
+        front = front_by(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, self.settings.path)
+
+
+def perimeter_settings(
+    planner: PlannerSection, speed_cells_s: float, path: PathSettings
+) -> PerimeterSettings:
+    """Return the settings of a scenario's planner."""
+    return PerimeterSettings(
+        rule=cast(Rule, planner.rule),
+        alpha=planner.alpha,
+        clockwise_first=planner.first_direction == "clockwise",
+        ignition_known=planner.ignition_known,
+        baseline_s=planner.baseline_s,
+        smoothing_deg=planner.smoothing_deg,
+        reversal_margin=planner.reversal_margin,
+        min_gain_cells=planner.min_gain_cells,
+        dwell_s=planner.dwell_s,
+        speed_cells_s=speed_cells_s,
+        path=path,
+    )
 
 
 def perimeter_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PerimeterPlanner:
-    """The planner of one vehicle, with the scenario's rule."""
-    told, cell_m = scenario.planner, ground.landscape.cell_size_m
-    settings = PerimeterSettings(
-        rule=cast(Rule, told.rule),
-        alpha=told.alpha,
-        clockwise_first=told.first_direction == "clockwise",
-        ignition_known=told.ignition_known,
-        baseline_s=told.baseline_s,
-        smoothing_deg=told.smoothing_deg,
-        reversal_margin=told.reversal_margin,
-        min_gain_cells=told.min_gain_cells,
-        dwell_s=told.dwell_s,
-        speed_cells_s=section.airspeed_m_s / cell_m,
-        path=path_settings(scenario, cell_m),
-    )
+    """Return the planner of one vehicle, with the scenario's rule."""
+    cell_m = ground.landscape.cell_size_m
+    speed_cells_s, path = section.airspeed_m_s / cell_m, path_settings(scenario, cell_m)
+    settings = perimeter_settings(scenario.planner, speed_cells_s, path)
     return PerimeterPlanner(settings, ground.landscape.shape, ground.centre, ground.burns_from_s)

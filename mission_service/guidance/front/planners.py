@@ -1,4 +1,4 @@
-"""Inputs of all planners along a front, from the scenario."""
+"""Inputs of all planners along a front, computed from the scenario."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -11,20 +11,20 @@ TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """The grid and the reported fire of a scenario."""
+    """Return the grid and the reported fire of a scenario."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
-    # The ignition is given as a cell; the centre of bearings is rounded to a cell as well.
+    # The ignition is a cell, so the centre of bearings is rounded to a cell.
     centre = (float(round(float(row))), float(round(float(col))))
     burns_from_s = scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
     return Ground(landscape, centre, burns_from_s)
 
 
 def turn_back_s(section: VehicleSection) -> float:
-    """Duration of turning back, in seconds."""
+    """Return the duration of turning back, in seconds."""
     return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
 
 
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
-    """Length and begin of paths, in cells."""
+    """Return the length and the start of paths, in cells."""
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)

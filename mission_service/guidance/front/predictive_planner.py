@@ -1,12 +1,13 @@
-"""One vehicle on one fire, by prediction: it flies where the estimated front is least certain.
+"""The predictive planner: one vehicle flies where the estimated front is most uncertain.
 
-``front_estimate`` advances the front since its last view. The expected error of a part of it grows
-with its speed times the standard deviation of the factor of that speed. At every new cell of the
-grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that go
-on, and plans that turn back now. The vehicle turns if the best of the latter has the smaller error.
+``front_estimate`` advances the front since its last view. The expected error of a part of the front
+grows with its speed times the standard deviation of the factor of that speed. At every new cell of
+the grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that
+keep the direction, and plans that turn back now. The vehicle turns if the best plan of the latter
+has the smaller error.
 
-The vehicle needs room to turn and flies in the wind that it measures. A landscape and a wind
-improve the prediction but are not required.
+Turns take space and time, and the vehicle flies in the wind that it measures. A landscape and a
+wind improve the prediction but are not required.
 """
 
 import math
@@ -22,12 +23,13 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.setup import weather_of
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
 from mission_service.guidance.front.front_path import (
@@ -44,9 +46,9 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
-REST_LAPS = 0.03  # after a turn, until the next one may be
-MIN_GAIN = 0.25  # share of the cost for which to turn
-TURN_BACK = 7.0 / 3.0 * math.pi  # radii: the shortest way to fly the other way at the same place
+REST_LAPS = 0.03  # minimum interval of turns
+MIN_GAIN = 0.25  # share of the cost that a turn must save
+TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
 
@@ -55,8 +57,8 @@ RECENTRED_BASELINE_S = 300.0
 class PredictiveSettings:
     """Lengths in cells, speeds in cells per second.
 
-    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the one measured in the air.
-    ``flies_in_wind``: the wind carries the vehicle; otherwise it flies as if there were none.
+    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the wind measured in the air.
+    With ``flies_in_wind`` the wind carries the vehicle; otherwise the wind has no effect on it.
     """
 
     clockwise_first: bool
@@ -68,14 +70,14 @@ class PredictiveSettings:
     path: PathSettings
 
 
-def model_of(landscape: Landscape, known: Weather) -> FrontModel:
-    """The fire model on board: the landscape and the moistures of one time, no wind."""
-    calm = replace(known, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
+def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
+    """Return the fire model on board, with the landscape and moistures, without wind."""
+    calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
     return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
 
 class PredictivePlanner:
-    """A ``Planner``; positions are float (row, col) of the landscape's grid."""
+    """A predictive ``Planner``; positions are float (row, col) of the landscape's grid."""
 
     def __init__(
         self,
@@ -104,7 +106,7 @@ class PredictivePlanner:
 
     def observe(self, observed: Observed) -> None:
         """Update map and estimate by a camera window."""
-        seen = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
+        seen = view_of(observed)
         if self.phase != "monitor":
             self._in_view = self.map.observe(*seen)
             if self.phase == "approach" and self._in_view.any():
@@ -117,21 +119,20 @@ class PredictivePlanner:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        window = (observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6)
-        self.map.correct(*window)
-        self.estimate.correct(*window)
+        seen = view_of(observed)
+        self.map.correct(*seen)
+        self.estimate.correct(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a wind measured in the air; from true north."""
+        """Add a wind measured in the air; its direction is from true north."""
         self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
-        """Nothing: the planner has one vehicle."""
+        """Do nothing: the planner has one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision at each new cell of the grid."""
-        bearing = bearing_deg(self.map, row, col)
-        circling = self.phase == "initial circle"
+        """Set the vehicle's position; return a decision at each new cell of the grid."""
+        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
             bearing = bearing_deg(self.map, row, col)
@@ -173,11 +174,11 @@ class PredictivePlanner:
             self.clockwise = not self.clockwise
             self.reversals += 1
             self._turned_at_s = at_s
-        # The importance of turning back is the cost of going on.
+        # The importance of turning back is the cost of keeping the direction.
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def _fill_ring(self) -> float:
-        """Fill the ring from the estimate; returns its length in cells."""
+        """Fill the ring from the estimate; return its length in cells."""
         estimate, settings = self.estimate, self.settings
         factor_sd = estimate.factor_sd()
         left = LEFT_CELLS * estimate.slant()
@@ -197,11 +198,11 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """The estimated front: its distance in cells on 360 bearings (see ``robust_front``)."""
+        """Return the estimated front: distance in cells on 360 bearings (see ``robust_front``)."""
         return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in the flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
         The path follows the estimated front; during the initial circle the extrapolated one.
         """
@@ -216,15 +217,15 @@ class PredictivePlanner:
 def predictive_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PredictivePlanner:
-    """The planner of one vehicle, with the landscape and the initial fuel moistures."""
-    told, cell_m = scenario.planner, ground.landscape.cell_size_m
+    """Return the planner of one vehicle, with the landscape and the initial fuel moistures."""
+    planner, cell_m = scenario.planner, ground.landscape.cell_size_m
     settings = PredictiveSettings(
-        clockwise_first=told.first_direction == "clockwise",
-        ignition_known=told.ignition_known,
+        clockwise_first=planner.first_direction == "clockwise",
+        ignition_known=planner.ignition_known,
         speed_cells_s=section.airspeed_m_s / cell_m,
         turn_radius_cells=section.turn_radius_m / cell_m,
         flies_in_wind=True,
-        wind_20ft_share=1.0,  # a wrong share is learned as part of the fire's spread
+        wind_20ft_share=1.0,  # the factors of spread compensate for a wrong share
         path=path_settings(scenario, cell_m),
     )
     return PredictivePlanner(

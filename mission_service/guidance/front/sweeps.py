@@ -1,9 +1,10 @@
-"""Roll-outs of one vehicle's sweeps and circles on a coarse ring, to choose its direction.
+"""Roll-outs of one vehicle's sweeps and circles on a coarse ring, which decide its direction.
 
-A plan is a sequence of legs with a turn between them, in nodes of the ring; the last leg has no
+A plan is a sequence of legs with turns between them, in nodes of the ring; the last leg does not
 end. The cost is the integral over time, and the sum over the ring, of the cube of the expected
-error: close to the largest error, but different for plans that have the same largest one. The error
-of a node out of view grows linearly, so a roll-out only follows visits: it costs nodes plus steps.
+error: it approximates the largest error, but also distinguishes plans with the same largest error.
+The error of a node out of view grows linearly, so that a roll-out computes only visits; its time is
+proportional to nodes plus steps.
 
 Lengths in cells, times in seconds, speeds in cells per second.
 """
@@ -28,15 +29,15 @@ SLOWEST = 0.2  # over the ground, as a share of the airspeed
 class CoarseRing(NamedTuple):
     """The front as nodes of the same length, clockwise; arrays (n)."""
 
-    ahead_s: Floats  # to fly from each node to the next one
-    back_s: Floats  # to fly from each node to the one before
+    ahead_s: Floats  # flight time from each node to the next one
+    back_s: Floats  # flight time from each node to the previous one
     error: Floats  # expected now, in cells
-    growth: Floats  # of it, in cells/s while the node is not in view
-    left: Floats  # of the error when it is, in cells
+    growth: Floats  # of the error while the node is not in view, in cells/s
+    left: Floats  # error of a node in view, in cells
 
 
 def _plans() -> Integers:
-    """Legs (m, 3): on; out, back and on; out and back."""
+    """Return the legs (m, 3) of all plans: on; out, back and on; out and back."""
     legs = [(NEVER, 0, 0)]
     for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
         legs += [(out, back, NEVER) for back in (4, 8, 14, 22, 32, 44, 58)]
@@ -49,11 +50,11 @@ PLANS = _plans()
 
 @compiled
 def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
-    """Divide a front (cells on 360 bearings) into the nodes of a ring, which is filled in.
+    """Divide a front (cells on 360 bearings) into the nodes of a ring, and fill in the ring.
 
-    ``error``, ``growth`` and ``left`` are by bearing; a node has the largest of its own. ``wind``
-    blows towards (north, east) and carries a vehicle that flies ``speed`` through the air.
-    ``node_of`` (360) is filled with the node of each bearing. Returns the length of the front.
+    ``error``, ``growth`` and ``left`` are by bearing; a node has the maximum of its bearings.
+    ``wind`` (towards north, east) carries a vehicle with the airspeed ``speed``. ``node_of`` (360)
+    is filled with the node of each bearing. Returns the length of the front.
     """
     count, nodes = front.size, ring.error.size
     length = 0.0
@@ -64,9 +65,9 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
             ring.ahead_s[:], ring.back_s[:] = 0.0, 0.0
         for i in range(count):
             k = (i + 1) % count
-            here, there = math.radians(i), math.radians(k)
-            north = front[k] * math.cos(there) - front[i] * math.cos(here)
-            east = front[k] * math.sin(there) - front[i] * math.sin(here)
+            bearing_rad, next_rad = math.radians(i), math.radians(k)
+            north = front[k] * math.cos(next_rad) - front[i] * math.cos(bearing_rad)
+            east = front[k] * math.sin(next_rad) - front[i] * math.sin(bearing_rad)
             step = math.sqrt(north * north + east * east)
             if turn == 1:
                 node = min(int(along / length * nodes), nodes - 1)
@@ -75,7 +76,7 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
                 ring.growth[node] = max(ring.growth[node], growth[i])
                 ring.left[node] = max(ring.left[node], left[i])
                 if step > 0.0:
-                    # What one step of the front costs is shared among the nodes it lies on.
+                    # The flight time over a step of the front is divided among its nodes.
                     tail = (wind[0] * north + wind[1] * east) / step
                     cross = (wind[0] * east - wind[1] * north) / step
                     own = math.sqrt(max(speed * speed - cross * cross, 0.0))
@@ -92,9 +93,9 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
 
 @compiled
 def costs_of(plans, ring, node, clockwise, delay_s, turn_s, horizon_s, found):  # type: ignore[no-untyped-def]
-    """Cost of each plan (m, legs) into ``found`` (m), flown from a node.
+    """Compute the cost of each plan (m, legs), flown from a node, into ``found`` (m).
 
-    The vehicle sets out after ``delay_s`` (it may have to turn first); each turn between legs takes
+    The vehicle starts after ``delay_s``, such as the time of a turn; each turn between legs takes
     ``turn_s``.
     """
     ahead_s, back_s, error, growth, left = ring

@@ -17,15 +17,15 @@ ALARM = "front"
 
 
 def front_map_of(planner: Steered) -> FireMap | None:
-    """The on-board map of a planner that flies along a front; None for all others."""
+    """Return the on-board map of a planner that flies along a front; None for all others."""
     found = getattr(planner, "map", None)
     return found if isinstance(found, FireMap) else None
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """The whole-degree bearings, clockwise, to which no other one is nearer than ``own_deg``.
+    """Return the whole-degree bearings, clockwise, that are nearest to ``own_deg``.
 
-    At least one: that of ``own_deg``.
+    The result has at least the bearing of ``own_deg``.
     """
     bearings = np.arange(BEARINGS)
 
@@ -45,7 +45,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """A part of the front in words: bearings from the fire's centre, and its length."""
+    """Return a part of the front in words: bearings from the fire's centre, and its length."""
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
     steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
@@ -57,22 +57,22 @@ def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -
 
 
 class FrontMonitor:
-    """The vehicles that monitor a front, and the alarm while none does."""
+    """The vehicles that monitor a front, and the alarm of an unmonitored front."""
 
     def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
         self._planners = planners
         self._cell_m = cell_m
         self._watching: set[str] = set()
-        self._alarm: RaiseAlarm | None = None  # of the vehicle that left it last
+        self._alarm: RaiseAlarm | None = None  # of the last vehicle that left the front
 
     def standing_alarms(self) -> list[AnyCommand]:
-        """The standing alarm, to be sent again after a restart of the service."""
+        """Return the active alarm, which is sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
     def on_availability(
         self, name: str, watches: bool, availability: Mapping[str, VehicleAvailability]
     ) -> list[AnyCommand]:
-        """Commands after an event of a vehicle: a part of the front left, or monitored again.
+        """Report that a part of the front is no longer monitored, or monitored again.
 
         ``watches``: whether the vehicle follows its planner now.
         """
@@ -89,14 +89,15 @@ class FrontMonitor:
         part = describe_sector(fire, self._left(name, fire, availability), self._cell_m)
         if self._watching:
             left = ", ".join(sorted(self._watching))
-            return [Announce(name, f"no longer watches {part}; left to {left}", "warning")]
-        self._alarm = RaiseAlarm(name, ALARM, f"no vehicle watches {part}", "severe")
+            words = f"no longer monitors {part}, which {left} must monitor"
+            return [Announce(name, words, "warning")]
+        self._alarm = RaiseAlarm(name, ALARM, f"no vehicle monitors {part}", "severe")
         return [self._alarm]
 
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """The bearings to which the vehicle was nearest of all that share its map."""
+        """Return the bearings nearest to the vehicle, of all vehicles on the same map."""
         places = {
             each: fix
             for each in (name, *sorted(self._watching))

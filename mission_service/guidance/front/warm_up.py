@@ -1,4 +1,4 @@
-"""Compilation of the planners' kernels before flight; the first time takes many seconds."""
+"""Compilation of the planners' kernels before flight, which first takes many seconds."""
 
 import math
 
@@ -14,13 +14,13 @@ from mission_service.missions.separation import Track, heights_below
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
 STEP_S = 20.0
-ENOUGH = 2  # vehicles: two call every kernel
+ENOUGH = 2  # vehicles that together call every kernel
 
 
 def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
-    """Fly separate planners for more than a lap around a round fire at the scenario's fire.
+    """Fly separate planners for more than a lap around a circular fire at the scenario's fire.
 
-    So every kernel of a rule is called once and compiled, or loaded from the disk cache.
+    Each kernel of a rule is called at least once, and so compiled or loaded from the disk cache.
     """
     heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})

@@ -1,7 +1,7 @@
-"""The way of flying along a front, each vehicle by a planner of its own.
+"""The way of flying along a front with a separate planner for each vehicle.
 
-A planner is a file of this folder and a line in ``PLANNERS``; one of another package is described
-by ``front_way``.
+A planner of this package is a file of this folder and a line in ``PLANNERS``; ``front_way``
+describes a planner of another package.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,13 +33,13 @@ PLANNERS = {
 
 
 def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None) -> WayOfFlying:
-    """A rule of another package, by which each vehicle flies along the front on its own.
+    """Return a way of flying of another package, with a separate planner for each vehicle.
 
     Args:
-        rule: its name in ``planner.rule``, and the name of its entry point.
-        planner: makes the planner of one vehicle.
-        section: the model of its table in the scenario, which has the rule's name; ``planner``
-        reads it by ``config.scenario.own_table(scenario, section)``.
+        rule: The value of ``planner.rule`` and the name of the entry point.
+        planner: Makes the planner of one vehicle.
+        section: The model of the table with the rule's name in the scenario, which ``planner``
+            reads by ``config.scenario.own_table(scenario, section)``.
 
     Returns:
         The object for an entry point of group ``mission_service.planners``.
@@ -50,7 +50,7 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
 def along_front(
     rules: tuple[str, ...], planners: Planners, section: type[BaseModel] | None = None
 ) -> WayOfFlying:
-    """A way of flying along a front; ``planners`` makes the planners of all vehicles, by name."""
+    """Return a way of flying along a front; ``planners`` makes all vehicles' planners, by name."""
     return WayOfFlying(
         rules,
         guidance=partial(later(f"{FOLDER}.controller:FrontFlight"), planners),

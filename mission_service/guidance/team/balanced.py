@@ -1,10 +1,10 @@
-"""A team that shares the front at the smallest mean cost (``team.balanced``).
+"""The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-Two searches, both by roll-outs. ``patterns``: how the team shares the ring in the long run (all
-lap; all lap and pass a hot arc three times; some sweep the arc). ``lookahead``: the next turns of
-each vehicle, so that the team reaches that pattern with even gaps and visits cells that have waited
-long. Each decision tries a few plans and keeps the present one unless another is better by a
-margin, so its cost does not grow with the duration of the search.
+It has two searches by roll-outs. ``patterns`` searches the long-term division of the ring (all lap;
+all lap and pass a hot arc three times; some sweep the arc). ``lookahead`` searches the next turns
+of each vehicle, so that the team reaches that pattern with even gaps and visits cells of high age.
+Each decision tries a few plans and keeps the present plan unless another is better by a margin, so
+that the time of a decision does not grow with the duration of the search.
 """
 
 from typing import Literal
@@ -28,15 +28,15 @@ from mission_service.guidance.team.lookahead import (
 )
 from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
 
-NODES = 256  # at most, of the ring for roll-outs
-BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before going on again
+NODES = 256  # maximum number of nodes of the ring for roll-outs
+BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # Length of the first part of a roll-out, in laps (periods, with an arc), and the weight of one more
-# lap after it: a larger weight evens gaps out sooner, but too large a one defers every gain.
+# lap after it: a larger weight equalises gaps sooner, but too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 MARGIN = 1e-3  # share of the cost that another plan must save
-PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: on a growing front many keep even gaps less easily
+PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: large teams have less even gaps on a growing front
 SEARCH_S = 2.0  # between two searches for a vehicle's plan
 
 Importance = Literal["linear", "exponential"]
@@ -46,7 +46,7 @@ class Balanced:
     """A ``TeamRule`` for any number of vehicles, which may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
-        """``turn_s`` is the duration of turning back."""
+        """Set the importance function and ``turn_s``, the duration of a turn back."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
         self._moves = Moves(
@@ -69,7 +69,7 @@ class Balanced:
         self._sweeps = np.empty(0, np.bool_)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Whether to fly on clockwise. Tries a few plans of this vehicle, the others' fixed."""
+        """Return whether to fly clockwise next, after a search of this vehicle's plans."""
         if ring is not self._ring:
             self._update_ring(ring, fleet)
         members: list[int] = fleet.member.tolist()
@@ -106,12 +106,8 @@ class Balanced:
         """Number of nodes of the ring for roll-outs."""
         return int(self._step_m.size)
 
-    def next_cell(self, member: int) -> int:
-        """The cell that a vehicle is expected to reach next."""
-        return int(self._goal[self._members.index(member)])
-
     def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
-        """Compute all that stays the same between decisions on one ring."""
+        """Compute the values that are constant for decisions on one ring."""
         self._ring = ring
         size = ring.step_m.size
         self._stride = -(-size // NODES)
@@ -128,7 +124,7 @@ class Balanced:
         self._pattern_cost = self._settled(self._pattern, fleet)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
-        """Scale and power of the integrals of importance of nodes of several cells."""
+        """Return the scale and power of the integrals of importance of nodes of several cells."""
         if self._linear:
             return rate_sum / 2.0, np.full(rate_sum.size, 2.0)
         power = 2.0 + rate_sum / cells
@@ -145,7 +141,7 @@ class Balanced:
         )
 
     def _try_patterns(self, fleet: ActiveFleet) -> None:
-        """Try one more pattern; if it is better, plan all vehicles again."""
+        """Try one more pattern; if it is better, make new plans for all vehicles."""
         if not self._untried:
             self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
         pattern = self._untried.pop()
@@ -155,7 +151,7 @@ class Balanced:
             self._pattern, self._pattern_cost = pattern, cost
             self._plan_all()
         elif self._pattern.length:
-            # The arc follows the front: a vehicle uses the new one from its next turn on.
+            # The arc follows the front: a vehicle uses the new arc from its next turn on.
             first, length, sweeping = self._pattern
             for move, grow in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 pattern = Pattern((first + move) % PARTS, max(length + grow, 1), sweeping)
@@ -183,7 +179,7 @@ class Balanced:
         return self._ring.step_m.size
 
     def _plan(self, vehicle: int, came_back: bool = False) -> None:
-        """Set one plan to the pattern from the next cell on; ``came_back``: on the third pass."""
+        """Set one plan to the pattern from the next cell on; ``came_back``: in the third pass."""
         size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
@@ -207,7 +203,7 @@ class Balanced:
         self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """A vehicle has joined or left: all lap until a better pattern is found."""
+        """Set the members after one has joined or left; all lap until a better pattern is found."""
         before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
         self._members = members
@@ -230,11 +226,11 @@ class Balanced:
     def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
         """Try other plans for one vehicle."""
         assert self._ring is not None
-        silent = self._due_s < at_s - SEARCH_S
-        if silent.any():  # their positions are dead reckoned
-            self._goal[silent] = fleet.cell[silent]
-            self._due_s[silent] = at_s
-            self._heading[silent] = np.where(fleet.clockwise[silent], 1, -1)
+        unreported = self._due_s < at_s - SEARCH_S
+        if unreported.any():  # their positions are dead reckoned
+            self._goal[unreported] = fleet.cell[unreported]
+            self._due_s[unreported] = at_s
+            self._heading[unreported] = np.where(fleet.clockwise[unreported], 1, -1)
         visited_s = self._ring.visited_at_s - at_s
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts
@@ -280,7 +276,7 @@ class Balanced:
 
 
 def _in_parts(of_cells: Floats) -> Floats:
-    """Sums over PARTS equal parts of a ring (n)."""
+    """Return the sums over PARTS equal parts of a ring (n)."""
     upto = np.concatenate([[0.0], np.cumsum(of_cells)])
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
@@ -288,6 +284,6 @@ def _in_parts(of_cells: Floats) -> Floats:
 
 
 def balanced(scenario: Scenario) -> Balanced:
-    """The rule for the vehicles of a scenario."""
+    """Return the rule for the vehicles of a scenario."""
     turns_s = [turn_back_s(section) for section in scenario.vehicles]
     return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))

@@ -9,24 +9,24 @@ class Circling:
     """All vehicles fly clockwise."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Clockwise."""
+        """Return True: all vehicles fly clockwise."""
         return True
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Nothing: the rule has no state."""
+        """Do nothing: the rule has no state."""
 
 
 class Bumper:
-    """Each starts in the direction opposite to its neighbour's; two that meet both turn back.
+    """Neighbours start in opposite directions, and two vehicles that meet both turn back.
 
-    Vehicles never pass each other: growth may put two into one cell, or one just behind the other,
-    so the counts of cells between neighbours continue through that.
+    Vehicles never pass each other. Growth of the ring may put two into one cell, or exchange their
+    order by a cell, so the numbers of cells between neighbours may be 0 or negative.
     """
 
     def __init__(self) -> None:
-        # Ordered directions, not flown ones: of two that meet, the other turns at its next cell.
+        # Decided directions: of two that meet, the other vehicle turns at its next cell.
         self._clockwise: dict[int, bool] = {}
-        self._around: list[int] = []  # members in their order around the ring, which stays
+        self._around: list[int] = []  # members in their constant order around the ring
         self._cells_on: dict[int, int] = {}  # from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
@@ -41,7 +41,7 @@ class Bumper:
         member = members[which]
         clockwise, place = self._clockwise[member], self._around.index(member)
         behind, after = self._around[place - 1], self._around[(place + 1) % len(members)]
-        # Both counts are updated in either direction, so that neither loses a lap.
+        # Both counts are updated in either direction, so that no lap is lost.
         since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, member))
         met, gap = (after, until) if clockwise else (behind, since)
         if gap <= 1 and self._clockwise[met] is not clockwise:
@@ -50,7 +50,7 @@ class Bumper:
         return self._clockwise[member]
 
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
-        """Cells from one vehicle on to the next; the count nearest to the last one."""
+        """Return the cells from one vehicle to the next; the count nearest to the last one."""
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around
         gap += around * round((self._cells_on.get(rear, gap) - gap) / around)
@@ -58,4 +58,4 @@ class Bumper:
         return gap
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Nothing: cells between neighbours are counted again at the next decision."""
+        """Do nothing: cells between neighbours are counted again at the next decision."""

@@ -2,7 +2,7 @@
 
 A region is ``range(begin, end)`` of lifted cells (see ``regions``) of a ring of n cells; ``rate``
 (m/s), ``visited`` (s) and ``step`` (m to the next cell clockwise) are arrays (n) over the ring.
-All in one file, because Numba keeps compiled code until the file of the function changes.
+The kernels are in one file, because Numba caches compiled code until the function's file changes.
 """
 
 from firemodel.compiled import compiled
@@ -10,27 +10,27 @@ from firemodel.compiled import compiled
 
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
-    """Bent's linear or exponential importance (3.2)."""
-    age = max(age, 0.0)  # a camera sees ahead of the time of a decision
+    """Return Bent's linear or exponential importance (3.2)."""
+    age = max(age, 0.0)  # a view may be later than the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
 
 @compiled
-def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore[no-untyped-def]
-    """The cell of highest importance, lifted, other than ``here``; ``here`` if there is none.
+def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
+    """Return the lifted cell of highest importance other than ``own_cell``; ``own_cell`` if none.
 
-    The vehicle's own cell has no importance (4.1.3). Of equals the nearest in cells, clockwise
-    first.
+    The vehicle's own cell has no importance (4.1.3). Of equal cells the nearest is returned, of
+    equal distances the clockwise one.
     """
     n = rate.size
-    best, best_worth = here, -1.0
+    best, best_worth = own_cell, -1.0
     for cell in range(begin, end):
-        if cell == here:
+        if cell == own_cell:
             continue
         place = cell % n
         importance = _importance(rate[place], at_s - visited[place], exponential)
-        nearer = abs(cell - here) < abs(best - here) or (
-            abs(cell - here) == abs(best - here) and cell > best
+        nearer = abs(cell - own_cell) < abs(best - own_cell) or (
+            abs(cell - own_cell) == abs(best - own_cell) and cell > best
         )
         if importance > best_worth or (importance == best_worth and nearer):
             best, best_worth = cell, importance
@@ -39,25 +39,27 @@ def highest(rate, visited, begin, end, here, at_s, exponential):  # type: ignore
 
 @compiled
 def best_path(  # type: ignore[no-untyped-def]
-    rate, visited, step, begin, end, here, target, at_s, speed_m_s, exponential
+    rate, visited, step, begin, end, own_cell, target, at_s, speed_m_s, exponential
 ):
-    """End (lifted) of the straight path with the highest mean importance when visited (4.1.4).
+    """Return the lifted end of the path with the highest mean importance when visited (4.1.4).
 
-    ``target`` wins over equals, then the nearer end, clockwise first.
+    Of equal paths the one to ``target`` is preferred, then the nearer end, clockwise first.
     """
     n = rate.size
-    best, best_worth, before = here, -1.0, -1.0
-    for way in (1, -1):
+    best, best_worth, before = own_cell, -1.0, -1.0
+    for direction in (1, -1):
         total, reached_s, cells = 0.0, at_s, 0
-        cell = here
-        while begin <= cell + way < end:
-            reached_s += step[(cell if way == 1 else cell - 1) % n] / speed_m_s
-            cell += way
+        cell = own_cell
+        while begin <= cell + direction < end:
+            reached_s += step[(cell if direction == 1 else cell - 1) % n] / speed_m_s
+            cell += direction
             cells += 1
             place = cell % n
             total += _importance(rate[place], reached_s - visited[place], exponential)
             mean = total / cells
-            if mean > best_worth or (mean == best_worth and abs(cell - here) < abs(best - here)):
+            if mean > best_worth or (
+                mean == best_worth and abs(cell - own_cell) < abs(best - own_cell)
+            ):
                 best, best_worth = cell, mean
             if cell == target:
                 before = mean
@@ -66,7 +68,7 @@ def best_path(  # type: ignore[no-untyped-def]
 
 @compiled
 def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Importance of a region, summed."""
+    """Return the sum of the importance over a region."""
     n = rate.size
     found = 0.0
     for cell in range(begin, end):
@@ -77,13 +79,13 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 
 @compiled
 def chunk(  # type: ignore[no-untyped-def]
-    rate, visited, first, way, max_cells, offer, at_s, exponential
+    rate, visited, first, direction, max_cells, offer, at_s, exponential
 ):
-    """Number of cells from ``first`` inwards (way 1 or -1) that are worth no more than an offer."""
+    """Return the number of cells from ``first`` inwards that are worth no more than an offer."""
     n = rate.size
     worth = 0.0
     for count in range(max_cells):
-        place = (first + way * count) % n
+        place = (first + direction * count) % n
         worth += _importance(rate[place], at_s - visited[place], exponential)
         if worth > offer:
             return count
@@ -94,7 +96,7 @@ def chunk(  # type: ignore[no-untyped-def]
 def max_centred(  # type: ignore[no-untyped-def]
     rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
-    """Cells to give at either end so that the centre of importance is most central.
+    """Return the numbers of cells to give at both ends so that the importance is best centred.
 
     Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
     to none, and (0, 0) unless another pair is better (4.2.2).
@@ -110,7 +112,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums without the cells given so far: all of the first chunk, put back one by one.
+    # Sums without the given cells: the first chunk is removed, and its cells are added one by one.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

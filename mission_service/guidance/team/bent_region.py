@@ -11,21 +11,21 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Region:
     """One vehicle's part of the ring, [begin, end) in lifted cells (see ``regions``).
 
-    ``here`` is the vehicle's cell in ``range(begin, begin + n)``: outside of the region from
-    ``end`` on.
+    ``own_cell`` is the vehicle's cell in ``range(begin, begin + n)``; from ``end`` on it is outside
+    the region.
     """
 
     ring: FrontRing
     begin: int
     end: int
-    here: int
+    own_cell: int
     at_s: float
     speed_m_s: float
     exponential: bool
 
 
 class Course(NamedTuple):
-    """A vehicle's direction, and its target if it has one (a lifted cell, like its region)."""
+    """A vehicle's direction, and its target, if any, as a lifted cell."""
 
     clockwise: bool = True
     target: int | None = None
@@ -36,28 +36,28 @@ CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
-    """A cell of the ring (0 to ``cells`` - 1) as one of ``range(begin, begin + cells)``."""
+    """Return a cell of the ring (0 to ``cells`` - 1) as one of ``range(begin, begin + cells)``."""
     return begin + (cell - begin) % cells
 
 
 def course_to(region: Region, target: int) -> Course:
-    """The course to a target in the region."""
-    return Course(target > region.here, target)
+    """Return the course to a target in the region."""
+    return Course(target > region.own_cell, target)
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Whether a course has no target, has reached or passed it, or it left the region.
+    """Return whether a course has no target, its target is passed, or it is outside the region.
 
     A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:
         return True
-    return region.here >= target if course.clockwise else region.here <= target
+    return region.own_cell >= target if course.clockwise else region.own_cell <= target
 
 
 def course_back(region: Region) -> Course:
-    """The shorter course, in cells, into the region of a vehicle that is outside of it."""
+    """Return the shorter course, in cells, into the region of a vehicle that is outside of it."""
     cells = region.ring.step_m.size
-    clockwise = region.begin + cells - region.here < region.here - (region.end - 1)
+    clockwise = region.begin + cells - region.own_cell < region.own_cell - (region.end - 1)
     return Course(clockwise)

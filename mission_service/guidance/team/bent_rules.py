@@ -35,7 +35,7 @@ BENCHMARKS = ("circling", "bumper")
 
 
 def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRule:
-    """A rule of the thesis by its names; a baseline has no negotiation. Raises KeyError."""
+    """Return a rule of the thesis by its names; a baseline has no negotiation. Raises KeyError."""
     if planner in BENCHMARKS:
         return Circling() if planner == "circling" else Bumper()
     steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]
@@ -44,6 +44,6 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
 
 
 def bent(scenario: Scenario) -> TeamRule:
-    """The team rule of a scenario."""
+    """Return the team rule of a scenario."""
     planner = scenario.planner
     return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

@@ -1,6 +1,6 @@
-"""Bent's planners: which way a vehicle flies within its region (thesis, 4.1 and 6.1).
+"""Bent's planners: the direction of a vehicle within its region (thesis, 4.1 and 6.1).
 
-Each takes the region and the course so far, and returns the course from here on.
+Each function receives the region and the course so far, and returns the new course.
 """
 
 from mission_service.guidance.team.bent_kernels import best_path, highest
@@ -8,56 +8,43 @@ from mission_service.guidance.team.bent_region import Course, Region, course_to,
 
 
 def back_and_forth(region: Region, course: Course) -> Course:
-    """4.1.1: from one end of the region to the other; back at its last cell."""
-    if region.here == region.end - 1:
+    """Fly from one end of the region to the other and back (4.1.1)."""
+    if region.own_cell == region.end - 1:
         return Course(clockwise=False)
-    if region.here == region.begin:
+    if region.own_cell == region.begin:
         return Course(clockwise=True)
     return Course(course.clockwise)
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
-    """4.1.2: to the cell of highest importance now, chosen at every cell."""
-    ring = region.ring
+    """Fly to the cell of highest importance now, chosen anew at every cell (4.1.2)."""
+    ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = highest(
-        ring.spread_rate_m_s,
-        ring.visited_at_s,
-        region.begin,
-        region.end,
-        region.here,
-        region.at_s,
-        region.exponential,
+        ring.spread_rate_m_s, ring.visited_at_s, *cells, region.at_s, region.exponential
     )
     return course_to(region, int(target))
 
 
 def highest_static(region: Region, course: Course) -> Course:
-    """4.1.3: to the cell of highest importance; a target is kept until it is reached."""
+    """Fly to the cell of highest importance; a target is kept until it is reached (4.1.3)."""
     return highest_dynamic(region, course) if is_finished(region, course) else course
 
 
 def predictive(region: Region, course: Course) -> Course:
-    """4.1.4: along the straight path of highest mean importance when its cells would be visited.
+    """Fly along the path with the highest mean importance at the time of visit (4.1.4).
 
-    The pseudocode keeps the previous target unless a path is better, and so does this. Times are
-    those of the flight, for which the thesis has "+ 1, + 2".
+    As in the pseudocode, the previous target is kept unless a path is better. Times are flight
+    times, for which the thesis has "+ 1, + 2".
     """
-    ring = region.ring
+    ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = best_path(
-        ring.spread_rate_m_s,
-        ring.visited_at_s,
-        ring.step_m,
-        region.begin,
-        region.end,
-        region.here,
-        region.here if course.target is None else course.target,
-        region.at_s,
-        region.speed_m_s,
-        region.exponential,
+        *(ring.spread_rate_m_s, ring.visited_at_s, ring.step_m, *cells),
+        region.own_cell if course.target is None else course.target,
+        *(region.at_s, region.speed_m_s, region.exponential),
     )
     return course_to(region, int(target))
 
 
 def predictive_kept(region: Region, course: Course) -> Course:
-    """6.1 (future work): ``predictive``, but each path is flown to its end."""
+    """Fly as ``predictive``, but each path to its end (6.1, future work)."""
     return predictive(region, course) if is_finished(region, course) else course

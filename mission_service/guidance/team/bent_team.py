@@ -51,14 +51,14 @@ class RegionTeam:
         return self._regions
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """The course of the vehicle's planner, or back into its region if it is outside."""
+        """Return the direction of the vehicle's planner, or back into its region from outside."""
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
-        here = lifted(int(fleet.cell[which]), begin, regions.cells)
+        own_cell = lifted(int(fleet.cell[which]), begin, regions.cells)
         speed_m_s = float(fleet.speed_m_s[which])
-        region = Region(ring, begin, end, here, at_s, speed_m_s, self._exponential)
-        if here >= end:
+        region = Region(ring, begin, end, own_cell, at_s, speed_m_s, self._exponential)
+        if own_cell >= end:
             course = course_back(region)
         else:
             before = self._courses.get(member, Course())
@@ -71,11 +71,11 @@ class RegionTeam:
 
     def on_ring_changed(self, place_of: Integers) -> None:
         """Move borders and targets with their cells, at the next decision."""
-        # The size of the new ring is known only with the next decision, or the next growth.
+        # Only the next decision, or the next growth, gives the size of the new ring.
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:
-        """The regions after all changes since the last decision."""
+        """Return the regions after all changes since the last decision."""
         cells = ring.step_m.size
         members = fleet.member.tolist()
         regions = self._regions
@@ -107,7 +107,7 @@ class RegionTeam:
     def _negotiated(
         self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
     ) -> Regions:
-        """Each vehicle in turn gives cells to its neighbours by the negotiation (4.2.1)."""
+        """Let each vehicle in turn give cells to its neighbours by the negotiation (4.2.1)."""
         count = len(regions.members)
         if count == 1:
             return regions
@@ -131,19 +131,21 @@ class RegionTeam:
     def _part(self, regions: Regions, index: int, fleet: ActiveFleet, which: int) -> Party:
         begin, end = retained(regions, index)
         cell, cells = int(fleet.cell[which]), regions.cells
-        here = lifted(cell, begin, cells)
+        own_cell = lifted(cell, begin, cells)
         following = lifted(cell + (1 if fleet.clockwise[which] else -1), begin, cells)
         target = self._courses.get(regions.members[index], Course()).target
-        going_to = here if target is None else lifted(target, begin, cells)
-        return Party(begin, end, here, reserved_cells(begin, end, (here, following, going_to)))
+        going_to = own_cell if target is None else lifted(target, begin, cells)
+        return Party(
+            begin, end, own_cell, reserved_cells(begin, end, (own_cell, following, going_to))
+        )
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
-    """Regions with the vehicles that have joined, and without those that have left."""
+    """Return regions with the vehicles that have joined, and without those that have left."""
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # The place of a vehicle that has left is unknown: the begin of its region is used.
+            # The position of a vehicle that has left is unknown: the start of its region is used.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

@@ -1,4 +1,4 @@
-"""The positions of a fleet now: the last reports, advanced along the ring by dead reckoning."""
+"""The present positions of a fleet, by dead reckoning from the last reports along the ring."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """The fleet at ``at_s``: without reports for too long a vehicle is left out."""
-    here = sorted(
+    """Return the fleet at ``at_s``, without vehicles whose last report is too old."""
+    recent = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
     return ActiveFleet(
-        np.array([one.member for one in here], np.int64),
-        np.array([_dead_reckoned_cell(one, ring, at_s) for one in here], np.int64),
-        np.array([one.clockwise for one in here], np.bool_),
-        np.array([one.speed_m_s for one in here]),
+        np.array([one.member for one in recent], np.int64),
+        np.array([_dead_reckoned_cell(one, ring, at_s) for one in recent], np.int64),
+        np.array([one.clockwise for one in recent], np.bool_),
+        np.array([one.speed_m_s for one in recent]),
     )
 
 
 def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
-    """The last cell that a vehicle has reached by ``at_s``."""
+    """Return the last cell that a vehicle has reached by ``at_s``."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
     flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]

@@ -1,9 +1,9 @@
 """Roll-outs on a ring: the cost of the plans of all vehicles, in compiled code.
 
 A plan is a sequence of legs, each the number of cells that the vehicle flies before it turns; the
-last two are repeated for ever. So a lap is a leg without end, a sweep is two equal legs, and a lap
-that passes an arc three times is a long leg and a short one. Each visit changes one node only: a
-roll-out costs nodes plus steps of the vehicles.
+last two are repeated without end. So a lap is an infinite leg, a sweep is two equal legs, and a lap
+that passes an arc three times is a long leg and a short one. Each visit changes only one node, so
+that the time of a roll-out is proportional to nodes plus steps of the vehicles.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LEGS = 8  # of a plan; the last two are repeated
-NEVER = 1 << 40  # cells: a leg that does not end
+NEVER = 1 << 40  # cells of an infinite leg
 
 
 class Nodes(NamedTuple):
@@ -27,8 +27,8 @@ class Nodes(NamedTuple):
     scale: Floats  # the integral of a node's importance up to an age is scale * age ** power
     power: Floats
     linear: bool  # all powers are 2
-    visited_s: Floats  # when each was last seen; now is 0
-    cells: int  # of a node; legs are given in cells
+    visited_s: Floats  # time of the last view of each node; now is 0
+    cells: int  # per node; legs are in cells
 
 
 class StartState(NamedTuple):
@@ -42,7 +42,7 @@ class StartState(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays that a roll-out writes on."""
+    """Work arrays of a roll-out."""
 
     visited_s: Floats  # (n)
     node: Integers  # (k)
@@ -53,7 +53,7 @@ class Workspace(NamedTuple):
 
 
 class Horizon(NamedTuple):
-    """Length of a roll-out, and the weight of its last part, which stands for all later time."""
+    """Length of a roll-out, and the weight of its last part, which represents all later time."""
 
     end_s: float
     late_from_s: float
@@ -61,7 +61,7 @@ class Horizon(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """The changes that ``improve`` tries, in cells, and arrays for it to write in."""
+    """The changes that ``improve`` tries, in cells, and its work arrays."""
 
     backs: Integers
     shifts: Integers
@@ -70,7 +70,7 @@ class Moves(NamedTuple):
 
 
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
-    """Arrays for roll-outs of this size; zeros, since they are part of a recorded state."""
+    """Return zero arrays for roll-outs of this size; they are part of a recorded state."""
     return Workspace(
         np.zeros(nodes),
         np.zeros(vehicles, np.int64),
@@ -83,7 +83,7 @@ def workspace_for(nodes: int, vehicles: int) -> Workspace:
 
 @kernel
 def _up_to(nodes, place, age_s):  # type: ignore[no-untyped-def]
-    """The integral of a node's importance up to an age."""
+    """Return the integral of a node's importance up to an age."""
     if nodes.linear:
         return nodes.scale[place] * age_s * age_s
     if age_s <= 0.0:
@@ -101,7 +101,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
-    """Fly on until a time; returns the sum of the integrals of importance that visits end."""
+    """Fly until a time; return the sum of the integrals of importance that visits end."""
     ended = 0.0
     count = room.node.size
     size = nodes.step_m.size
@@ -149,10 +149,10 @@ def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Importance of all nodes, integrated over time, when the plans are flown.
+    """Return the importance of all nodes, integrated over time, when the plans are flown.
 
-    ``legs`` (k, LEGS): cells to fly from ``start.node`` before each turn; 0 turns at once. Includes
-    a constant: the cost of the ages at the beginning.
+    ``legs`` (k, LEGS) are cells to fly from ``start.node`` before each turn; 0 turns at once. The
+    result includes a constant, the cost of the initial ages.
     """
     _begin(nodes, start, legs, room)
     cost = _fly(nodes, start, legs, room, span.late_from_s)
@@ -164,7 +164,7 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Mean over the last part of a roll-out of the summed importance of all nodes."""
+    """Return the summed importance of all nodes, averaged over the last part of a roll-out."""
     _begin(nodes, start, legs, room)
     _fly(nodes, start, legs, room, span.late_from_s)
     late = -_standing(nodes, room.visited_s, span.late_from_s)
@@ -175,7 +175,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they are cheaper, copy this vehicle's to ``best`` (LEGS)."""
+    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS)."""
     cost = roll_out(nodes, start, legs, span, room)
     if cost < best_cost:
         for leg in range(LEGS):
@@ -186,16 +186,16 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 @kernel
 def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
-    """Insert two turns at the beginning: back for some cells and on again."""
+    """Insert two turns at the beginning, with a leg of ``back`` cells between them."""
     plan[0], plan[1] = 0, back
     plan[2] = min(kept[0] + back, NEVER)
-    for leg in range(3, LEGS):  # the last two legs are repeated ones
+    for leg in range(3, LEGS):  # the last two legs are repeated
         plan[leg] = kept[leg - 2]
 
 
 @kernel
 def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
-    """Delay one turn by some cells; False if a leg would have a negative length."""
+    """Delay one turn by ``shift`` cells; return False if a leg would have a negative length."""
     if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
         return False
     for leg in range(LEGS):
@@ -207,7 +207,7 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 
 @kernel
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
-    """Remove the next two turns; False if there are not two, or they gain ground backwards."""
+    """Remove the next two turns; return False without two turns, or if they end farther back."""
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False
     plan[0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
@@ -220,9 +220,9 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
     """Change the plan of one vehicle if another one is cheaper by a share ``margin``.
 
-    Tried are: to go back for each of ``moves.backs`` cells and on again, now; to make each of the
-    next turns ``moves.shifts`` cells later; to leave out the next two turns. ``legs`` (k, LEGS) are
-    the plans, of which the row of ``vehicle`` is written on. Returns how many roll-outs were made.
+    It tries to fly back now for each of ``moves.backs`` cells, to delay each of the next turns by
+    ``moves.shifts`` cells, and to omit the next two turns. ``legs`` (k, LEGS) are the plans, of
+    which the row of ``vehicle`` is changed. Returns the number of roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):

@@ -1,4 +1,4 @@
-"""Negotiations between neighbours about the borders of their regions (Bent, 4.2 and 6.1)."""
+"""Negotiations between neighbours on the borders of their regions (Bent, 4.2 and 6.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Party:
     """One side of a negotiation; cells are lifted (see ``regions``).
 
-    ``reserved`` are the first and the last of the cells that the vehicle keeps: its own cell, its
-    next one and its target, as far as they are in its region.
+    ``reserved`` are the first and the last of the cells that the vehicle keeps: its present cell,
+    its next cell and its target, as far as they are in its region.
     """
 
     begin: int
     end: int
-    here: int
+    own_cell: int
     reserved: tuple[int, int]
 
     @property
@@ -32,24 +32,23 @@ class Party:
         return max(self.end - 1 - self.reserved[1], 0)
 
 
-# (ring, the vehicle left of it, it, the one right of it, time in s, exponential importance) to the
-# number of cells that it gives at the beginning and at the end of its region. Of two vehicles in
-# all, the one is left and right of the other.
+# (ring, left neighbour, vehicle, right neighbour, time in s, exponential importance) to the numbers
+# of cells that the vehicle gives at the beginning and at the end of its region. In a team of two,
+# both neighbours are the same vehicle.
 Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int, int]]
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """The first and the last of these cells that are in a region; its middle if none is."""
+    """Return the first and the last of these cells that are in a region; its middle if none is."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 
 
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
-    """Importance to give to the left and to the right neighbour.
+    """Return the importance to give to the left and to the right neighbour.
 
-    ``alone``: both neighbours are the same vehicle. It is offered the amount that makes the two
-    equal, half of it at either border; the thesis does not define at which border two vehicles
-    trade.
+    ``alone``: both neighbours are the same vehicle. The offer is the amount that makes both equal,
+    half of it at either border; the thesis does not define the border at which two vehicles trade.
     """
     more_left, more_right = max(own - left, 0.0), max(own - right, 0.0)
     if alone:
@@ -65,7 +64,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """4.2.1: as many cells as are worth no more than the offer, at either end."""
+    """Give at either end as many cells as are worth no more than the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -75,18 +74,18 @@ def on_importance(
     to_left, to_right = offers(worth(own), worth(left), worth(right), alone)
     first = chunk(rate, visited, own.begin, 1, own.max_first, to_left, at_s, exponential)
     last = chunk(rate, visited, own.end - 1, -1, own.max_last, to_right, at_s, exponential)
-    # Cells worth nothing are no reason to trade.
+    # Without an offer, cells of importance 0 are not given either.
     return int(first) if to_left else 0, int(last) if to_right else 0
 
 
 def on_centre(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """4.2.2: of all chunks within the offers, those that best centre the importance that is left.
+    """Give the chunks within the offers that best centre the remaining importance (4.2.2).
 
-    The pseudocode is garbled: it compares signed differences, never refills a chunk that it has
-    emptied and tries the first chunk without the second only if there is no second. The text says
-    what is meant: every combination is tried for the least distance of centre and middle.
+    The pseudocode is inconsistent with the text: it compares signed differences, never refills an
+    emptied chunk and tries the first chunk without the second only without a second. This function
+    follows the text: it tries every combination for the minimum distance of centre and middle.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
@@ -100,15 +99,15 @@ def on_centre(
 def on_arrival(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """6.1 (future work, after Ahmadi & Stone): the cells that the neighbour would reach sooner.
+    """Give the cells that the neighbour would reach sooner (6.1, after Ahmadi & Stone).
 
-    The neighbour is assumed to fly there at once. All have the same speed, so the nearer one
-    arrives first; distances are in cells, since steps are nearly equal.
+    The neighbour is assumed to fly there at once. All vehicles have the same speed, so the nearer
+    one arrives first; distances are in cells, because steps are nearly equal.
     """
     cells = ring.step_m.size
-    behind = lifted(left.here, own.here - cells, cells)
-    ahead = lifted(right.here, own.here + 1, cells)
-    # A cell equally near to both stays with its owner.
-    first = (behind + own.here + 1) // 2 - own.begin
-    last = own.end - 1 - (ahead + own.here) // 2
+    behind = lifted(left.own_cell, own.own_cell - cells, cells)
+    ahead = lifted(right.own_cell, own.own_cell + 1, cells)
+    # A cell at equal distance is not given.
+    first = (behind + own.own_cell + 1) // 2 - own.begin
+    last = own.end - 1 - (ahead + own.own_cell) // 2
     return min(max(first, 0), own.max_first), min(max(last, 0), own.max_last)

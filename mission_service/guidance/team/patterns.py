@@ -1,8 +1,9 @@
-"""Patterns in which a team shares a ring in the long run, and their steady-state costs.
+"""Long-term patterns of a team on a ring, and their steady-state costs.
 
-All lap one behind the other; all lap and pass a hot arc three times (on, back, on); or some sweep
-the arc while the others lap. On an even front laps are best; a sweep's mean age is 4/3 of a lap's
-with as many passes, so an arc must spread several times faster before a sweep pays.
+In a pattern all vehicles lap one behind the other; or all lap and pass a hot arc three times (on,
+back, on); or some sweep the arc while the others lap. On an even front laps are best: the mean age
+of a sweep is 4/3 of that of a lap with as many passes, so that an arc must spread several times
+faster for a sweep to reduce the cost.
 """
 
 from typing import NamedTuple
@@ -25,7 +26,10 @@ PARTS = 64  # of the ring: the unit of arcs
 
 
 class Pattern(NamedTuple):
-    """An arc in parts of the ring, and how many vehicles sweep it; 0: all pass it thrice."""
+    """An arc in parts of the ring, and the number of vehicles that sweep it.
+
+    If it is 0, all vehicles pass the arc three times.
+    """
 
     first: int
     length: int  # 0: no arc, all lap
@@ -36,24 +40,25 @@ LAPS = Pattern(0, 0, 0)
 
 
 def candidates(vehicles: int) -> list[Pattern]:
-    """Patterns to try for a number of vehicles."""
+    """Return the patterns to try for a number of vehicles."""
     lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
     arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
-    ways = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
-    return [Pattern(*arc, sweeping) for sweeping in ways if sweeping <= 2 for arc in arcs]
+    sweepers = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
+    return [Pattern(*arc, sweeping) for sweeping in sweepers if sweeping <= 2 for arc in arcs]
 
 
 def repeated(first: int, second: int) -> Integers:
-    """Legs (LEGS) that alternate for ever."""
+    """Return legs (LEGS) that alternate without end."""
     return np.array([first, second] * (LEGS // 2), np.int64)
 
 
 def settled_cost(
     pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
 ) -> float:
-    """Mean over time of the importance of all nodes when a pattern is flown evenly spaced.
+    """Return the mean importance of all nodes over time for a pattern with even spacing.
 
-    ``nodes`` has PARTS nodes; ``speed_m_s`` (k) of the vehicles; ``turn_s`` of a turn back.
+    ``nodes`` has PARTS nodes; ``speed_m_s`` (k) are the vehicles' speeds, ``turn_s`` the duration
+    of a turn back.
     """
     count = speed_m_s.size
     step_m = nodes.step_m

@@ -12,20 +12,20 @@ from mission_service.guidance.team.way import FOLDER, RULES
 
 
 def members_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
-    """A planner for each vehicle of a scenario, by name: its member of one team."""
-    told, ground = scenario.planner, ground_of(scenario, landscape)
+    """Return the planners of a scenario's vehicles, by name: the members of one team."""
+    planner, ground = scenario.planner, ground_of(scenario, landscape)
     settings = TeamSettings(
         cell_m=landscape.cell_size_m,
-        clockwise_first=told.first_direction == "clockwise",
-        ignition_known=told.ignition_known,
-        baseline_s=told.baseline_s,
-        smoothing_deg=told.smoothing_deg,
+        clockwise_first=planner.first_direction == "clockwise",
+        ignition_known=planner.ignition_known,
+        baseline_s=planner.baseline_s,
+        smoothing_deg=planner.smoothing_deg,
         path=path_settings(scenario, landscape.cell_size_m),
     )
     performance = {
         section.name: MemberPerformance(section.airspeed_m_s, turn_back_s(section))
         for section in scenario.vehicles
     }
-    rule: TeamRule = resolve_name(f"{FOLDER}.{RULES[told.rule]}")(scenario)
+    rule: TeamRule = resolve_name(f"{FOLDER}.{RULES[planner.rule]}")(scenario)
     team = Team(rule, settings, performance, landscape.shape, ground.centre, ground.burns_from_s)
     return {name: team.member(name) for name in performance}

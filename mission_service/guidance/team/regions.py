@@ -1,20 +1,21 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-Each border has two sides, the states of the vehicle left of it (counter-clockwise) and of the right
-one: a place and a version. A border is moved only by giving cells away, and only by the side whose
-turn it is: the left one's after even versions, the right one's after odd ones. A side that offers
-version v + 1 serves the cells offered until it receives v + 1 or later; the other side owns them
-from when it receives the offer, and has the next turn. So messages consist of place and version,
-and may be lost, doubled or late: only a version newer than the receiver's is applied, and no
-version is made twice. The cells served always cover the ring; the newer side of each border is the
-ledger, in which each cell has exactly one owner.
+Each border has two sides, the states of the vehicles left (counter-clockwise) and right of it, each
+with a place and a version. A side moves a border only by giving cells away, and only in its turn:
+the left side after even versions, the right side after odd versions. A side that offers version
+v + 1 serves the offered cells until it receives v + 1 or later; the other side owns them as soon as
+it receives the offer, and has the next turn. Messages consist of place and version, and may be
+lost, duplicated or late: a receiver applies only newer versions, and each version is made once. The
+served cells always cover the ring. The newer side of each border forms the ledger, in which each
+cell has exactly one owner.
 
-Places are *lifted*: cells that go on counting around the ring, so that a region is
-``range(begin, end)`` of them, modulo the number of cells, and may be empty or the whole ring.
+Places are *lifted*: the count of cells continues around the ring, so that a region is
+``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,11 +24,11 @@ from mission_service.guidance.team.front_ring import Integers
 
 
 class Side(NamedTuple):
-    """The state of a border at one of its two vehicles: the first cell right of it."""
+    """The state of a border at one of its two vehicles; ``place`` is the first cell right of it."""
 
     place: int
     version: int = 0
-    offered: int | None = None  # the place of version + 1, given away and not known to be taken
+    offered: int | None = None  # the place of version + 1, which is offered and not confirmed
 
 
 class Border(NamedTuple):
@@ -36,9 +37,13 @@ class Border(NamedTuple):
     left: Side
     right: Side
 
+    def with_side(self, side: Side, *, left: bool) -> "Border":
+        """Return the border with one side replaced."""
+        return self._replace(left=side) if left else self._replace(right=side)
+
 
 class BorderMessage(NamedTuple):
-    """The message of a side about its border; ignored in another epoch."""
+    """The message of a side on its border; it is ignored in another epoch."""
 
     epoch: int
     place: int
@@ -47,10 +52,10 @@ class BorderMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """The team clockwise; ``borders[i]`` is where the region of ``seats[i]`` begins.
+    """The team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
 
-    Places rise from border to border, by no more than ``cells`` once around. ``epoch`` counts
-    growths of the ring and changes of the team, which all vehicles receive.
+    Places ascend from border to border, by at most ``cells`` once around. ``epoch`` counts growths
+    of the ring and changes of the team, which all vehicles receive.
     """
 
     members: tuple[int, ...]
@@ -60,7 +65,7 @@ class Regions:
 
 
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
-    """Regions of as many cells each, in the vehicles' order, from the first one's cell clockwise.
+    """Return regions of equal size in the vehicles' order, clockwise from the first one's cell.
 
     These are the initial regions of Bent (section 4.2); positions only set the order.
     """
@@ -72,16 +77,14 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """The cells that a vehicle serves, lifted [begin, end): its own by its sides of the borders."""
-    last = index + 1 == len(regions.borders)
-    end = regions.borders[0].left.place + regions.cells if last else 0
-    return regions.borders[index].right.place, (
-        end if last else regions.borders[index + 1].left.place
-    )
+    """Return the cells [begin, end), lifted, that a vehicle serves by its sides of the borders."""
+    after = (index + 1) % len(regions.borders)
+    end = regions.borders[after].left.place + (0 if after else regions.cells)
+    return regions.borders[index].right.place, end
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
-    """The cells that a vehicle serves and has not offered, lifted [begin, end)."""
+    """Return the cells that a vehicle serves and has not offered, lifted [begin, end)."""
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
     end_place = end.place if end.offered is None else end.offered
@@ -92,39 +95,37 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Where each region begins, lifted: the newer of each border's sides."""
+    """Return where each region begins, lifted: the newer of each border's sides."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
 
 
 def owners(regions: Regions) -> Integers:
-    """The index of the vehicle that owns each cell (n)."""
+    """Return the index of the vehicle that owns each cell (n)."""
     begins = ledger(regions)
     owner = np.full(regions.cells, -1, np.int64)
-    for index, begin in enumerate(begins):
-        end = begins[index + 1] if index + 1 < len(begins) else begins[0] + regions.cells
+    for index, (begin, end) in enumerate(pairwise((*begins, begins[0] + regions.cells))):
         owner[np.arange(begin, end) % regions.cells] = index
     return owner
 
 
 def has_turn(border: Border, *, left: bool) -> bool:
-    """Whether this side may offer now."""
+    """Return whether this side may offer now."""
     side = border.left if left else border.right
     return side.offered is None and (side.version % 2 == 0) == left
 
 
 def offering(border: Border, place: int, *, left: bool) -> Border:
-    """One side gives away the cells up to a place, or none and only the turn; raises ValueError."""
+    """Return a border whose side offers the cells up to a place; raises ValueError."""
     side = border.left if left else border.right
     if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
         raise ValueError(f"a border at {side.place} cannot be offered at {place} now")
-    offered = side._replace(offered=place)
-    return border._replace(left=offered) if left else border._replace(right=offered)
+    return border.with_side(side._replace(offered=place), left=left)
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """The message of one side of a border: its offer, or else its state."""
+    """Return the message of one side of a border: its offer, if any, or its state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)
@@ -132,24 +133,23 @@ def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
 
 
 def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
-    """The regions after one side of a border has received a message of the other."""
+    """Return the regions after one side of a border has received the other side's message."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
         return regions
-    announcements = Side(message.place, message.version)
-    border = border._replace(left=announcements) if left else border._replace(right=announcements)
-    return with_border(regions, index, border)
+    received = border.with_side(Side(message.place, message.version), left=left)
+    return with_border(regions, index, received)
 
 
 def with_border(regions: Regions, index: int, border: Border) -> Regions:
-    """The regions with one border changed."""
+    """Return the regions with one border changed."""
     borders = (*regions.borders[:index], border, *regions.borders[index + 1 :])
     return replace(regions, borders=borders)
 
 
 def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
-    """The regions after one side has moved a border, with all messages exchanged."""
+    """Return the regions after one side has moved a border, with all messages exchanged."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
         regions = _given(regions, index, other.place, left=not left)
@@ -164,7 +164,7 @@ def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 
 
 def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
-    """The regions on a new ring of ``cells`` cells: borders move with their cells."""
+    """Return the regions on a new ring of ``cells`` cells: borders move with their cells."""
     first, before = int(place_of[0]), place_of.size
 
     def new(place: int | None) -> int | None:
@@ -181,13 +181,13 @@ def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
 
 
 def without_member(regions: Regions, member: int) -> Regions:
-    """The regions after a vehicle has left: its neighbours share its region. Offers are void.
+    """Return the regions after a vehicle has left: its neighbours share its region.
 
-    The last one cannot leave; raises ValueError.
+    Offers are void. Raises ValueError for the last vehicle.
     """
     index, count = regions.members.index(member), len(regions.members)
     if count == 1:
-        raise ValueError("the last vehicle cannot leave its region to another one")
+        raise ValueError("the last vehicle of a team cannot leave")
     begins = list(ledger(regions))
     begin = begins[index]
     end = begins[index + 1] if index + 1 < count else begins[0] + regions.cells
@@ -201,10 +201,10 @@ def without_member(regions: Regions, member: int) -> Regions:
 
 
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """The regions after a vehicle has joined at a cell: it halves the region. Offers are void.
+    """Return the regions after a vehicle has joined at a cell, whose region is halved.
 
-    ``cells_of`` are the cells of the others, clockwise; the owner of the region keeps the half that
-    it is in.
+    Offers are void. ``cells_of`` are the cells of the others, clockwise; the owner of the region
+    keeps the half that it is in.
     """
     begins = list(ledger(regions))
     host = int(owners(regions)[cell])

@@ -1,12 +1,12 @@
 """A team in flight: one on-board map for all its vehicles, and a rule that directs each of them.
 
 All cameras update the same map. The front is a ring of the map's 360 bearings; whenever a vehicle
-reaches a new one, the rule decides its direction. The vehicles share the first lap: half of them
-fly the other way round, and it ends when the map is complete.
+reaches a new bearing, the rule decides its direction. In the first lap half of the vehicles fly in
+the opposite direction; the lap ends when the map is complete.
 
 A vehicle that has left (lost, recalled, on the ground) is not in the fleet given to the rule, so
-the others close the gap at their next decision. It returns to the fleet once it flies and has the
-front in view.
+that the others close the gap at their next decision. It returns to the fleet when it flies and has
+the front in view.
 """
 
 from collections.abc import Mapping
@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap, window_codes
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
     append_view,
     recentred_map,
+    view_of,
 )
 from mission_service.guidance.front.front_path import (
     PathSettings,
@@ -36,9 +37,9 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Tea
 
 Floats = NDArray[np.float64]
 
-FRESH_S = 2.0  # positions come several times a second
+FRESH_S = 2.0  # positions are reported several times a second
 LOST_AFTER_S = 30.0
-CARRIED_BACK = 30  # cells at most that a vehicle drifts while it turns back
+CARRIED_BACK = 30  # maximum drift of a vehicle in cells during a turn back
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class MemberPerformance:
     """Speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # no decisions of the rule in this time
+    turn_s: float  # in which the rule decides nothing
 
 
 class Team:
@@ -68,42 +69,41 @@ class Team:
         self,
         rule: TeamRule,
         settings: TeamSettings,
-        flyers: Mapping[str, MemberPerformance],
+        performances: Mapping[str, MemberPerformance],
         shape: tuple[int, int],
         centre: tuple[float, float],
         ignited_at_s: float,
     ) -> None:
         self.rule = rule
         self.settings = settings
-        self.surveyed = False  # the first lap is over
+        self.surveyed = False  # whether the first lap has ended
         self.map = FireMap(shape, *centre, ignited_at_s, settings.baseline_s)
         self._observations: list[CameraView] = []
         self._members = {
-            name: TeamMember(self, number, flyer)
-            for number, (name, flyer) in enumerate(flyers.items())
+            name: TeamMember(self, number, performance)
+            for number, (name, performance) in enumerate(performances.items())
         }
 
     def member(self, name: str) -> "TeamMember":
-        """The planner of one vehicle."""
+        """Return the planner of one vehicle."""
         return self._members[name]
 
     def add_view(self, observed: Observed) -> NDArray[np.bool_]:
-        """Update the map by a camera window; returns the bearings (360) in view."""
-        window = window_codes(observed.cells)
-        seen = (observed.row, observed.col, window, observed.at_us / 1e6)
+        """Update the map by a camera window; return the bearings (360) in view."""
+        seen = view_of(observed)
         if not self.surveyed and not self.settings.ignition_known:
             append_view(self._observations, seen)
         return self.map.observe(*seen)
 
     def end_survey(self) -> None:
-        """End the first lap; an unknown ignition is replaced by the fire's centre."""
+        """End the first lap; the fire's centre replaces an unknown ignition."""
         self.surveyed = True
         if not self.settings.ignition_known:
             self.map, _ = recentred_map(self.map, self._observations)
             self._observations.clear()
 
     def ring(self) -> FrontRing:
-        """The front of the map, a cell for each bearing."""
+        """Return the front of the map as a ring with a cell for each bearing."""
         cell_m = self.settings.cell_m
         outer, visited_at_s = self.map.filled_outer()
         north, east = outer * NORTH, outer * EAST
@@ -119,16 +119,16 @@ class Team:
         return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
-        """The vehicles that fly the front now.
+        """Return the vehicles that fly the front now.
 
-        One without reports is advanced by dead reckoning, and after a while left out.
+        A vehicle without reports is advanced by dead reckoning for ``LOST_AFTER_S``.
         """
         reports = [
             ReportedPosition(
                 member.number,
                 member.bearing,
                 member.clockwise,
-                member.flyer.speed_m_s,
+                member.performance.speed_m_s,
                 member.reported_at_s if at_s - member.reported_at_s > FRESH_S else at_s,
             )
             for member in self._members.values()
@@ -140,13 +140,13 @@ class Team:
 class TeamMember:
     """One vehicle of a team: a ``Planner``."""
 
-    def __init__(self, team: Team, number: int, flyer: MemberPerformance) -> None:
+    def __init__(self, team: Team, number: int, performance: MemberPerformance) -> None:
         self.number = number
-        self.flyer = flyer
-        self.flies = False  # in the air, and the front has been in view
+        self.performance = performance
+        self.flies = False  # whether it is in the air and the front has been in view
         self.reported_at_s = -np.inf
-        self.bearing = 0  # the cell of the ring that it has reached
-        # On the first lap neighbours by number fly opposite ways: half a lap shows all.
+        self.bearing = 0  # the last cell of the ring that the vehicle reached
+        # On the first lap successive members fly in opposite directions: half a lap is sufficient.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
         self.reversals = 0
         self._team = team
@@ -167,7 +167,7 @@ class TeamMember:
 
     @property
     def phase(self) -> Phase:
-        """Approach until the front was in view; then the team's first lap, then monitoring."""
+        """The approach until the front is in view, then the team's first lap, then monitoring."""
         if not self._found:
             return "approach"
         return "monitor" if self._team.surveyed else "initial circle"
@@ -179,11 +179,10 @@ class TeamMember:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window to the team's map."""
-        window = window_codes(observed.cells)
-        self._team.map.correct(observed.row, observed.col, window, observed.at_us / 1e6)
+        self._team.map.correct(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Nothing: the rules of teams do not use the wind."""
+        """Do nothing: the rules of teams do not use the wind."""
 
     def left(self, at_s: float) -> None:
         """Leave the fleet until the vehicle flies and has the front in view again."""
@@ -192,10 +191,10 @@ class TeamMember:
         self._lap.bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; returns a decision whenever it has reached a new cell.
+        """Set the vehicle's position; return a decision when it has reached a new cell.
 
-        The rule decides at every cell passed, but not while the vehicle turns back: the next new
-        cell is then the first one after the cell where it turned.
+        The rule decides at every cell passed, but not during a turn back: the next new cell is then
+        the first one after the cell of the turn.
         """
         team = self._team
         self.reported_at_s = at_s
@@ -211,18 +210,18 @@ class TeamMember:
         if before is None or not team.surveyed:
             self.bearing = place
             return None
-        if at_s - self._turned_at_s < self.flyer.turn_s:
+        if at_s - self._turned_at_s < self.performance.turn_s:
             return None
         step = 1 if self.clockwise else -1
         passed = step * (place - self.bearing) % BEARINGS
         if passed == 0 or passed >= BEARINGS - CARRIED_BACK:
             return None
-        if passed >= BEARINGS // 2:  # it has flown elsewhere meanwhile
+        if passed >= BEARINGS // 2:  # the vehicle has left the front meanwhile
             self.bearing, passed = (place - step) % BEARINGS, 1
         return self._decide(passed, step, at_s)
 
     def _decide(self, passed: int, step: int, at_s: float) -> Decision:
-        """Let the rule decide at each cell passed, until it turns the vehicle back."""
+        """Apply the rule at each cell passed, until it turns the vehicle back."""
         ring = self._team.ring()
         turn = False
         for _ in range(passed):
@@ -238,13 +237,13 @@ class TeamMember:
         return Decision(self.clockwise, turn, 0.0, 0.0, BEARINGS)
 
     def shape(self, row: float, col: float) -> Floats:
-        """The reconstructed fire: distance of the front in cells for each of 360 bearings."""
+        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
         return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
-        """The path to fly: (n, 2) float (row, col) along the front ahead, in flying direction.
+        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
 
-        During the first lap the front is extrapolated where no vehicle has seen it.
+        During the first lap the unseen part of the front is extrapolated.
         """
         fire_map = self._team.map
         if self._team.surveyed:

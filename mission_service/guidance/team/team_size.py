@@ -1,8 +1,8 @@
 """The number of vehicles that a front needs, their split into laps and sweeps, and advice.
 
-Ring of length L, vehicles of speed v: n that lap, evenly spaced, see every point each L/(n v); k
-that sweep an arc of length l come back to its ends after 2 l/(k v). Multiplied by the rate of
-spread at a point, this is the unseen advance of the front there.
+On a ring of length L, n vehicles of speed v that lap with even spacing see every point at intervals
+of L/(n v); k vehicles that sweep an arc of length l see its ends at intervals of 2 l/(k v). The
+interval times the rate of spread at a point is the unseen advance of the front.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
-PARTS = 64  # of the ring: where arcs may begin and end
+PARTS = 64  # of the ring; arcs begin and end at their borders
 
 
 class Split(NamedTuple):
@@ -27,14 +27,14 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:
-    """Vehicles that must lap so that nothing stays unseen for longer: n >= L / (v T)."""
+    """Return how many vehicles must lap to keep the maximum age T: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * max_revisit_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """Vehicles that must lap to bound the unseen advance: n >= ROS_max L / (v D)."""
+    """Return how many vehicles must lap to bound the unseen advance D: n >= ROS_max L / (v D)."""
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
 
@@ -43,10 +43,10 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """The split and the arc with the smallest worst advance, from the measured spread.
+    """Return the split and the arc with the smallest worst advance, from the measured spread.
 
-    Arrays (n) of a ring. All lap unless sweeping is better; of equal splits the one with fewest
-    sweeping.
+    Arrays (n) are of a ring. All vehicles lap unless sweeping is better; of equal splits the result
+    is the one with the fewest sweeping vehicles.
     """
     length_m = float(step_m.sum())
     lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
@@ -67,19 +67,14 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
             worst = np.maximum(swept, lapped) / speed_m_s
             at = int(np.argmin(worst))
             if worst[at] < best.worst_advance_m - 1e-9:
-                best = Split(
-                    vehicles - sweeping,
-                    sweeping,
-                    float(arc_m[at]),
-                    float(worst[at]),
-                )
+                best = Split(vehicles - sweeping, sweeping, float(arc_m[at]), float(worst[at]))
     return best
 
 
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
-    """The smallest team that keeps the unseen advance under a limit, and its split."""
+    """Return the smallest team that keeps the unseen advance under a limit, and its split."""
     max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
@@ -101,9 +96,9 @@ class CoverageTargets:
 def team_size_advice(
     ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
 ) -> tuple[bool, str]:
-    """Whether the team (speeds, k) is too small for the targets, and a text for the operator.
+    """Return whether the team (speeds, k) is too small for the targets, and advice as text.
 
-    Computed with the team's mean speed; without targets the text has only what the team achieves.
+    It uses the team's mean speed; without targets the text has only the team's present performance.
     """
     vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
     length_m, fastest_m_s = float(ring.step_m.sum()), float(ring.spread_rate_m_s.max())
@@ -111,21 +106,21 @@ def team_size_advice(
     lapping = "" if not split.sweeping else f", {split.sweeping} of them sweeping the fastest part"
     text = (
         f"front of {length_m / 1e3:.1f} km, fastest {60.0 * fastest_m_s:.1f} m/min: "
-        f"{_vehicles(vehicles)} can see every part every {length_m / mean_m_s / vehicles:.0f} s; "
-        f"the front then gets {split.worst_advance_m:.0f} m further unseen at most{lapping}"
+        f"{_vehicles(vehicles)} can see each part every {length_m / mean_m_s / vehicles:.0f} s; "
+        f"the maximum unseen advance is {split.worst_advance_m:.0f} m{lapping}"
     )
     max_needed = 0
     if targets.max_revisit_s is not None:
         needed = vehicles_for_age(length_m, mean_m_s, targets.max_revisit_s)
         max_needed = max(max_needed, needed)
-        text += f"; every {targets.max_revisit_s:g} s takes {_vehicles(needed)}"
+        text += f"; every {targets.max_revisit_s:g} s requires {_vehicles(needed)}"
     if targets.max_unseen_advance_m is not None:
         enough = vehicles_needed(
             ring.step_m, ring.spread_rate_m_s, mean_m_s, targets.max_unseen_advance_m
         )
         needed = enough.lapping + enough.sweeping
         max_needed = max(max_needed, needed)
-        text += f"; no more than {targets.max_unseen_advance_m:g} m takes {_vehicles(needed)}"
+        text += f"; at most {targets.max_unseen_advance_m:g} m requires {_vehicles(needed)}"
     return max_needed > vehicles, text
 
 
@@ -134,7 +129,7 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """Repeats the advice when the team or its need has changed, checked every five minutes."""
+    """Gives advice when the team or its required size has changed, checked every five minutes."""
 
     def __init__(self, targets: CoverageTargets) -> None:
         self._targets = targets
@@ -142,13 +137,13 @@ class TeamSizeAdviser:
         self._next_s = -np.inf
 
     def is_due(self, vehicles: int, at_s: float) -> bool:
-        """Whether to check again: after five minutes, or when the team has changed."""
+        """Return whether to check again: after five minutes, or when the team has changed."""
         return at_s >= self._next_s or (
             self._last_advice is not None and self._last_advice[0] != vehicles
         )
 
     def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
-        """(too few vehicles, text) if the advice has changed, else None."""
+        """Return (too few vehicles, text) if the advice has changed, else None."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
         last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)

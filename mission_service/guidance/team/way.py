@@ -1,4 +1,4 @@
-"""The way of flying along a front as a team: one map for all vehicles, and a rule for the team.
+"""The way of flying along a front as a team, with one map for all vehicles and a team rule.
 
 A rule is a file of this folder and a line in ``RULES``.
 """
