@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, folder, seconds_option
+from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, folder, seconds_option
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OUT_REQUIRED
 @click.option(
     "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
 )

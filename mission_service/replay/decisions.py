@@ -72,7 +72,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 def decisions_alone(
     journal: JournalReader, scenario: Scenario, entries: Iterable[tuple[SegmentReader, Entry]]
 ) -> tuple[list[Timed], list[Timed]]:
-    """The decisions of a scenario's planners on the events of a journal, and those recorded."""
+    """Return the decisions of a scenario's planners on the events of a journal, and those recorded."""
     core, silent = _begun(journal, scenario)
     decision_engine = core.decision_engine
     planners = cast(Mapping[str, Planner], decision_engine.planners)  # of all rules along a front
@@ -112,7 +112,7 @@ class _UnplayedPlanner:
 
 
 def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _UnplayedPlanner]:
-    """The state with which a journal begins; another rule starts without a state there."""
+    """Return the state with which a journal begins; another rule starts without a state there."""
     if journal.segment == 1:
         return Core(scenario, journal.landscape), _UnplayedPlanner(set(), set())
     core = journal.core()
@@ -162,7 +162,7 @@ def _ordered(
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
-    """The scenario with another rule. Raises MissionServiceError if there is no such rule."""
+    """Return the scenario with another rule. Raises MissionServiceError if there is no such rule."""
     able = [each for each in rules() if way_for(each).along_front]
     if rule not in able:
         raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(able)}")
@@ -173,7 +173,7 @@ def with_rule(scenario: Scenario, rule: str) -> Scenario:
 def first_difference(
     found: list[Timed], recorded: list[Timed], may_lack_one: bool
 ) -> tuple[str | None, list[dict[str, Any]]]:
-    """The first difference between found and recorded decisions, as text and as fields.
+    """Return the first difference between found and recorded decisions, as text and as fields.
 
     A journal that was cut off may lack the last decision.
     """
@@ -219,7 +219,7 @@ def _count(decisions: list[Timed], name: str, reversals: bool = False) -> int:
 
 
 def in_text(summary: dict[str, Any]) -> str:
-    """The summary as text for a terminal."""
+    """Return the summary as text for a terminal."""
     lines = [
         f"{each['name']}: {each['decisions']} decisions, {each['reversals']} reversals with "
         f"{summary['rule']} (recorded with {summary['journal_rule']}: "

@@ -79,7 +79,7 @@ class _Comparison:
             self._fire.on_command(entry.content)  # type: ignore[arg-type]
 
     def stage(self) -> Stage:
-        """The result, after the last entry."""
+        """Return the result, after the last entry."""
         without = self._without_position + (self._pending is not None)
         counts = self._counts
         exact = not counts["within tolerance"] and not counts["beyond tolerance"]
@@ -113,7 +113,7 @@ def _unseen(told: Observed) -> int:
 def _cells(
     told: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
 ) -> Iterator[dict[str, Any]]:
-    """The cells in which two observations differ, and whether they differ too much."""
+    """Yield the cells in which two observations differ, and whether they differ too much."""
     was, now = _letters(told), _letters(again)
     edge: set[Cell] | None = None
     for cell in sorted(was | now):
@@ -149,7 +149,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
 
 
 def _edge(fix: Telemetry, fire: ObservedFire) -> set[Cell]:
-    """The cells inside a slightly larger footprint and outside a slightly smaller one."""
+    """Return the cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
         {cell for cell, letter in _letters(fire.seen_from(fix, wider)).items() if letter != UNSEEN}
         for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)

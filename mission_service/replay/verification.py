@@ -62,7 +62,7 @@ class Verification:
         return self._count("decisions")
 
     def stage(self, name: str) -> Stage:
-        """The result of one stage."""
+        """Return the result of one stage."""
         return next(each for each in self.stages if each.name == name)
 
     def _count(self, what: str) -> int:
@@ -106,7 +106,7 @@ def _told(stage: Stage) -> dict[str, Any]:
 
 
 def in_text(found: Verification) -> str:
-    """The results as text: one line per stage, and its difference."""
+    """Return the results as text: one line per stage, and its difference."""
     lines = []
     for each in found.stages:
         counts = ", ".join(f"{count} {what}" for what, count in each.counts.items())
@@ -123,7 +123,7 @@ def in_text(found: Verification) -> str:
 
 
 def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) -> Stage:
-    """The result of a stage; an input that raises an exception is a difference too."""
+    """Return the result of a stage; an input that raises an exception is a difference too."""
     recorded.at = None
     try:
         return stage(recorded)

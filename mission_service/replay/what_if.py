@@ -140,7 +140,7 @@ class Script:
         self._events = list(events)
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """The requests that are due."""
+        """Return the requests that are due."""
         count = next(
             (place for place, each in enumerate(self._events) if each.at_us > now_us),
             len(self._events),
@@ -150,7 +150,7 @@ class Script:
 
 
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
-    """The journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
+    """Return the journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
 
     Raises ScenarioError in one line for an unknown setting.
     """
@@ -174,7 +174,7 @@ def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenari
 def told_again(
     people: Sequence[AnyOperatorEvent], changed: dict[str, Any]
 ) -> list[AnyOperatorEvent]:
-    """The recorded requests without approvals and without settings of the given keys."""
+    """Return the recorded requests without approvals and without settings of the given keys."""
     found: list[AnyOperatorEvent] = []
     for event in people:
         if isinstance(event, NEVER_AGAIN):
@@ -190,7 +190,7 @@ def told_again(
 
 
 def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures that are compared, from a run's summary."""
+    """Return the figures that are compared, from a run's summary."""
     vehicles = {each["name"]: _figures(each) for each in summary["vehicles"]}
     names = ("decisions", "reversals", "uploads_accepted")
     return {
@@ -213,7 +213,7 @@ LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (
 
 
 def in_text(found: WhatIf) -> str:
-    """A table of both runs as text."""
+    """Return a table of both runs as text."""
     rows = [("", "recorded", "what-if")]
     rows += _rows("", found.recorded, found.what_if)
     for name, figures in found.recorded["vehicles"].items():

@@ -21,5 +21,5 @@ def last_written_s(path: Path) -> float:
 
 
 def now_text() -> str:
-    """The date and time in the format of a journal's header."""
+    """Return the date and time in the format of a journal's header."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -88,7 +88,7 @@ def unshown(record: RunStatistics, world: SimulatedFire) -> None:
     """Show no progress."""
 
 
-def unheard(message: AnyMessage) -> None:
+def no_broadcast(message: AnyMessage) -> None:
     """Drop a message: there are no other processes."""
 
 
@@ -103,7 +103,7 @@ class Engine:
         journal: Journal,
         record: RunStatistics,
         gateways: dict[str, Gateway],
-        say: Callable[[AnyMessage], None] = unheard,
+        say: Callable[[AnyMessage], None] = no_broadcast,
         state_view: StateView | None = None,
     ) -> None:
         """``say`` sends messages to other processes; ``state_view`` is the state for interfaces."""
@@ -170,7 +170,7 @@ class Engine:
             self.announce(name, f"autopilot: {event.text}")
 
     def _is_left(self, command: AnyCommand) -> bool:
-        """Whether an abort leaves a vehicle in a mode that was not journalled."""
+        """Return whether an abort leaves a vehicle in a mode that was not journalled."""
         mode = self._modes_meanwhile.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
@@ -204,7 +204,7 @@ class Engine:
         try:
             window = self._apply_to_fire(event)
         except Exception as error:
-            self.recording.take_back()
+            self.recording.remove_last()
             if isinstance(error, FireModelError):
                 raise
             raise _cannot(event, error) from error
@@ -282,7 +282,7 @@ class Engine:
 
     def retry(self, at_us: int, now_us: int) -> bool:
         """Try to write the journal again; returns whether it can be written."""
-        if not self.recording.works_again():
+        if not self.recording.retry():
             return False
         for name in self._modes_meanwhile:
             if self.state_view is not None:
@@ -293,7 +293,7 @@ class Engine:
         return not self.recording.trouble
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """The fields of a snapshot; with the scenario they are the whole state."""
+        """Return the fields of a snapshot; with the scenario they are the whole state."""
         return {name: getattr(self, name) for name in KEPT}
 
     def restore(self, kept: dict[str, Any]) -> None:
@@ -318,12 +318,12 @@ class Engine:
                 del self._undelivered[name]
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
-        """The vehicles that have acknowledged a command since a mission time."""
+        """Return the vehicles that have acknowledged a command since a mission time."""
         said = self._acknowledged.items()
         return {name for (name, word), at_us in said if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
-        """The interlock's state of plans, vehicles and crew, for interfaces."""
+        """Return the interlock's state of plans, vehicles and crew, for interfaces."""
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
@@ -335,7 +335,7 @@ class Engine:
         return True
 
     def _body_of(self, event: AnyEvent) -> bytes | None:
-        """An event's line of the journal; None, and an alarm, if it cannot be journalled.
+        """Return an event's line of the journal; None, and an alarm, if it cannot be journalled.
 
         The alarm stands until an event of its type can be journalled.
         """
@@ -375,7 +375,7 @@ class Engine:
         except OSError:  # the journal of a simulation
             raise
         except Exception as error:
-            self.recording.take_back()
+            self.recording.remove_last()
             self.defect = _cannot(event, error)
             raise self.defect from error
         for command in commands if may_act else ():
@@ -410,7 +410,7 @@ class Engine:
             self.state_view.apply(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
-        """The last check before sending: the interlock refuses drops, and missions with drops."""
+        """Return the check before sending, in which the interlock may refuse drops and missions."""
         at_us, lock = self.record.at_us, self._interlock
         if isinstance(command, Drop):
             why = NO_BURN if lock is None else lock.refuses(command, at_us)

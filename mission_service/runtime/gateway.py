@@ -66,12 +66,12 @@ BEHIND_FOR_US = 5_000_000
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
-    """The messages requested from the vehicles of a scenario, with their rates in Hz."""
+    """Return the messages requested from the vehicles of a scenario, with their rates in Hz."""
     return {**RATES_HZ, **way_of(scenario).rates_hz}
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
-    """The dropper of a scenario's burn."""
+    """Return the dropper of a scenario's burn."""
     if scenario.burn is None:
         return None
     return Dropper(*scenario.burn.dropper.output)
@@ -183,7 +183,7 @@ class Gateway:
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
-        """The events since the last call, translated for the core, in mission time."""
+        """Yield the events since the last call, translated for the core, in mission time."""
         self._clock.wall_passed(now_us)
         while True:
             while self._told:
@@ -349,7 +349,7 @@ class Gateway:
         yield MissionReadBack(now_us, self.name, known, None if items is None else len(items))
 
     def _text(self, event: bridge.Text, now_us: int) -> AutopilotText | None:
-        """An autopilot's text, unless it is unimportant or a repetition."""
+        """Return an autopilot's text, unless it is unimportant or a repetition."""
         text = printable(event.text)
         if event.severity > MIN_SEVERITY or not text:
             return None
@@ -377,7 +377,7 @@ class Gateway:
         return status
 
     def _changed(self, told: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
-        """The event, unless the last one of its kind was the same."""
+        """Return the event, unless the last one of its kind was the same."""
         before = self._last.get(type(told))
         self._last[type(told)] = told
         if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
@@ -410,7 +410,7 @@ class Gateway:
 
 
 def printable(text: str) -> str:
-    """A text on one line, without control characters."""
+    """Return a text on one line, without control characters."""
     shown = "".join(each if each.isprintable() else " " for each in text)
     return " ".join(shown.split())
 

@@ -27,7 +27,7 @@ LOOK_EVERY_S = 0.5
 STATE_EVERY_BYTES = 4_000_000
 
 
-class Keeping:
+class JournalRetention:
     """Keeps the files that a restart needs, within the limits of the settings."""
 
     def __init__(self, service: Engine, known: Known, settings: JournalSection) -> None:
@@ -36,7 +36,7 @@ class Keeping:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.took_s = 0.0  # duration of the last state, from pickling to the disk
+        self.write_s = 0.0  # duration of the last state, from pickling to the disk
 
     async def run(self, clock: MissionClock) -> None:
         """Maintain the journal until cancelled."""
@@ -92,7 +92,7 @@ class Keeping:
         except OSError as error:
             self._trouble(error)
         else:
-            self.took_s = (clock_us() - began_us) / 1e6
+            self.write_s = (clock_us() - began_us) / 1e6
             if self._service.state_view is not None:
                 self._service.state_view.clear("state")
 

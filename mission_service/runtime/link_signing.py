@@ -25,7 +25,7 @@ WORDS = {
 
 
 def timestamps_file() -> Path:
-    """The file with the last timestamp used; creates its folder."""
+    """Return the file with the last timestamp used; creates its folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(state) / "mission-service"
     try:
@@ -60,7 +60,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """One line on the most frequent cause of refusal, if it has ``from_frames`` or more."""
+    """Return one line on the most frequent cause of refusal, if it has ``from_frames`` or more."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:
@@ -71,7 +71,7 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 
 def unheeded(link: str) -> str:
-    """One line on a link whose vehicle signs while this program has no key."""
+    """Return one line on a link whose vehicle signs while this program has no key."""
     return f"frames on {link} are signed, and no signing key is given; it may answer nothing"
 
 
@@ -85,7 +85,7 @@ class SigningRefusals:
         self._told: set[str] = set()
 
     def announcements(self, counts: Counts, receives_signed: bool) -> list[str]:
-        """The new reports, one line each."""
+        """Return the new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:
             lines["unheeded"] = unheeded(self._link) if receives_signed else None

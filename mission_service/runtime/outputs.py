@@ -28,12 +28,12 @@ LEGEND_INSIDE = 4  # maximum number of vehicles; a longer legend would hide the 
 
 
 def front_times_s(end_s: float) -> list[float]:
-    """The times of fronts: every half hour of mission time, and the end."""
+    """Return the times of fronts: every half hour of mission time, and the end."""
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
 def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[str, Any]:
-    """The figures of the run."""
+    """Return the figures of the run."""
     closest = record.closest
     return {
         "scenario": scenario.name,
@@ -65,7 +65,7 @@ def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[st
 
 
 def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
-    """The figures of a vehicle that drops spheres; empty for others."""
+    """Return the figures of a vehicle that drops spheres; empty for others."""
     if not vehicle.plans:
         return {}
     flown = {drop.plan_hash for drop in vehicle.drops}
@@ -165,7 +165,7 @@ def write_outputs(
 
 
 def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) -> None:
-    """The map of the fire with tracks and reversals."""
+    """Return the map of the fire with tracks and reversals."""
     from matplotlib.lines import Line2D
 
     land = fire.landscape

@@ -30,7 +30,7 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
 
 
 def checked_speed(speed: Speed) -> Speed:
-    """The speed itself. Raises RequestError for a speed out of range."""
+    """Return the speed itself. Raises RequestError for a speed out of range."""
     if speed != "max" and not MIN_SPEED <= speed <= MAX_SPEED:
         raise RequestError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g} times, or max")
     return speed
@@ -59,7 +59,7 @@ class PlayHead:
         return self.at_us >= self.end_us
 
     def due_us(self, now_us: int) -> int:
-        """The log time up to which entries are due."""
+        """Return the log time up to which entries are due."""
         if self.seek_to_us is not None:
             return self.seek_to_us
         if self.paused:

@@ -22,7 +22,7 @@ def clock_text(at_us: int) -> str:
 
 
 def status_lines(record: RunStatistics, world: SimulatedFire) -> list[str]:
-    """One line per vehicle: fire size, direction, reversals, uploads."""
+    """Return one line per vehicle: fire size, direction, reversals, uploads."""
     fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
     for name, vehicle in record.vehicles.items():

@@ -20,7 +20,7 @@ def hide(secret: str | bytes) -> None:
 
 
 def clean(text: str) -> str:
-    """The text without secrets."""
+    """Return the text without secrets."""
     for secret in _secrets:
         text = text.replace(secret, HIDDEN)
     return _LOOKS_SECRET.sub(rf"\g<1>{HIDDEN}", text)

@@ -64,7 +64,7 @@ class RequestHandler:
         return answer
 
     def answer(self, line: bytes) -> Answer:
-        """The answer to one line; no content of a line makes it raise."""
+        """Return the answer to one line; no content of a line makes it raise."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -73,5 +73,5 @@ class RequestHandler:
 
 
 def wrong(text: str) -> Answer:
-    """The answer to a refused request, with the reason."""
+    """Return the answer to a refused request, with the reason."""
     return {"ok": False, "error": text}

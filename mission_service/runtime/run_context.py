@@ -97,7 +97,7 @@ class RunContext:
             await self._bell.wait()
 
     def fire(self) -> dict[str, Any]:
-        """The figures of the fire."""
+        """Return the figures of the fire."""
         return self.state_view.fire(self.world.fire.burned_ha, self.world.corrections())
 
     @property
@@ -106,12 +106,12 @@ class RunContext:
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
-        """The weather now, of the scenario or as operators set it."""
+        """Return the weather now, of the scenario or as operators set it."""
         at_s, believed = self.clock.now_us / 1e6, self.estimated_fire
         return self.world.fire.weather.at(at_s) if believed is None else believed.weather_at(at_s)
 
     def preview(self, vehicle: str) -> Items | None:
-        """The mission that the vehicle would be sent now, without any effect.
+        """Return the mission that the vehicle would be sent now, without any effect.
 
         None before the vehicle is connected, and where its rule makes no missions.
         """
@@ -120,14 +120,14 @@ class RunContext:
         return None if fix is None else self.core.guidance.preview(known, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
-        """The figures of a mission, flown from the vehicle's present position."""
+        """Return the figures of a mission, flown from the vehicle's present position."""
         known = self.core.vehicles[vehicle]
         fix = known.availability.fix if known.availability.airborne else None
         start_m = None if fix is None else (fix.x_m, fix.y_m)
         return figures_of(items, self.landscape, known.section, start_m)
 
     def burn(self) -> dict[str, Any] | None:
-        """The state of a burn: guidance, interlock, unit, plan and drops; None without a burn."""
+        """Return guidance, interlock, unit, plan and drops of a burn; None without a burn."""
         burn = self.scenario.burn_flown
         if burn is None:
             return None

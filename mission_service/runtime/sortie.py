@@ -87,7 +87,7 @@ class Sortie:
                 pass
 
     def figures(self) -> dict[str, Any]:
-        """The figures as plain data for the JSON summary."""
+        """Return the figures as plain data for the JSON summary."""
         return {
             "missions": {"sent": self.sent, "accepted": self.accepted, "flown": self.flown},
             "takeoffs": self.takeoffs,

@@ -30,12 +30,12 @@ class SpeedReports:
     def of(
         self, speed: Speed, name: str, now_us: int
     ) -> list[AirspeedMeasured | ThrustStatusChanged]:
-        """The changes found in a VFR_HUD of a vehicle at mission time ``now_us``."""
+        """Return the changes found in a VFR_HUD of a vehicle at mission time ``now_us``."""
         found = (self._airspeed(speed, name, now_us), self._thrust(speed, name, now_us))
         return [each for each in found if each is not None]
 
     def _airspeed(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """The mean of ``AIRSPEED_OVER_US`` if it has changed."""
+        """Return the mean of ``AIRSPEED_OVER_US`` if it has changed."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:
@@ -51,7 +51,7 @@ class SpeedReports:
         return AirspeedMeasured(now_us, name, mean_m_s)
 
     def _is_slower(self, airspeed_m_s: float | None, now_us: int) -> bool:
-        """Whether it has lost airspeed; True also if none is measured."""
+        """Return whether it has lost airspeed; True also if none is measured."""
         if airspeed_m_s is None:
             return True
         while self._newest and self._newest[0][0] < now_us - SLOWER_THAN_US:
@@ -63,7 +63,7 @@ class SpeedReports:
         return airspeed_m_s <= math.fsum(before_m_s) / len(before_m_s) - SLOWER_M_S
 
     def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
-        """Whether thrust is sufficient (no sinking at full throttle), if that has changed."""
+        """Return whether thrust is sufficient (no sinking at full throttle) if that has changed."""
         sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
         slower = self._is_slower(speed.airspeed_m_s, now_us)
         if self._thrust_sufficient and not slower:

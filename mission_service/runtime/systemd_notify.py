@@ -32,7 +32,7 @@ def notify_systemd(state: str) -> bool:
 
 
 def watchdog_s() -> float | None:
-    """The interval of notifications that systemd requires; None without a watchdog."""
+    """Return the interval of notifications that systemd requires; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     pid = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or int(microseconds) == 0 or pid != str(os.getpid()):
@@ -41,7 +41,7 @@ def watchdog_s() -> float | None:
 
 
 def status_of(context: RunContext) -> str:
-    """One line for ``systemctl status``."""
+    """Return one line for ``systemctl status``."""
     vehicles = context.state_view.vehicles.values()
     online = sum(state.link == "online" for state in vehicles)
     words = f"{context.scenario.name}: {online} of {len(vehicles)} vehicles online"

@@ -50,7 +50,7 @@ class Track(Sequence[Point]):
 
 
 def track_geojson(name: str, points: Sequence[Point]) -> dict[str, Any]:
-    """A track as a GeoJSON Feature; no geometry with less than two points."""
+    """Return a track as a GeoJSON Feature; no geometry with less than two points."""
     line = [[lon_deg, lat_deg, altitude_m] for _, lat_deg, lon_deg, altitude_m in points]
     return {
         "type": "Feature",

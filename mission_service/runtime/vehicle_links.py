@@ -58,7 +58,7 @@ class Link:
 
 
 def max_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
-    """The upper bound of a vehicle's ground speed, in m/s."""
+    """Return the upper bound of a vehicle's ground speed, in m/s."""
     fastest_m_s = section.airspeed_m_s
     if way_of(scenario).changes_airspeed:
         fastest_m_s = max(fastest_m_s, section.max_airspeed_m_s)
@@ -130,7 +130,7 @@ def _clients_of(
     signing: Signing | None,
     link_id: int,
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """The clients of the vehicles of one link, and that link, to be opened."""
+    """Return the clients of the vehicles of one link, and that link, to be opened."""
     first = sections[0]
     if first.backend == "mavsdk":
         vehicle = MavsdkClient(
@@ -155,7 +155,7 @@ def _clients_of(
 
 
 def connected(links: dict[str, Link]) -> list[list[Link]]:
-    """The vehicles of each connection."""
+    """Return the vehicles of each connection."""
     found: dict[int, list[Link]] = {}
     for link in links.values():
         found.setdefault(id(link.connection), []).append(link)
@@ -179,7 +179,7 @@ class LinkMonitor:
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
     def announcements(self, now_us: int) -> list[tuple[str, str]]:
-        """The vehicles without a heartbeat and possible reasons; once, when it is due."""
+        """Return the vehicles without a heartbeat and possible reasons; once, when it is due."""
         if now_us < self._report_at_us:
             return []
         found = []

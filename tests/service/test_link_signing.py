@@ -231,12 +231,12 @@ def test_a_vehicle_that_does_not_do_as_told_is_named(
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
-    assert "vehicle 1 does not sign though it was sent the key" in result.stderr
+    assert "vehicle 1 received the key but does not sign" in result.stderr
     port = free_port()
     link = ("--link", f"udpin:127.0.0.1:{port}")
     with mock_on(port, tmp_path, "--signing-key", "env:THE_KEY"):
         again = call("signing", "set-up", *link, "--signing-key", "env:OTHER_KEY")
-        assert "signs with another key; give that one as --old-key" in again.stderr
+        assert "signs with another key; give that key with --old-key" in again.stderr
         off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8")
         assert "no autopilot was accepted" in off.stderr
 

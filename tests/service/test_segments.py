@@ -20,7 +20,7 @@ from mission_service.journal.journal_file import (
     next_path,
     segment_path,
 )
-from mission_service.journal.recovery import set_aside, unfinished
+from mission_service.journal.recovery import rename_old, unfinished
 from mission_service.journal.segments import (
     Chain,
     begin_state,
@@ -148,20 +148,20 @@ def gone_on(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
     told = sum(1 for _ in cut_off.turns(core.handle))
     assert rest == kept.last
     assert not cut_off.missing
-    return core, told, cut_off.passed_over
+    return core, told, cut_off.unusable
 
 
 def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: Path) -> None:
     path = kept.again(tmp_path)
     cores, counts = [], []
-    core, told, passed_over = gone_on(kept, path)
+    core, told, unusable = gone_on(kept, path)
     cores, counts = [core], [told]
-    assert passed_over == []
+    assert unusable == []
     half = newest_state(path).read_bytes()
     newest_state(path).write_bytes(half[: len(half) // 2])
     for words in ("sha256 does not match", "is damaged", "of another code"):
-        core, told, passed_over = gone_on(kept, path)
-        assert words in " ".join(passed_over)
+        core, told, unusable = gone_on(kept, path)
+        assert words in " ".join(unusable)
         cores.append(core)
         counts.append(told)
         if words == "sha256 does not match":
@@ -255,18 +255,18 @@ def test_the_files_of_a_journal_are_kept_together(kept: Kept, tmp_path: Path) ->
     for number in (1, 2):
         path = kept.again(tmp_path)
         to = tmp_path / f"journal-{number}.jsonl"
-        assert set_aside(path) == to
+        assert rename_old(path) == to
         assert not any(each.name in kept.files for each in tmp_path.iterdir())
         assert verify(to).difference is None
         assert verify(segment_path(to, 2)).difference is None
-    assert set_aside(path) is None
+    assert rename_old(path) is None
     # Its last segment was moved away, by hand.
     path = kept.again(tmp_path)
     path.unlink()
-    assert set_aside(path) == tmp_path / "journal-3.jsonl"
+    assert rename_old(path) == tmp_path / "journal-3.jsonl"
     assert segment_path(tmp_path / "journal-3.jsonl", 2).exists()
     path = kept.again(tmp_path)
-    assert set_aside(path) == tmp_path / "journal-4.jsonl"
+    assert rename_old(path) == tmp_path / "journal-4.jsonl"
 
 
 def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def _beside(name: str, what: Replaying, path: Path, created: str) -> RunAnalysis
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """The same names, with numbers appended to equal ones."""
+    """Return the same names, with numbers appended to equal ones."""
     return [
         name if names.count(name) == 1 else f"{name}-{names[: place + 1].count(name)}"
         for place, name in enumerate(names)
@@ -57,7 +57,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def called(paths: Sequence[Path]) -> str:
-    """The name of a run from its files: for a journal the folder's name, else the file's name."""
+    """Return the name of a run from its files: for a journal the folder's name, else the file's name."""
     return " + ".join(dict.fromkeys(_called(path) for path in paths))
 
 

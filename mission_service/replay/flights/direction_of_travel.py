@@ -59,7 +59,7 @@ def differing(
     decided: Sequence[tuple[int, bool | None]],
     end_us: int,
 ) -> list[Span]:
-    """The spans in which two directions differ; each is valid from its time. None never differs."""
+    """Return the spans in which two directions differ; each is valid from its time. None never differs."""
     times = sorted({at_us for at_us, _ in (*flown, *decided)} | {end_us})
     spans: list[Span] = []
     for from_us, to_us in pairwise(times):

@@ -41,7 +41,7 @@ class Compared(NamedTuple):
 
 
 def planned_in(items: Items) -> list[Planned]:
-    """The drops of a mission, in the order of its items."""
+    """Return the drops of a mission, in the order of its items."""
     found: list[Planned] = []
     place: tuple[float, float] | None = None
     for item in items:
@@ -56,7 +56,7 @@ def planned_in(items: Items) -> list[Planned]:
 
 
 def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
-    """Each planned drop with the first drop of its output not yet assigned; then the others."""
+    """Return each planned drop with the first drop of its output not yet assigned; then the others."""
     left = list(done)
     found: list[Compared] = []
     for each in planned:

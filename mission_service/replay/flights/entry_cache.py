@@ -21,7 +21,7 @@ class EntryCache(Generic[Thing]):
         self._again: tuple[int, list[Thing]] = (-1, [])  # the block that was read last
 
     def get(self, number: int) -> Thing | None:
-        """The entry of an index; None behind the end. An index rises by one, or goes back."""
+        """Return the entry of an index; None behind the end. An index rises by one, or goes back."""
         block, place = divmod(number, BLOCK)
         if block < len(self._begins):
             return self._read(block)[place]

@@ -71,7 +71,7 @@ def _adding(tables: TableFiles, rows: Rows) -> Callable[[int, LogEvent], None]:
 
 
 def _untaken(name: str, suffix: str, taken: Collection[str]) -> str:
-    """A .tlog and a .bin of one flight may have one name."""
+    """Return a .tlog and a .bin of one flight may have one name."""
     others = (f"{name}{suffix}-{number}" for number in count(2))
     return next(each for each in chain((name, name + suffix), others) if each not in taken)
 
@@ -88,7 +88,7 @@ def _plans(flown: list[Flown], out: Path) -> list[str]:
 
 
 def _kml(flown: list[Flown]) -> Iterator[str]:
-    """One gx:Track per vehicle (KML 2.2 with Google's extensions), altitudes above sea level."""
+    """Yield one gx:Track per vehicle (KML 2.2 with Google's extensions), altitudes above sea level."""
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
         'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'

@@ -117,7 +117,7 @@ class _Telling:
         self._seen_s = np.full(BEARINGS, np.nan)
 
     def story(self) -> FireAnalysis:
-        """The analysis of the whole journal."""
+        """Return the analysis of the whole journal."""
         at_us = self._due_us
         for event in self._events():
             at_us = max(at_us, event.at_us)

@@ -75,7 +75,7 @@ class Flight(NamedTuple):
         return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[VehicleLog]:
-        """All entries in order of time; lasting entries from before the part come at its begin.
+        """Yield all entries in order of time; lasting entries from before the part come at its begin.
 
         Two logs of one vehicle (from the link and from on board) do not yield an entry twice: of
         each kind of event only the log is used that has it first.
@@ -143,7 +143,7 @@ def flight_of(words: Sequence[str]) -> Flight:
 
 
 def path_of(word: str) -> Path:
-    """The path in PATH or NAME=PATH."""
+    """Return the path in PATH or NAME=PATH."""
     return _split(word)[1]
 
 

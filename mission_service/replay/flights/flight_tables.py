@@ -107,7 +107,7 @@ class Rows:
         self._pulses: dict[int, tuple[int, ...]] = {}
 
     def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """The tables and the rows that the event adds; none if its time is impossible."""
+        """Yield the tables and the rows that the event adds; none if its time is impossible."""
         at_us = event.at_us
         if not 0 <= at_us < LATEST_US:
             return
@@ -146,7 +146,7 @@ class Rows:
 
 
 def told_by(event: LogEvent) -> tuple[str, str]:
-    """The kind of an event and its description."""
+    """Return the kind of an event and its description."""
     match event:
         case Text():
             return "text", event.text
@@ -182,7 +182,7 @@ def _items(items: Items) -> Iterator[Row]:
 
 
 def _known(kind: type, value: Any) -> Any:
-    """A value converted to its column's type: a ULog declares the types of its fields itself.
+    """Return a value converted to its column's type: a ULog declares the types of its fields itself.
 
     None for NaN and infinity, which JSON lacks and a plot cannot show.
     """

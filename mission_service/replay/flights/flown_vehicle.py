@@ -134,7 +134,7 @@ class Flown:
         return round((at_us - (self._begin_us or 0)) / 1e6, 3)
 
     def figures(self) -> dict[str, Any]:
-        """The figures; times in seconds since the log's first entry of this vehicle."""
+        """Return the figures; times in seconds since the log's first entry of this vehicle."""
         begin_us = self._begin_us or 0
         begun = utc(begin_us + self.offset_us) if self._dated else None
         stack = self.stack
@@ -171,17 +171,17 @@ class Flown:
 
 
 def file_of(log: Log) -> str:
-    """A log's file name; for a journal with its folder, because all journals have one name."""
+    """Return a log's file name; for a journal with its folder, because all journals have one name."""
     return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
 
 
 def name_of(log: Log, system_id: int) -> str:
-    """The name of a vehicle in a log."""
+    """Return the name of a vehicle in a log."""
     return log.names.get(system_id) or f"{log.path.stem}-{system_id}"
 
 
 def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
-    """All vehicles of a log, by system id. Raises BridgeError if it cannot be read."""
+    """Return all vehicles of a log, by system id. Raises BridgeError if it cannot be read."""
     found: dict[int, Flown] = {}
     offset_us = log.unix_offset_us()
     for system_id, event in log.entries():
@@ -194,7 +194,7 @@ def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
 
 
 def info_of(log: Log) -> dict[str, Any]:
-    """The figures of a log, with its damaged parts."""
+    """Return the figures of a log, with its damaged parts."""
     flown = flown_in(log)
     return {
         "log": str(log.path),

@@ -78,7 +78,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 def messages_of(
     name: str, at_ns: int, event: LogEvent, rows: list[tuple[str, Row]]
 ) -> Iterator[Message]:
-    """The messages of an event of the vehicle ``name``; ``rows`` are the table rows it adds."""
+    """Yield the messages of an event of the vehicle ``name``; ``rows`` are the table rows it adds."""
     time = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
     match event:
         case Position() if math.isfinite(event.lat_deg + event.lon_deg + event.altitude_amsl_m):
@@ -129,7 +129,7 @@ def _words(table: str, own: dict[str, Any]) -> tuple[int, str]:
 
 
 def quaternion(attitude: Attitude) -> dict[str, float]:
-    """The rotation from the vehicle's axes (forward, left, up) to Foxglove's (east, north, up)."""
+    """Return the rotation from the vehicle's axes (forward, left, up) to Foxglove's (east, north, up)."""
     roll, pitch, yaw = (
         math.radians(angle_deg) / 2
         for angle_deg in (attitude.roll_deg, -attitude.pitch_deg, 90.0 - attitude.yaw_deg)

@@ -62,7 +62,7 @@ class JournalLog:
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:
-        """The vehicles' events as log entries; a mission counts once its upload was accepted.
+        """Yield the vehicles' events as log entries; a mission counts once its upload was accepted.
 
         In a replay no upload is accepted, so its journal has no missions as entries.
         """
@@ -109,7 +109,7 @@ class JournalLog:
                 self._rest_is_damaged(reader.path, at_byte, "the last line is cut off")
 
     def crew(self) -> Iterator[AnyOperatorEvent]:
-        """The operators' requests."""
+        """Return the operators' requests."""
         return (thing for thing in self.things() if isinstance(thing, OperatorEvent))
 
     def _rest_is_damaged(self, path: Path, at_byte: int, why: str) -> None:
@@ -154,7 +154,7 @@ def _told(event: AnyEvent) -> LogEvent | None:
 
 
 def journal_in(path: Path) -> Path:
-    """The path itself if it is a file, else that of the journal in the folder of a run."""
+    """Return the path itself if it is a file, else that of the journal in the folder of a run."""
     return path / JOURNAL if path.is_dir() else path
 
 

@@ -47,7 +47,7 @@ class LoggedVehicle:
             self._events.append(event)
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not returned yet."""
+        """Return the oldest event not returned yet."""
         return self._events.popleft() if self._events else None
 
     def upload(

@@ -31,7 +31,7 @@ NEVER_LATE_US = 1 << 62  # a log has no deadlines
 
 
 def told_in(what: Replaying) -> Iterator[Told]:
-    """The entries of a flight and the operators' requests about the fire, in order of time.
+    """Yield the entries of a flight and the operators' requests about the fire, in order of time.
 
     Logs may have hundreds of positions a second: some are dropped, none is changed.
     """
@@ -82,7 +82,7 @@ class OpenLoopReplay:
             self.service.restore(kept)
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """The whole state besides the scenario, for copying."""
+        """Return the whole state besides the scenario, for copying."""
         return {
             "clock": self.clock,
             "vehicles": self.vehicles,

@@ -31,7 +31,7 @@ MODE_COLOURS = (
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as a PNG file; equal figures give equal bytes."""
+    """Return a figure as a PNG file; equal figures give equal bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -44,7 +44,7 @@ def _new(rows: int, height: float, width: float = 11.0) -> tuple[Figure, list[An
 
 
 def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
-    """Each vehicle with its colour, the same in all figures."""
+    """Return each vehicle with its colour, the same in all figures."""
     count = len(run.vehicles)
     return list(zip(VEHICLE_COLOURS * count, run.vehicles.values(), strict=False))
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from mission_service.journal.journal_file import Rest
-from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.journal.snapshot import Frozen, Known, restore
 from mission_service.replay.flights.entry_cache import EntryCache
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.open_loop_replay import OpenLoopReplay, Told, told_in
@@ -81,7 +81,7 @@ class Playback:
         return state_view
 
     def state(self) -> ReplayState:
-        """The state of the playback, for interfaces."""
+        """Return the state of the playback, for interfaces."""
         head, mission = self.head, self.what.mission
         sought = head.seek_to_us
         at_us = head.at_us if sought is None else sought
@@ -100,7 +100,7 @@ class Playback:
         )
 
     def close(self) -> None:
-        """The end."""
+        """Return the end."""
         self._journal.finish(self.complete)
         self._cache.close()
 
@@ -137,7 +137,7 @@ class Playback:
         self._seeks_us = None
 
     def _nearest(self, to_us: int) -> _Telling:
-        """The start of a seek: a current replay, or else a kept state."""
+        """Return the start of a seek: a current replay, or else a kept state."""
         kept = max(
             (each for each in self._kept if each.at_us <= to_us),
             key=lambda each: each.number,
@@ -148,7 +148,7 @@ class Playback:
         if best is not None and best.number >= kept.number:
             return best
         what = self.what
-        replay = OpenLoopReplay(what, self._journal, kept=thawed(kept.frozen))
+        replay = OpenLoopReplay(what, self._journal, kept=restore(kept.frozen))
         return _Telling(replay, kept.number, kept.at_us, kept.rest)
 
     def _play(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:

@@ -18,7 +18,7 @@ from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
-from mission_service.live.daemon import stop_on_signals, untold
+from mission_service.live.daemon import stop_on_signals
 from mission_service.live.interfaces import interfaces_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
@@ -75,7 +75,7 @@ class ReplayRequestHandler(RequestHandler):
         }
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """The answer to one request; no content of a request makes it raise."""
+        """Return the answer to one request; no content of a request makes it raise."""
         do = request.get("do") if isinstance(request, dict) else None
         if do != REPLAY:
             return super().ask(request) if do == STATUS else wrong(ORDERED)
@@ -115,7 +115,7 @@ def moved(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
 async def serve_flight(
     show: Show,
     progress: Progress = unshown,
-    address: Callable[[str], None] = untold,
+    address: Callable[[str], None] = lambda address: None,
 ) -> tuple[RunStatistics, SimulatedFire]:
     """Play until SIGINT or SIGTERM, or with ``until_end`` to the end of the flight.
 

@@ -92,7 +92,7 @@ def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
 
 
 def _happened(run: RunAnalysis) -> list[Happened]:
-    """The lines of the list of events, in order of time."""
+    """Return the lines of the list of events, in order of time."""
     lines: list[Happened] = []
     for vehicle in run.vehicles.values():
         lines += _of_vehicle(run, vehicle)

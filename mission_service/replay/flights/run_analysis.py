@@ -65,7 +65,7 @@ class VehicleAnalysis:
         return self.flown.name
 
     def place_at(self, at_us: int) -> tuple[float, float]:
-        """The vehicle's position (lat_deg, lon_deg), interpolated along its track."""
+        """Return the vehicle's position (lat_deg, lon_deg), interpolated along its track."""
         times = self.track[:, 0]
         lat = np.interp(at_us, times, self.track[:, 1])
         return float(lat), float(np.interp(at_us, times, self.track[:, 2]))
@@ -94,7 +94,7 @@ class RunAnalysis:
         return (at_us - self.zero_us) / 1e6
 
     def log_us(self, mission_us: int) -> int:
-        """A mission time on the log's clock."""
+        """Return a mission time on the log's clock."""
         return self.mission.log_us(mission_us)
 
 
@@ -204,5 +204,5 @@ def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
 
 
 def places_of(items: Items) -> Sequence[tuple[float, float]]:
-    """The positions of a mission's items (lat_deg, lon_deg)."""
+    """Return the positions of a mission's items (lat_deg, lon_deg)."""
     return [place for place in map(place_of, items) if place is not None]

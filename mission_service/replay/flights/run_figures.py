@@ -49,7 +49,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
-    """All figures of a run. Times in seconds since the flight began; None: unknown."""
+    """Return all figures of a run. Times in seconds since the flight began; None: unknown."""
     return {
         "name": run.name,
         "logs": run.logs,
@@ -189,7 +189,7 @@ def _round(value: Any) -> float:
 
 
 def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str, list[Any]]]]]:
-    """The figures of runs side by side: sections of (label, unit, a value for each run).
+    """Return the figures of runs side by side: sections of (label, unit, a value for each run).
 
     Rows without a value for any run are left out.
     """
@@ -213,7 +213,7 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
 
 
 def in_text(runs: Sequence[dict[str, Any]]) -> str:
-    """The table for a terminal, with damaged parts of logs and the vehicles' turns back."""
+    """Return the table for a terminal, with damaged parts of logs and the vehicles' turns back."""
     lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
     for name, rows in table(runs):
         lines.append(name)

@@ -38,7 +38,7 @@ class Asked(NamedTuple):
 
 
 def scenario_asked(flight: Flight, asked: Asked) -> tuple[Scenario, ServiceSection] | None:
-    """A scenario by its name, or a journal's own; None for a log without a scenario.
+    """Return a scenario by its name, or a journal's own; None for a log without a scenario.
 
     Raises ScenarioError, and FlightError if settings are given without a scenario.
     """
@@ -97,18 +97,18 @@ class Mission(NamedTuple):
     start_us: int  # the same moment in mission time
 
     def of(self, log_us: int) -> int:
-        """The mission time of a time on the log's clock."""
+        """Return the mission time of a time on the log's clock."""
         return self.start_us + log_us - self.begin_us
 
     def log_us(self, mission_us: int) -> int:
-        """A mission time on the log's clock."""
+        """Return a mission time on the log's clock."""
         return self.begin_us + mission_us - self.start_us
 
 
 def mission_time(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Mission:
-    """The mission time at which a flight begins: ``at_s``, if it is given; else from UTC, if log
+    """Return the mission time at which a flight begins: ``at_s``, if it is given; else from UTC, if log
     and scenario both have it; else the time at which the scenario's vehicles take off.
 
     Journals are on mission time. Raises FlightError for a flight before the fire's clock starts.
@@ -131,7 +131,7 @@ def mission_time(
 
 
 def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenario:
-    """The scenario with the logged vehicles: their stacks and homes, all else as it prescribes.
+    """Return the scenario with the logged vehicles: their stacks and homes, all else as it prescribes.
 
     A logged vehicle takes the section of the same name, else of the same system id, else the next
     unused one; further vehicles copy the last one. Missions need no acceptance, and no vehicle is
@@ -189,7 +189,7 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 
 
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
-    """A scenario with level ground around all tracks, for a flight without a scenario.
+    """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
     Mission time 0 is the flight's begin. A scenario needs an ignition and deploys its vehicles:
     both are set to a month after the flight, in a corner, so that there is no fire and no decision.

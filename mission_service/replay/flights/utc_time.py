@@ -6,7 +6,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def utc(unix_us: int) -> str:
-    """A time in ISO 8601 format with milliseconds."""
+    """Return a time in ISO 8601 format with milliseconds."""
     return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
 
 

@@ -16,16 +16,16 @@ REPLAY = "replay"  # in the header of such a journal: the logs
 
 
 class WriteOnceJournal(Journal):
-    """A journal that ``take_back`` sets back to an earlier position."""
+    """A journal that ``remove_last`` sets back to an earlier position."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
         super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
         self._farthest = self.rest
 
-    def take_back(self, before: Rest) -> None:
+    def remove_last(self, before: Rest) -> None:
         """Set the journal back; lines after it are removed only if they are its last ones."""
         if self.rest == self._farthest:
-            super().take_back(before)
+            super().remove_last(before)
             self._farthest = before
         self.rest = before
 
