@@ -20,7 +20,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
-from mission_service.runtime.link_signing import COMMAND_LINK_ID, refusal, signings, unheeded
+from mission_service.runtime.link_signing import COMMAND_LINK_ID, key_missing, refusal, signings
 
 Result = TypeVar("Result")
 Request = Callable[[NativeClient, int], int]  # starts a transfer at a time in us
@@ -144,7 +144,7 @@ def _timeout_error(line: Line, client: NativeClient, connection: Connection) -> 
     problem = "the transfer did not end" if client.stack else "no autopilot was found"
     remedy = "check that it is running and that this is its port"
     if connection.receives_signed:
-        remedy = unheeded(line.link)
+        remedy = key_missing(line.link)
     return f"{line.link}: {problem} within {line.timeout_s:g} s; {remedy}"
 
 

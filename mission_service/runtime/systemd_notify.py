@@ -16,11 +16,11 @@ LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
 def notify_systemd(state: str) -> bool:
-    """Send lines such as READY=1; returns whether that succeeded. Never raises."""
+    """Send lines such as READY=1; returns whether they were sent. Raises no exception."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
-    if address.startswith("@"):  # an abstract socket
+    if address.startswith("@"):  # abstract socket
         address = "\0" + address[1:]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
         sock.setblocking(False)

@@ -221,7 +221,7 @@ def test_a_damaged_journal_is_not_gone_on_with(
     path.write_bytes(damaged)
     with pytest.raises(JournalError, match=words) as caught:
         went_on(path)
-    assert "; to begin a new run, start with --fresh (the journal is kept" in str(caught.value)
+    assert "; to begin a new run, start with --fresh (the journal is then" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == damaged
 

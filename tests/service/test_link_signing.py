@@ -146,13 +146,13 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
 
 def test_what_was_refused_most_is_told_once() -> None:
     assert refusal(Counts(good=9, wrong=265, unsigned=2), "udpin:h:1") == (
-        "refused 265 frames with a wrong signature on udpin:h:1; is the key the vehicle's?"
+        "refused 265 frames with a wrong signature on udpin:h:1; check that the vehicle has"
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
     told = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
     assert told.announcements(Counts(unsigned=3), False) == []
     (line,) = told.announcements(Counts(unsigned=12), False)
-    assert line.startswith("refused 12 frames without a signature on udpin:h:1; has the vehicle")
+    assert line.startswith("refused 12 frames without a signature on udpin:h:1; set the vehicle")
     assert told.announcements(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
     assert "no signing key is given" in silent.announcements(Counts(), True)[0]
@@ -274,7 +274,7 @@ def test_the_service_signs_natively_and_through_mavsdk_and_tells_of_a_wrong_key(
         wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
-    assert said("with a wrong signature on udpin", "is the key the vehicle's?")
+    assert said("with a wrong signature on udpin", "check that the vehicle has this key")
     assert not said("v3: connected")
     journal = tmp_path / "journal.jsonl"
     assert '"env:THE_KEY"' in journal.read_text(encoding="utf-8")
