@@ -107,25 +107,17 @@ def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
             ]
             features.append(feature("LineString", line, vehicle=name, **times))
         features += [
-            feature("Point", _lon_lat(lat, lon), vehicle=name, kind="reversal", at_s=at_us / 1e6)
+            _point(lat, lon, vehicle=name, kind="reversal", at_s=at_us / 1e6)
             for at_us, lat, lon in vehicle.reversals
         ]
-        features += [
-            feature(
-                "Point",
-                _lon_lat(drop.lat_deg, drop.lon_deg),
-                vehicle=name,
-                kind="drop",
-                at_s=drop.at_us / 1e6,
-                outcome=drop.outcome,
-            )
-            for drop in vehicle.drops
-        ]
+        for drop in vehicle.drops:
+            shown = {"kind": "drop", "at_s": drop.at_us / 1e6, "outcome": drop.outcome}
+            features.append(_point(drop.lat_deg, drop.lon_deg, vehicle=name, **shown))
     return {"type": "FeatureCollection", "features": features}
 
 
-def _lon_lat(lat_deg: float, lon_deg: float) -> list[float]:
-    return [round(lon_deg, 7), round(lat_deg, 7)]
+def _point(lat_deg: float, lon_deg: float, **properties: Any) -> dict[str, Any]:
+    return feature("Point", [round(lon_deg, 7), round(lat_deg, 7)], **properties)
 
 
 def write_outputs(

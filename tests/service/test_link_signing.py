@@ -146,7 +146,8 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
 
 def test_what_was_refused_most_is_told_once() -> None:
     assert refusal(Counts(good=9, wrong=265, unsigned=2), "udpin:h:1") == (
-        "refused 265 frames with a wrong signature on udpin:h:1; check that the vehicle has"
+        "refused 265 frames with a wrong signature on udpin:h:1; "
+        "check that the vehicle has this key"
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
     told = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
