@@ -208,22 +208,22 @@ def _type_of(kinds: list[Any]) -> Any:
 
 def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str, Any]]:
     """Return the requests that a command sends, each with all its fields."""
-    asked = {name: value for name, value in given.items() if value is not None}
-    if "place" in asked:
-        asked["lat_deg"], asked["lon_deg"] = asked.pop("place")
+    fields = {name: value for name, value in given.items() if value is not None}
+    if "place" in fields:
+        fields["lat_deg"], fields["lon_deg"] = fields.pop("place")
     match do:
-        case "correct" if "shape" not in asked:
-            asked["shape"] = "point" if len(asked["points"]) == 1 else "line"
+        case "correct" if "shape" not in fields:
+            fields["shape"] = "point" if len(fields["points"]) == 1 else "line"
         case "person":
-            if asked.pop("gone") == ("radius_m" in asked):
+            if fields.pop("gone") == ("radius_m" in fields):
                 raise click.UsageError("give either --radius or --gone")
-            asked.setdefault("radius_m", 0.0)
+            fields.setdefault("radius_m", 0.0)
         case "reject":
-            asked["hash"] = proposed_plan(status(), asked["hash"])[1]
+            fields["hash"] = proposed_plan(status(), fields["hash"])[1]
         case "go" | "no-go":
-            items = _items(status()["items"], " ".join(asked["item"]))
-            return [{**asked, "item": item} for item in items]
-    return [asked]
+            items = _items(status()["items"], " ".join(fields["item"]))
+            return [{**fields, "item": item} for item in items]
+    return [fields]
 
 
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:

@@ -243,7 +243,7 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Resumed(AT_US, "service", "", 5.0),
         VehicleRebooted(AT_US, NAME),
     )
-    told_again: tuple[Happening, ...] = (
+    repeatable_requests: tuple[Happening, ...] = (
         HostTime(AT_US, NAME, 0),
         VehicleConnected(AT_US, NAME, "ardupilot copter", False),
         GpsFixChanged(AT_US, NAME, True, "3D"),
@@ -253,10 +253,10 @@ def test_after_a_stop_a_new_list_and_a_new_approval_open_it_again() -> None:
         Sent((ProposePlan(NAME, PLAN, HASH),)),
     )
     for stop in stops:
-        assert why(stop, *told_again, *AGAIN) is not None
-        assert why(stop, *told_again, APPROVED, *AGAIN) is not None
-        assert why(stop, *told_again, *AGAIN, APPROVED) is None
-        assert why(Sent((DROP,)), stop, *told_again, *AGAIN, APPROVED) is not None
+        assert why(stop, *repeatable_requests, *AGAIN) is not None
+        assert why(stop, *repeatable_requests, APPROVED, *AGAIN) is not None
+        assert why(stop, *repeatable_requests, *AGAIN, APPROVED) is None
+        assert why(Sent((DROP,)), stop, *repeatable_requests, *AGAIN, APPROVED) is not None
 
 
 def test_spheres_and_their_rate() -> None:

@@ -25,7 +25,13 @@ from mission_service.events import (
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.verification import verify
-from mission_service.replay.what_if import Script, figures_of, past_run, told_again, what_if
+from mission_service.replay.what_if import (
+    Script,
+    figures_of,
+    past_run,
+    repeatable_requests,
+    what_if,
+)
 from mission_service.runtime.outputs import summary_of
 from mission_service.simulation.sim import simulate
 
@@ -122,7 +128,7 @@ def test_what_was_recorded_is_told_by_its_journal_alone(tmp_path: Path) -> None:
     assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
         scenario, record, world.fire
     )
-    assert [type(each) for each in past.people] == [
+    assert [type(each) for each in past.requests] == [
         OperatorHeartbeat, WindSet, SettingsChanged, OrderGiven, OrderGiven,
     ]  # fmt: skip
 
@@ -135,7 +141,7 @@ def test_a_burn_is_flown_again_by_a_simulated_crew(tmp_path: Path) -> None:
     out.mkdir()
     found = what_if(path, ["alpha=2"], out, "")
     assert lines(out / "journal.jsonl") == lines(path)
-    assert "a simulated crew says GO, watches and approves the plans" in found.notes
+    assert "a simulated crew confirms the GO list, is present and approves the plans" in found.notes
 
 
 def test_approvals_and_restarts_are_not_told_again() -> None:
@@ -152,7 +158,7 @@ def test_approvals_and_restarts_are_not_told_again() -> None:
         SettingsChanged(*who, alpha=2.0),
         *kept,
     ]
-    assert told_again(people, {"alpha": 1.0}) == kept
+    assert repeatable_requests(people, {"alpha": 1.0}) == kept
     said = Script(kept)
     core: Core = None  # type: ignore[assignment]
     assert [said.due(0, core), said.due(1, core), said.due(2, core)] == [[], kept, []]

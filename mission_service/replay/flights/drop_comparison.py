@@ -33,7 +33,7 @@ class Done(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A planned drop, the drop done and their distance; either drop may be missing."""
+    """A planned drop, the actual drop and their distance; either drop may be missing."""
 
     planned: Planned | None
     done: Done | None
@@ -56,22 +56,25 @@ def planned_in(items: Items) -> list[Planned]:
 
 
 def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
-    """Return each planned drop with the first drop of its output not yet assigned; then the others."""
+    """Match each planned drop with the first unmatched actual drop of the same output.
+
+    Unmatched actual drops are returned only without any planned drop.
+    """
     left = list(done)
     found: list[Compared] = []
     for each in planned:
-        match = next((one for one in left if _is(one, each)), None)
+        match = next((one for one in left if _same_output(one, each)), None)
         if match is None:
             found.append(Compared(each, None, None))
             continue
         left.remove(match)
         off_m = distance_m((each.lat_deg, each.lon_deg), (match.lat_deg, match.lon_deg))
         found.append(Compared(each, match, off_m))
-    # Without a plan the purpose of a pulse is unknown: it is reported all the same.
+    # Without a plan, every pulse is reported, because its purpose is unknown.
     return found + [Compared(None, each, None) for each in left if not planned]
 
 
-def _is(done: Done, planned: Planned) -> bool:
+def _same_output(done: Done, planned: Planned) -> bool:
     if done.output != planned.output:
         return False
     return planned.output == GRIPPER or abs(done.pulse_us - planned.pulse_us) <= SERVO_MATCHES_US

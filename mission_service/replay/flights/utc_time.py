@@ -11,5 +11,5 @@ def utc(unix_us: int) -> str:
 
 
 def unix_us(instant: datetime) -> int:
-    """Microseconds since 1970 of an instant with its UTC offset."""
+    """Convert an instant with a UTC offset to microseconds since 1970."""
     return (instant - EPOCH) // timedelta(microseconds=1)
