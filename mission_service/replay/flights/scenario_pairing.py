@@ -125,8 +125,8 @@ def mission_time(
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
             f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, "
-            f"which lasts {scenario.duration_s / 3600:.1f} h; give the begin of the flight with --at, in "
-            "seconds of mission time"
+            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's begin with --at, "
+            "in seconds of mission time"
         )
     return Mission(begin_us, start_us)
 
