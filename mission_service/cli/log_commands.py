@@ -42,9 +42,9 @@ def _lines(info: dict[str, Any]) -> list[str]:
     lines = [f"{info['log']}: {info['messages']} messages"]
     lines += [f"  DAMAGED: {each}" for each in info["damage"]]
     for vehicle in info["vehicles"]:
-        begun = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
+        begin = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
         lines += [
-            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begun}"
+            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begin}"
             f"{vehicle['duration_s']:.0f} s, {vehicle['positions']} positions",
             f"    flown {vehicle['flown_m']} m, up to {vehicle['highest_above_start_m']} m above "
             f"its start, at most {vehicle['max_speed_m_s']} m/s",

@@ -57,8 +57,8 @@ class _Turn:
     def gives(self, commands: list[AnyCommand]) -> bool:
         """Return whether ``commands`` equal the recorded commands, as far as those are readable."""
         return len(commands) == len(self.commands) and all(
-            each is None or each[1].content == ours
-            for each, ours in zip(self.commands, commands, strict=True)
+            each is None or each[1].content == command
+            for each, command in zip(self.commands, commands, strict=True)
         )
 
 
@@ -71,7 +71,7 @@ class InterruptedRun:
     """
 
     def __init__(
-        self, path: Path, chain: Chain, known: Known, skip_unreadable: bool = False
+        self, path: Path, chain: Chain, shared: Known, skip_unreadable: bool = False
     ) -> None:
         """Raise JournalError in one line if both a usable state and the beginning are missing."""
         self.path = path
@@ -89,7 +89,7 @@ class InterruptedRun:
         usable: list[tuple[Rest, Path]] = []
         for state in states(path):
             try:
-                place = header_of(state, known).rest
+                place = header_of(state, shared).rest
                 if not chain.holds(place):
                     raise StateError(f"{state}: its position is not in the journal")
                 usable.append((place, state))
@@ -98,7 +98,7 @@ class InterruptedRun:
         usable.sort(key=lambda each: (each[0].segment, each[0].at_byte), reverse=True)
         for place, state in usable:
             try:
-                self.objects, self._place = read(state, known), place
+                self.objects, self._place = read(state, shared), place
                 return
             except StateError as error:
                 self.unusable.append(str(error))
@@ -229,7 +229,7 @@ class InterruptedRun:
 
 
 def unfinished(
-    path: Path, known: Known, scenario: Scenario, skip_unreadable: bool = False
+    path: Path, shared: Known, scenario: Scenario, skip_unreadable: bool = False
 ) -> InterruptedRun | None:
     """Return the journal at ``path`` if it is of an interrupted live run of the same scenario.
 
@@ -249,11 +249,11 @@ def unfinished(
         raise JournalError(f"{error}{FRESH}") from None
     same = (
         header["scenario"] == scenario.model_dump(mode="json")
-        and header["landscape_sha256"] == known.landscape
+        and header["landscape_sha256"] == shared.landscape
     )
     if not same or not header.get("live") or _ended(path):
         return None
-    return InterruptedRun(path, Chain(path), known, skip_unreadable)
+    return InterruptedRun(path, Chain(path), shared, skip_unreadable)
 
 
 def rename_old(path: Path) -> Path | None:

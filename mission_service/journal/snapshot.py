@@ -118,32 +118,32 @@ def code_digest() -> str:
 class Frozen:
     """Pickled objects, unaffected by later changes of the objects."""
 
-    def __init__(self, objects: dict[str, Any], known: Known) -> None:
+    def __init__(self, objects: dict[str, Any], shared: Known) -> None:
         """Pickle the objects in about the time of a copy; ``write`` may run in a thread."""
-        pickled, buffers = _pickled(objects, known)
+        pickled, buffers = _pickled(objects, shared)
         self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
-        self.known = known
+        self.shared = shared
 
 
-def _pickled(objects: dict[str, Any], known: Known) -> tuple[bytes, list[pickle.PickleBuffer]]:
+def _pickled(objects: dict[str, Any], shared: Known) -> tuple[bytes, list[pickle.PickleBuffer]]:
     file, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
-    _Pickler(file, known, buffers).dump(objects)
+    _Pickler(file, shared, buffers).dump(objects)
     return file.getvalue(), buffers
 
 
 def _unpickled(
-    pickled: bytes | bytearray, buffers: list[bytearray], known: Known
+    pickled: bytes | bytearray, buffers: list[bytearray], shared: Known
 ) -> dict[str, Any]:
-    objects: dict[str, Any] = _Unpickler(io.BytesIO(pickled), known, buffers).load()
+    objects: dict[str, Any] = _Unpickler(io.BytesIO(pickled), shared, buffers).load()
     return objects
 
 
 class _Pickler(pickle.Pickler):
     """Pickles the ``Known`` objects by name, and arrays that share memory as views of one array."""
 
-    def __init__(self, file: io.BytesIO, known: Known, buffers: list[pickle.PickleBuffer]) -> None:
+    def __init__(self, file: io.BytesIO, shared: Known, buffers: list[pickle.PickleBuffer]) -> None:
         super().__init__(file, 5, buffer_callback=buffers.append)
-        self._name_of = known.name_of
+        self._name_of = shared.name_of
 
     def reducer_override(self, value: Any) -> Any:
         name = self._name_of.get(id(value))
@@ -161,9 +161,9 @@ def _reference(name: str) -> Any:
 class _Unpickler(pickle.Unpickler):
     """Replaces names by the ``Known`` objects."""
 
-    def __init__(self, file: io.BytesIO, known: Known, buffers: list[bytearray]) -> None:
+    def __init__(self, file: io.BytesIO, shared: Known, buffers: list[bytearray]) -> None:
         super().__init__(file, buffers=buffers)
-        self._by_name = known.by_name
+        self._by_name = shared.by_name
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == (__name__, _reference.__name__):
@@ -208,8 +208,8 @@ def write(path: Path, frozen: Frozen, rest: Rest) -> None:
     header = Header(
         FORMAT,
         code_digest(),
-        frozen.known.scenario,
-        frozen.known.landscape,
+        frozen.shared.scenario,
+        frozen.shared.landscape,
         rest.segment,
         rest.at_byte,
         rest.crc,
@@ -230,7 +230,7 @@ def write(path: Path, frozen: Frozen, rest: Rest) -> None:
         raise
 
 
-def header_of(path: Path, known: Known) -> Header:
+def header_of(path: Path, shared: Known) -> Header:
     """Return the header of a state. Raises StateError if this run cannot use the state."""
     try:
         with os.fdopen(opened(path, os.O_RDONLY), "rb") as file:
@@ -245,8 +245,8 @@ def header_of(path: Path, known: Known) -> Header:
     required = {
         "format": FORMAT,
         "code": code_digest(),
-        "scenario": known.scenario,
-        "landscape": known.landscape,
+        "scenario": shared.scenario,
+        "landscape": shared.landscape,
     }
     for name, value in required.items():
         if getattr(header, name) != value:
@@ -254,9 +254,9 @@ def header_of(path: Path, known: Known) -> Header:
     return header
 
 
-def read(path: Path, known: Known) -> dict[str, Any]:
+def read(path: Path, shared: Known) -> dict[str, Any]:
     """Return the objects of a state. Raises StateError if it is damaged or of another run."""
-    header = header_of(path, known)
+    header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()
         packed = file.read()
@@ -267,16 +267,16 @@ def read(path: Path, known: Known) -> dict[str, Any]:
     for length in header.parts:
         parts.append(bytearray(memory[at : at + length]))
         at += length
-    return _unpickled(parts[0], parts[1:], known)
+    return _unpickled(parts[0], parts[1:], shared)
 
 
-def copied(objects: dict[str, Any], known: Known) -> dict[str, Any]:
-    """Return deep copies that share the ``known`` objects; references between them are kept."""
-    pickled, buffers = _pickled(objects, known)
-    return _unpickled(pickled, [bytearray(each.raw()) for each in buffers], known)
+def copied(objects: dict[str, Any], shared: Known) -> dict[str, Any]:
+    """Return deep copies that share the ``shared`` objects; references between them are kept."""
+    pickled, buffers = _pickled(objects, shared)
+    return _unpickled(pickled, [bytearray(each.raw()) for each in buffers], shared)
 
 
 def restore(frozen: Frozen) -> dict[str, Any]:
     """Return the objects of a ``Frozen``, equal to those that ``read`` returns from its file."""
     pickled, *buffers = frozen.parts
-    return _unpickled(pickled, [bytearray(each) for each in buffers], frozen.known)
+    return _unpickled(pickled, [bytearray(each) for each in buffers], frozen.shared)

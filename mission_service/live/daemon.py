@@ -322,7 +322,7 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
 
     Restarts without a line that cannot be applied, if it may be skipped. Raises JournalError.
     """
-    begun = Frozen(service.snapshot_fields(), service.shared_references)
+    initial = Frozen(service.snapshot_fields(), service.shared_references)
     while True:
         try:
             for event, commands in interrupted.turns(service.core.handle):
@@ -332,7 +332,7 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
                     raise interrupted.unhandled(error) from error
         except UnhandledLineError as problem:
             interrupted.skip_line(problem)
-            service.restore(restore(begun))
+            service.restore(restore(initial))
         else:
             return
 

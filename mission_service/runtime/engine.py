@@ -89,7 +89,7 @@ def unshown(record: RunStatistics, world: SimulatedFire) -> None:
 
 
 def no_broadcast(message: AnyMessage) -> None:
-    """Drop a message: there are no other processes."""
+    """Discard a message, in a run without other processes."""
 
 
 class Engine:

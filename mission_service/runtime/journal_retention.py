@@ -30,9 +30,9 @@ STATE_EVERY_BYTES = 4_000_000
 class JournalRetention:
     """Writes the files that a restart needs, within the limits of the settings."""
 
-    def __init__(self, service: Engine, known: Known, settings: JournalSection) -> None:
+    def __init__(self, service: Engine, shared: Known, settings: JournalSection) -> None:
         self._service = service
-        self._known = known
+        self._shared_references = shared
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
@@ -71,7 +71,7 @@ class JournalRetention:
     async def begin_segment(self) -> None:
         """Close the journal's file, begin the next, and write the state at its beginning."""
         journal = self._service.recording.journal
-        frozen = Frozen(self._service.snapshot_fields(), self._known)
+        frozen = Frozen(self._service.snapshot_fields(), self._shared_references)
         try:
             journal.begin_segment()
         except OSError as error:
@@ -85,7 +85,7 @@ class JournalRetention:
         self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
     ) -> None:
         began_us = clock_us()
-        frozen = frozen or Frozen(self._service.snapshot_fields(), self._known)
+        frozen = frozen or Frozen(self._service.snapshot_fields(), self._shared_references)
         self._written, self._written_us = rest, began_us
         try:
             await asyncio.to_thread(write_it, frozen)

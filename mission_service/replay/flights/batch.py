@@ -36,8 +36,8 @@ def analysis_with_fire(name: str, pairing: Pairing, out: Path | None, created: s
     complete = False
     try:
         replay = OpenLoopReplay(pairing, journal)
-        for told in entries_of(pairing):
-            replay.apply(told)
+        for entry in entries_of(pairing):
+            replay.apply(entry)
             replay.service.record.announcements.clear()  # the analysis does not use them
         complete = True
     finally:

@@ -60,18 +60,18 @@ def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]
 
     Unmatched actual drops are returned only without any planned drop.
     """
-    left = list(done)
+    unmatched = list(done)
     found: list[Compared] = []
     for each in planned:
-        match = next((one for one in left if _same_output(one, each)), None)
+        match = next((one for one in unmatched if _same_output(one, each)), None)
         if match is None:
             found.append(Compared(each, None, None))
             continue
-        left.remove(match)
+        unmatched.remove(match)
         off_m = distance_m((each.lat_deg, each.lon_deg), (match.lat_deg, match.lon_deg))
         found.append(Compared(each, match, off_m))
     # Without a plan, every pulse is reported, because its purpose is unknown.
-    return found + [Compared(None, each, None) for each in left if not planned]
+    return found + [Compared(None, each, None) for each in unmatched if not planned]
 
 
 def _same_output(done: Done, planned: Planned) -> bool:

@@ -57,7 +57,7 @@ class Playback:
         self.jumps = 0
         self.complete = False  # whether the flight has been played to its end
         self._journal = journal
-        self._known = Known(pairing.scenario, pairing.landscape)
+        self._shared_references = Known(pairing.scenario, pairing.landscape)
         self._cache: EntryCache[FlightEntry] = EntryCache(entries_of(pairing))
         self._cache.get(0)  # this reads a journal once for its operators' requests
         state_view = StateView(pairing.scenario, pairing.landscape, pairing.mission.start_us)
@@ -184,5 +184,5 @@ class Playback:
             self._every_us *= 2
 
     def _state_of(self, progress: _Progress) -> _SavedState:
-        frozen = Frozen(progress.replay.snapshot_fields(), self._known)
+        frozen = Frozen(progress.replay.snapshot_fields(), self._shared_references)
         return _SavedState(progress.number, progress.at_us, progress.rest, frozen)
