@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, echo, folder
+from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, echo, folder
 from mission_service.cli.request_commands import (
     OUT,
-    Requests,
+    RequestGroup,
     only_station,
-    print_answer,
+    print_reply,
     proposed_plan,
     request,
     user_options,
@@ -21,14 +21,14 @@ from mission_service.cli.request_commands import (
 WATCH_EVERY_S = 1.0
 
 
-def _of_burns() -> dict[str, Any]:
+def _burn_requests() -> dict[str, Any]:
     from mission_service.guidance.burn.requests import REQUESTS
     from mission_service.requests import OF_EVERY_RUN, Lit, name_of
 
     return {"light" if kind is Lit else name_of(kind): kind for kind in OF_EVERY_RUN + REQUESTS}
 
 
-@click.group(cls=Requests, table=_of_burns)
+@click.group(cls=RequestGroup, table=_burn_requests)
 def burn() -> None:
     """Show, approve, correct and stop a live prescribed burn."""
 
@@ -41,36 +41,37 @@ def status(out: Path, as_json: bool) -> None:
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
 
-    with ControlClient(out) as there:
-        told = there.ask(do="status")["status"]
-    click.echo(json.dumps(told) if as_json else "\n".join(describe_status(told)))
+    with ControlClient(out) as client:
+        shown = client.ask(do="status")["status"]
+    click.echo(json.dumps(shown) if as_json else "\n".join(describe_status(shown)))
 
 
 @burn.command()
 @click.option("--every", "every_s", type=click.FloatRange(0.2, 10), default=WATCH_EVERY_S)
 @user_options
 def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float) -> None:
-    """Show the state each second, and report presence to the service, until Ctrl-C.
+    """Show the state every second and report the user's presence to the service, until Ctrl-C.
 
-    An approval holds only while a user is present at its station.
+    An approval is valid only while a user is present at its station.
     """
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
 
-    with ControlClient(out) as there:
-        where = station or only_station(there)
+    with ControlClient(out) as client:
+        station = station or only_station(client)
         try:
             while True:
-                there.ask(do="present", by=by, station=where)
-                told = there.ask(do="status")["status"]
+                client.ask(do="present", by=by, station=station)
+                shown = client.ask(do="status")["status"]
                 if as_json:
-                    click.echo(json.dumps(told))
+                    click.echo(json.dumps(shown))
                 else:
                     click.clear()
-                    click.echo("\n".join([*describe_status(told), f"{by} at {where} is present"]))
+                    presence = f"{by} at {station} is present"
+                    click.echo("\n".join([*describe_status(shown), presence]))
                 time.sleep(every_s)
         except KeyboardInterrupt:
-            click.echo(f"{by} at {where} is no longer present", err=True)
+            click.echo(f"{by} at {station} is no longer present", err=True)
 
 
 @burn.command()
@@ -78,22 +79,22 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 @click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Approve the plan HASH (at least its first 8 digits), after a summary and a prompt."""
+    """Show a summary of the plan HASH (at least its first 8 digits), prompt, and approve it."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient
 
-    with ControlClient(out) as there:
-        where = station or only_station(there)
-        told = there.ask(do="status")["status"]
-        proposed, name = proposed_plan(told, hash_)
+    with ControlClient(out) as client:
+        station = station or only_station(client)
+        shown = client.ask(do="status")["status"]
+        proposed, name = proposed_plan(shown, hash_)
         click.echo("\n".join(describe_plan(proposed, name)), err=as_json)
-        if told["open_items"]:
-            items = "; ".join(told["open_items"])
+        if shown["open_items"]:
+            items = "; ".join(shown["open_items"])
             raise RequestError(f"the GO list must be complete first; open: {items}")
-        if not yes and not click.confirm(f"Approve it as {by} at {where}?", err=as_json):
+        if not yes and not click.confirm(f"Approve it as {by} at {station}?", err=as_json):
             raise RequestError("not approved")
-        print_answer(there.ask(do="approve", by=by, station=where, hash=name), as_json)
+        print_reply(client.ask(do="approve", by=by, station=station, hash=name), as_json)
 
 
 request.add_command(approve)
@@ -101,11 +102,11 @@ request.add_command(approve)
 
 @burn.command()
 @click.argument("config")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OUT_REQUIRED
 @OVERRIDE
 @JSON
 def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Plan the whole burn of CONFIG to its end: lines, loads, spheres, time, expected fire."""
+    """Plan the whole burn of CONFIG: ignition lines, loads, spheres, time and expected fire."""
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, folder
+from mission_service.cli.options import JSON, folder, progress_line
 
 OUT = click.option(
     "-o",
@@ -14,10 +14,6 @@ OUT = click.option(
     metavar="DIR",
     help="Write the figures to this folder, as PNG.",
 )
-
-
-def _progress(text: str) -> None:
-    click.echo(text, err=True)
 
 
 @click.group()
@@ -29,11 +25,11 @@ def experiment() -> None:
 @OUT
 @JSON
 def islam_hu(out: Path | None, as_json: bool) -> None:
-    """Islam & Hu, section VI: one vehicle on six fires; reversals over alpha, distance error."""
+    """Islam & Hu, section VI: one vehicle on six fires; reversals, distance error."""
     from mission_service.experiments.islam_hu.run import run
     from mission_service.experiments.islam_hu.tables import in_text
 
-    found = run(folder(out) if out else None, progress=_progress)
+    found = run(folder(out) if out else None, progress=progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -53,7 +49,7 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
     from mission_service.experiments.bent.run import run
     from mission_service.experiments.bent.tables import in_text
 
-    found = run(folder(out) if out else None, speed_m_s, _progress)
+    found = run(folder(out) if out else None, speed_m_s, progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -65,7 +61,7 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
     from mission_service.experiments.virtual_agents.run import run
     from mission_service.experiments.virtual_agents.tables import in_text
 
-    found = run(folder(out) if out else None, progress=_progress)
+    found = run(folder(out) if out else None, progress=progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -77,5 +73,5 @@ def beachly(out: Path | None, as_json: bool) -> None:
     from mission_service.experiments.beachly.run import run
     from mission_service.experiments.beachly.tables import in_text
 
-    found = run(folder(out) if out else None, _progress)
+    found = run(folder(out) if out else None, progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))

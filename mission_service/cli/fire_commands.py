@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, echo, folder
+from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, folder
 
 
 @click.group()
@@ -17,9 +17,7 @@ def fire() -> None:
 
 @fire.command("run")
 @click.argument("scenario")
-@click.option(
-    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
-)
+@OUT_FOLDER
 @click.option(
     "--front-every",
     "front_every_s",
@@ -33,7 +31,7 @@ def fire() -> None:
 def fire_run(
     scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
 ) -> None:
-    """Burn SCENARIO to its end; write GeoTIFFs, fronts (GeoJSON), a map and a summary to DIR."""
+    """Simulate the fire of SCENARIO; write GeoTIFFs, fronts (GeoJSON), a map, a summary to DIR."""
     from mission_service.config.scenario import load_scenario
     from mission_service.fire.setup import notes_on
     from mission_service.simulation.fire_alone import run_fire
@@ -91,7 +89,7 @@ def bench() -> None:
 @click.option("--largest", type=click.IntRange(min=200), default=4000, show_default=True)
 @JSON
 def bench_fire(largest: int, as_json: bool) -> None:
-    """Time the fire model: whole burns of 200², 1000² and 4000² cells, and steps of 10 s."""
+    """Time the fire model: whole fires of 200², 1000² and 4000² cells, and steps of 10 s."""
     from mission_service.cli.bench_commands import bench_fire as run_bench
 
     found = run_bench(largest, (lambda line: None) if as_json else click.echo)

@@ -5,7 +5,7 @@ from pathlib import Path
 from firemodel.landscape.info import Description, describe, describe_rasters
 from mission_service.errors import MissionServiceError
 
-HOW = "give one file by itself, or the layers of a landscape, each as LAYER=FILE"
+HOW = "give one file, or the layers of a landscape, each as LAYER=FILE"
 
 
 def describe_files(
@@ -13,16 +13,14 @@ def describe_files(
 ) -> Description:
     """Describe one file, or the landscape of LAYER=FILE arguments.
 
-    ``units`` are LAYER=UNIT arguments. Raises MissionServiceError for arguments of another form.
+    ``units`` are LAYER=UNIT arguments. Raises MissionServiceError for malformed arguments.
     """
     pairs = _pairs(units, "--unit", "write it as LAYER=UNIT")
     if len(words) == 1 and "=" not in words[0]:
         path = Path(words[0])
-        return (
-            describe_rasters(path, units=pairs, crs=crs, nodata=nodata)
-            if pairs
-            else describe(path, crs=crs, nodata=nodata)
-        )
+        if not pairs:
+            return describe(path, crs=crs, nodata=nodata)
+        return describe_rasters(path, units=pairs, crs=crs, nodata=nodata)
     layers = {layer: Path(name) for layer, name in _pairs(words, "files", HOW).items()}
     return describe_rasters(layers, units=pairs, crs=crs, nodata=nodata)
 

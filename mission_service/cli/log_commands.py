@@ -6,17 +6,13 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, folder
+from mission_service.cli.options import JSON, OUT_FOLDER, folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MAX_MISSIONS = 10  # with one line each; more are summarised in one line
+MAX_MISSIONS = 10  # shown with a line for each mission; more missions share one line
 
 LOGS = click.argument(
-    "logs",
-    nargs=-1,
-    required=True,
-    type=click.Path(path_type=Path),
-    metavar="LOG...",
+    "logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG..."
 )
 
 
@@ -37,18 +33,18 @@ def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
-    for told in found:
-        for line in _lines(told):
+    for info in found:
+        for line in _lines(info):
             click.echo(line)
 
 
-def _lines(told: dict[str, Any]) -> list[str]:
-    lines = [f"{told['log']}: {told['messages']} messages"]
-    lines += [f"  DAMAGED: {each}" for each in told["damage"]]
-    for vehicle in told["vehicles"]:
-        begun = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
+def _lines(info: dict[str, Any]) -> list[str]:
+    lines = [f"{info['log']}: {info['messages']} messages"]
+    lines += [f"  DAMAGED: {each}" for each in info["damage"]]
+    for vehicle in info["vehicles"]:
+        begin = f"from {vehicle['begin_utc']}, " if vehicle["begin_utc"] else ""
         lines += [
-            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begun}"
+            f"  vehicle {vehicle['vehicle']} ({vehicle['name']}), {vehicle['autopilot']}: {begin}"
             f"{vehicle['duration_s']:.0f} s, {vehicle['positions']} positions",
             f"    flown {vehicle['flown_m']} m, up to {vehicle['highest_above_start_m']} m above "
             f"its start, at most {vehicle['max_speed_m_s']} m/s",
@@ -87,9 +83,7 @@ def _missions(missions: list[dict[str, Any]]) -> list[str]:
 
 @log.command("export")
 @LOGS
-@click.option(
-    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
-)
+@OUT_FOLDER
 @click.option(
     "--format",
     "formats",
@@ -111,6 +105,7 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
         for damage in each.damage:
             click.echo(f"{each.path}: DAMAGED: {damage}", err=True)
     plans = [name for name in files if name.endswith(".plan")]
-    shown = [name for name in files if name not in plans or len(plans) <= MAX_MISSIONS]
-    shown += [f"{len(plans)} missions (.plan)"] if len(plans) > MAX_MISSIONS else []
-    click.echo(f"{', '.join(shown) or 'nothing to write'} in {out}/")
+    if len(plans) > MAX_MISSIONS:
+        others = [name for name in files if name not in plans]
+        files = [*others, f"{len(plans)} missions (.plan)"]
+    click.echo(f"{', '.join(files) or 'nothing to write'} in {out}/")

@@ -17,6 +17,8 @@ from mission_service.cli.mission_commands import mission, signing
 from mission_service.cli.mock_command import mock
 from mission_service.cli.options import (
     JSON,
+    OUT,
+    OUT_REQUIRED,
     OVERRIDE,
     SIGNING_KEY,
     TLOG,
@@ -35,29 +37,26 @@ from mission_service.runtime.clocks import now_text
 
 
 class ErrorReportingGroup(click.Group):
-    """A group of commands that reports a known error in one line with exit code 1."""
+    """A group of commands that prints each error of these packages in one line, exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
         from autopilot_bridge.errors import BridgeError
         from firemodel.errors import FireModelError
         from mission_service.errors import MissionServiceError
 
-        known = (MissionServiceError, FireModelError, BridgeError)
+        own_errors = (MissionServiceError, FireModelError, BridgeError)
         try:
             return super().invoke(ctx)
-        except known as error:
+        except own_errors as error:
             raise click.ClickException(str(error)) from None
         except BaseExceptionGroup as group:
-            ours, others = group.split(known)
-            if ours is None or others is not None:
+            own, others = group.split(own_errors)
+            if own is None or others is not None:
                 raise
-            raise click.ClickException(str(_first(ours))) from None
-
-
-def _first(error: BaseException) -> BaseException:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+            first: BaseException = own
+            while isinstance(first, BaseExceptionGroup):
+                first = first.exceptions[0]
+            raise click.ClickException(str(first)) from None
 
 
 @click.group(cls=ErrorReportingGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -66,15 +65,14 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
 
 
-GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request)
-ALONE = (mock, token, log, replay, report)
-for command in (*GROUPS, *ALONE):
+GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request, log)
+for command in (*GROUPS, mock, token, replay, report):
     main.add_command(command)
 
 
 @main.command()
 @click.argument("scenario", default="demo")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@OUT
 @click.option("--speedup", type=click.FloatRange(1, 100), default=10.0, show_default=True)
 @OVERRIDE
 @report_options
@@ -97,7 +95,7 @@ def demo(
     options = ReportOptions(**reporting)
     progress = options.progress()
     journal = folder(out) / "journal.jsonl"
-    run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, goes_on=False)
+    run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, resume=False)
     with private():
         summary = run_demo(run, scenario, speedup, progress, partial(report_address, out))
         _finish(summary, out, options.as_json)
@@ -105,18 +103,19 @@ def demo(
 
 @main.command()
 @click.argument("scenario")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OUT_REQUIRED
 @OVERRIDE
 @JSON
 def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Fly SCENARIO (a file, or the name of a shipped scenario) in virtual time."""
     from mission_service.config.scenario import flying, load_scenario
     from mission_service.runtime.outputs import write_outputs
+    from mission_service.runtime.progress import SimProgress
     from mission_service.simulation.sim import simulate
 
     loaded = flying(load_scenario(scenario, overrides))
     made = folder(out)
-    with _progress_bar(loaded.name, loaded.duration_s, as_json) as progress:
+    with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
         record, world = simulate(loaded, made / "journal.jsonl", now_text(), progress)
     _finish(write_outputs(made, loaded, record, world.fire), out, as_json)
 
@@ -138,26 +137,26 @@ class RunOptions(ReportOptions):
 
 @main.command()
 @click.argument("config")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+@OUT
 @click.option(
-    "--vehicle", metavar="NAME", help="Fly only this vehicle; other processes fly the others."
+    "--vehicle", metavar="NAME", help="Control only this vehicle; other processes control the rest."
 )
 @click.option(
     "--broker",
     metavar="HOST[:PORT]",
-    help="Exchange messages with other processes' vehicles over this MQTT broker "
+    help="Exchange messages with the vehicles of other processes over this MQTT broker "
     '(rule = "formation").',
 )
 @click.option(
     "--prefix", default="mission-service", show_default=True, help="Prefix of MQTT topics."
 )
 @click.option(
-    "--fresh", is_flag=True, help="Start a new run; do not resume the interrupted run in OUT."
+    "--fresh", is_flag=True, help="Start a new run instead of resuming the interrupted run in OUT."
 )
 @click.option(
     "--skip-unreadable",
     is_flag=True,
-    help="On resuming, skip journal lines that cannot be read or applied; each is announced.",
+    help="On a restart, skip and announce journal lines that cannot be read or applied.",
 )
 @OVERRIDE
 @TLOG
@@ -167,9 +166,9 @@ def run(config: str, **values: Any) -> None:
     """Run the live daemon for CONFIG until the end of the scenario or Ctrl-C.
 
     After a kill or SIGTERM, the same command resumes the run. The journal of any other run in OUT
-    is kept under another name.
+    is renamed.
 
-    With --vehicle and --broker, each vehicle of a formation has its own process.
+    With --vehicle and --broker, each vehicle of a formation has a separate process.
     """
     import asyncio
 
@@ -190,7 +189,7 @@ def run(config: str, **values: Any) -> None:
         scenario = with_signing_key(scenario, options.signing_key)
     made = folder(options.out)
     progress = options.progress()
-    going = Run(
+    live_run = Run(
         scenario,
         made / "journal.jsonl",
         now_text(),
@@ -198,11 +197,13 @@ def run(config: str, **values: Any) -> None:
         options.tlog,
         options.logs,
         channel=channel,
-        goes_on=not options.fresh,
+        resume=not options.fresh,
         skip_unreadable=options.skip_unreadable,
     )
     with private():
-        record, world = asyncio.run(serve(going, progress, address=partial(report_address, made)))
+        record, world = asyncio.run(
+            serve(live_run, progress, address=partial(report_address, made))
+        )
         summary = write_outputs(made, scenario, record, world.fire)
         _finish(summary, options.out, options.as_json)
 
@@ -233,9 +234,9 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 )
 @JSON
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
-    """Run only the planners on a journal's positions and observations.
+    """Run only the planners on the positions and observations of a journal.
 
-    With the journal's own rule, the exit code is 1 if a decision differs from the recorded one.
+    With the rule of the journal, the exit code is 1 if a decision differs from the recorded one.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 
@@ -262,12 +263,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
 
 
-def _progress_bar(name: str, duration_s: float, quiet: bool) -> Any:
-    from mission_service.runtime.progress import SimProgress
-
-    return SimProgress(name, duration_s, quiet)
-
-
 def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(summary))
@@ -281,12 +276,12 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     if as_json:
         return
     for vehicle in summary["vehicles"]:
-        done = f"{vehicle['in_air_s'] / 60:.0f} min in the air, {vehicle['flown_km']:.1f} km; "
-        done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
-        if vehicle["orders"]:
-            orders = vehicle["orders"]
+        if orders := vehicle["orders"]:
             orbits, speeds = orders.get("Orbit", 0), orders.get("ChangeSpeed", 0)
             done = f"{orbits} orbits and {speeds} speed changes ordered"
+        else:
+            done = f"{vehicle['in_air_s'] / 60:.0f} min in the air, {vehicle['flown_km']:.1f} km; "
+            done += f"{vehicle['decisions']} decisions, {vehicle['reversals']} reversals"
         uploads = ", ".join(f"{count} {outcome}" for outcome, count in vehicle["uploads"].items())
         flown = vehicle["missions"]["flown"]
         click.echo(f"{vehicle['name']}: {done}; missions: {uploads or 'none'}, {flown} flown")

@@ -1,11 +1,12 @@
 """``mission-service mission`` and ``signing``: transfers to one autopilot on one link."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, SIGNING_KEY, TLOG, echo
+from mission_service.cli.options import JSON, SIGNING_KEY, TLOG, echo, progress_line
 
 LINK = click.option(
     "--link",
@@ -23,6 +24,11 @@ TIMEOUT = click.option(
 )
 
 
+def link_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a link and --json to a command."""
+    return LINK(TIMEOUT(TLOG(SIGNING_KEY(JSON(command)))))
+
+
 @click.group()
 def mission() -> None:
     """Transfer missions to and from one autopilot."""
@@ -30,54 +36,42 @@ def mission() -> None:
 
 @mission.command("upload")
 @click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
-@LINK
-@TIMEOUT
-@TLOG
-@SIGNING_KEY
-@JSON
-def mission_upload(plan_file: Path, as_json: bool, **line: Any) -> None:
+@link_options
+def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
     """Upload PLAN_FILE and print the autopilot's result. Does not start the flight.
 
-    If the plan has no fence or no rally points, the autopilot keeps its own.
+    If the plan has no fence or no rally points, those of the autopilot remain.
     """
     from autopilot_bridge.missions.planfile import read_any
     from mission_service.cli.transfers import upload
 
-    echo(upload(read_any(plan_file), _line(line)), as_json)
+    echo(upload(read_any(plan_file), _line(link)), as_json)
 
 
 @mission.command("download")
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
-@LINK
-@TIMEOUT
-@TLOG
-@SIGNING_KEY
-@JSON
-def mission_download(output: Path, as_json: bool, **line: Any) -> None:
-    """Download mission, fence and rally points to a .plan file, or the mission to .waypoints."""
+@link_options
+def mission_download(output: Path, as_json: bool, **link: Any) -> None:
+    """Download mission, fence, rally points to a .plan file, or only the mission to .waypoints."""
     from mission_service.cli.transfers import download
 
-    echo(download(output, _line(line)), as_json)
+    echo(download(output, _line(link)), as_json)
 
 
 @mission.command("clear")
 @click.option("--all", "everything", is_flag=True, help="Also remove fence and rally points.")
-@LINK
-@TIMEOUT
-@TLOG
-@SIGNING_KEY
-@JSON
-def mission_clear(everything: bool, as_json: bool, **line: Any) -> None:
+@link_options
+def mission_clear(everything: bool, as_json: bool, **link: Any) -> None:
     """Remove the autopilot's mission."""
     from mission_service.cli.transfers import clear
 
-    echo(clear(_line(line), everything), as_json)
+    echo(clear(_line(link), everything), as_json)
 
 
-def _line(line: dict[str, Any]) -> Any:
+def _line(link: dict[str, Any]) -> Any:
     from mission_service.cli.transfers import Line
 
-    return Line(**line, warn=lambda text: click.echo(text, err=True))
+    return Line(**link, warn=progress_line)
 
 
 @click.group()
@@ -97,22 +91,22 @@ SYSTEM = click.option(
 @LINK
 @KEY_NEEDED
 @click.option(
-    "--old-key", metavar="file:PATH|env:NAME", help="Source of the key that the vehicle has now."
+    "--old-key", metavar="file:PATH|env:NAME", help="Source of the vehicle's present key."
 )
 @SYSTEM
 @TIMEOUT
 @TLOG
 @JSON
-def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **line: Any) -> None:
+def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **link: Any) -> None:
     """Set the vehicle's key and check that it signs its frames.
 
     The key is sent in clear text: use a link that cannot be intercepted, such as a USB cable. The
     vehicle must be disarmed. If it does not answer a signed request with signed frames, the exit
-    code is 1. The key is not recorded.
+    code is 1. No file records the key.
     """
     from mission_service.cli.signing_setup import set_up
 
-    echo(set_up(_line(line), old_key, system_id), as_json)
+    echo(set_up(_line(link), old_key, system_id), as_json)
 
 
 @signing.command("off")
@@ -122,8 +116,8 @@ def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **
 @TIMEOUT
 @TLOG
 @JSON
-def signing_off(system_id: int | None, as_json: bool, **line: Any) -> None:
+def signing_off(system_id: int | None, as_json: bool, **link: Any) -> None:
     """Remove the vehicle's key and check that it answers unsigned requests."""
     from mission_service.cli.signing_setup import turn_off
 
-    echo(turn_off(_line(line), system_id), as_json)
+    echo(turn_off(_line(link), system_id), as_json)

@@ -1,4 +1,4 @@
-"""``mission-service mock``: mock autopilots in a process of their own. Heavy imports are lazy."""
+"""``mission-service mock``: mock autopilots in a separate process. Heavy imports are lazy."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,8 +36,8 @@ class MockOptions:
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
 @click.option(
     "--vehicle",
-    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all, each on "
-    "its own link; with --link or --listen only the first).",
+    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all vehicles on "
+    "their links; with --link or --listen only the first vehicle).",
 )
 @click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
 @click.option(
@@ -45,9 +45,9 @@ class MockOptions:
 )
 @click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
 @click.option(
-    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the link of the vehicle there."
+    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the vehicle's link in it."
 )
-@click.option("--listen", help="Instead of --link: listen at HOST:PORT (UDP), udpin or tcpin.")
+@click.option("--listen", help="Instead of --link: listen on HOST:PORT (UDP), udpin or tcpin.")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
 @click.option("--wind", default="0,0", help="A steady wind as FROM_DEG,SPEED_M_S, e.g. 240,5.")
 @click.option(
@@ -83,11 +83,11 @@ class MockOptions:
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
 @click.option("--until-eof", is_flag=True, hidden=True)  # used by ``demo``
 def mock(scenario: str | None, **values: Any) -> None:
-    """Run mock autopilots in a process of their own, until Ctrl-C.
+    """Run mock autopilots in a separate process, until Ctrl-C.
 
-    With SCENARIO, they are its vehicles, standing at their homes. Without SCENARIO, --count sets
-    their number, and their system ids are consecutive. A mock signs its frames when it has a key:
-    from --signing-key, from SCENARIO or by SETUP_SIGNING.
+    With SCENARIO, they are its vehicles, landed at their homes. Without SCENARIO, --count sets
+    their number, and their system ids are consecutive. A mock that has a key signs its frames; the
+    key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING message.
     """
     from mission_service.simulation.mocks import (
         MockEnvironment,
@@ -106,7 +106,7 @@ def mock(scenario: str | None, **values: Any) -> None:
         raise click.UsageError("--count is for mocks without a scenario")
     if not scenario and vehicle not in (None, "plane", "copter"):
         raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
-    around = MockEnvironment(
+    environment = MockEnvironment(
         read_wind(options.wind),
         options.battery_minutes,
         options.terrain_amsl_m,
@@ -116,10 +116,10 @@ def mock(scenario: str | None, **values: Any) -> None:
     )
     link = listening(options.listen) if options.listen else options.link
     if scenario:
-        mocks = from_scenario(scenario, vehicle, link, around)
+        mocks = from_scenario(scenario, vehicle, link, environment)
     else:
         kind, first = vehicle or "plane", options.system_id
-        fleet = by_hand(options.stack, kind, first, options.home, options.count, around)
+        fleet = by_hand(options.stack, kind, first, options.home, options.count, environment)
         mocks = [MocksOnLink(fleet, link or "udpout:127.0.0.1:14550")]
     if options.signing_key is not None:
         mocks = [replace(each, signing_key=options.signing_key) for each in mocks]

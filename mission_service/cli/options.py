@@ -1,4 +1,4 @@
-"""Options and functions that the command line's files share."""
+"""Options and functions that the modules of the command line share."""
 
 import json
 import math
@@ -14,7 +14,7 @@ import click
 def seconds(
     context: click.Context, parameter: click.Parameter, value: float | None
 ) -> float | None:
-    """Check an option's value: a finite time of 0 s or more; raises BadParameter."""
+    """Return an option's value, a finite time of 0 s or more. Raises BadParameter."""
     if value is not None and not 0.0 <= value < math.inf:
         raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
@@ -30,6 +30,13 @@ OVERRIDE = click.option(
     help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+OUT = click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
+OUT_REQUIRED = click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), required=True
+)
+OUT_FOLDER = click.option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
+)
 SIGNING_KEY = click.option(
     "--signing-key",
     metavar="file:PATH|env:NAME",
@@ -43,14 +50,14 @@ TLOG = click.option(
 
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
-    """An option ``--NAME`` in seconds, 0 or more; the command's parameter is ``NAME_s``."""
+    """Return an option ``--NAME`` in seconds, 0 or more, for the parameter ``NAME_s``."""
     key = f"{name.removeprefix('--')}_s"
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """The values of ``report_options``: how progress and the result are shown."""
+    """The values of ``report_options``: the form in which progress and results are shown."""
 
     log: str | None
     log_level: str
@@ -58,11 +65,11 @@ class ReportOptions:
 
     @property
     def logs(self) -> bool:
-        """Whether a log is written."""
+        """Whether the command writes a log."""
         return self.log is not None
 
     def progress(self) -> Callable[[Any, Any], None]:
-        """The function that shows progress: a log, or lines and a status."""
+        """Return the function that shows progress; with a log it shows nothing."""
         if self.log is None:
             from mission_service.runtime.progress import LiveReport
 
@@ -71,11 +78,11 @@ class ReportOptions:
         from mission_service.runtime.service_log import set_up
 
         set_up(self.log, self.log_level)  # type: ignore[arg-type]  # click has checked it
-        return unshown  # the log shows it
+        return unshown  # the log contains the announcements
 
 
 def report_options(command: Command) -> Command:
-    """The options --log, --log-level and --json, in this order."""
+    """Add the options --log, --log-level and --json to a command, in this order."""
     log = click.option(
         "--log",
         type=click.Choice(["text", "json"]),
@@ -122,8 +129,13 @@ def report_address(out: Path, address: str) -> None:
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:
-        place, own_token, _ = address.partition("#")
-        whose = (
-            f"its token is in {out / 'token'}" if own_token else "with a token of the tokens file"
+        url, own_token, _ = address.partition("#")
+        source = (
+            f"its token is in {out / 'token'}" if own_token else "use a token of the tokens file"
         )
-        click.echo(f"map: {place} ({whose})", err=True)
+        click.echo(f"map: {url} ({source})", err=True)
+
+
+def progress_line(text: str) -> None:
+    """Print a line of progress to stderr."""
+    click.echo(text, err=True)

@@ -19,7 +19,7 @@ from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
     from mission_service.replay.flights.flight_logs import Flight
-    from mission_service.replay.flights.scenario_pairing import Asked
+    from mission_service.replay.flights.scenario_pairing import ScenarioChoice
 
 STAGE_NAMES = ("file", "fire", "planner", "core")
 
@@ -50,10 +50,10 @@ class ReplayOptions(ReportOptions):
             raise click.UsageError("--stage is for --verify")
         if (self.verify or self.changes) and (self._of_logs() or self.speed):
             raise click.UsageError(
-                "--verify and --what-if take a whole journal, without these options"
+                "--verify and --what-if need a whole journal and exclude the other options"
             )
         if self.verify and (len(words) > 1 or self.out is not None):
-            raise click.UsageError("--verify takes one journal and writes no files")
+            raise click.UsageError("--verify needs one journal and writes no files")
         if self.speed is None and (self.listen or self.until_end or self.log):
             raise click.UsageError("--listen, --until-end and --log are for --speed")
 
@@ -65,7 +65,7 @@ class ReplayOptions(ReportOptions):
 @click.command()
 @click.argument("words", nargs=-1, required=True, metavar="[NAME=]LOG...")
 @click.option(
-    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains a scenario."
 )
 @click.option("--planner", "rule", metavar="RULE", help="Planner rule (default: the scenario's).")
 @seconds_option("--at", "Mission time at which the logs begin.")
@@ -86,37 +86,37 @@ class ReplayOptions(ReportOptions):
     multiple=True,
     metavar="KEY=VALUE",
     help="Repeat a journal's run in the simulator with another value of a [planner] key "
-    "(repeatable; more may follow as arguments); planner=RULE sets the rule.",
+    "(repeatable; arguments after LOG may be further settings); planner=RULE sets the rule.",
 )
 @click.option("--speed", metavar="X", help="Play on the map and MQTT: 0.1 to 100 times, or max.")
 @click.option("--listen", metavar="HOST:PORT", help="With --speed: address of the map.")
-@click.option("--until-end", is_flag=True, help="With --speed: exit at the end; else pause.")
+@click.option("--until-end", is_flag=True, help="With --speed: exit at the end instead of pausing.")
 @OVERRIDE
 @report_options
 def replay(words: tuple[str, ...], **values: Any) -> None:
-    """Replay logged flights: the flown paths, and what a scenario's planner would have decided.
+    """Replay logged flights: the flown paths, and the decisions that a planner would have made.
 
     A LOG is a .tlog, .bin or .ulg file, or a journal (or the folder of its run), which contains its
     scenario. Logs with the same NAME are of one vehicle. --out is the folder for the report, its
     pictures and the journal of the replay.
 
     --speed 10: show the flight on the map and over MQTT as a live run, until Ctrl-C, with the
-    observations and decisions that the service would have made. The replay can be paused and
-    positioned; orders are refused.
+    observations and decisions that the service would have made. The replay accepts pause and seek,
+    and refuses orders.
 
-    --verify: recompute a journal; exit code 1 if anything differs. file: checksum of each line.
-    fire: observations of the cameras, in the fire burned again. planner: decisions on the recorded
-    observations. core: all commands, bit for bit.
+    --verify: recompute a journal; exit code 1 if anything differs. The stages are: file, the
+    checksum of each line; fire, the cameras' observations in a new simulation of the fire; planner,
+    the decisions on the recorded observations; core, all commands, bit for bit.
 
     --what-if planner=predictive alpha=1.5 --out DIR: mock autopilots fly a journal's scenario
     again; one page compares both runs.
     """
     options = ReplayOptions(**values)
     options.check(words)
-    from mission_service.replay.flights.batch import called
+    from mission_service.replay.flights.batch import run_name
     from mission_service.replay.flights.flight_logs import flight_of, path_of
     from mission_service.replay.flights.journal_log import journal_in
-    from mission_service.replay.flights.scenario_pairing import Asked
+    from mission_service.replay.flights.scenario_pairing import ScenarioChoice
 
     if options.verify:
         _verify(journal_in(Path(words[0])), options.stages, options.as_json)
@@ -129,34 +129,40 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
         return
     to_s = math.inf if options.to_s is None else options.to_s
     flight = flight_of(words)._replace(from_s=options.from_s or 0.0, to_s=to_s)
-    asked = Asked(options.scenario, options.rule, options.at_s, options.overrides)
+    choice = ScenarioChoice(options.scenario, options.rule, options.at_s, options.overrides)
     if options.speed is None:
-        name = called([path_of(word) for word in words])
-        _batch(flight, name, asked, options.out, options.as_json)
+        name = run_name([path_of(word) for word in words])
+        _batch(flight, name, choice, options.out, options.as_json)
         return
     from mission_service.cli.replay_live import play
 
-    play(flight, asked, options.speed, options)
+    play(flight, choice, options.speed, options)
 
 
-def _batch(flight: "Flight", name: str, asked: "Asked", out: Path | None, as_json: bool) -> None:
-    from mission_service.replay.flights.batch import story_of, story_with_fire
+def _batch(
+    flight: "Flight", name: str, choice: "ScenarioChoice", out: Path | None, as_json: bool
+) -> None:
+    from mission_service.replay.flights.batch import analysis_of, analysis_with_fire
     from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.report_page import write_report
     from mission_service.replay.flights.run_figures import figures_of, in_text
-    from mission_service.replay.flights.scenario_pairing import Asked, replaying, scenario_asked
+    from mission_service.replay.flights.scenario_pairing import (
+        ScenarioChoice,
+        chosen_scenario,
+        pair,
+    )
 
-    found = None if asked == Asked() else scenario_asked(flight, asked)
-    if found is None and asked.at_s is not None:
+    found = None if choice == ScenarioChoice() else chosen_scenario(flight, choice)
+    if found is None and choice.at_s is not None:
         raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
     if found is None:
-        story, made = story_of(name, flight), out and folder(out)
+        analysis, made = analysis_of(name, flight), out and folder(out)
     else:
-        what = replaying(flight, survey(flight), found[0], asked.at_s)
+        pairing = pair(flight, survey(flight), found[0], choice.at_s)
         made = out and folder(out)
-        story = story_with_fire(name, what, made, now_text())
-    files = write_report(made, [story]) if made else []
-    figures = figures_of(story)
+        analysis = analysis_with_fire(name, pairing, made, now_text())
+    files = write_report(made, [analysis]) if made else []
+    figures = figures_of(analysis)
     if as_json:
         click.echo(json.dumps(figures))
         return
@@ -172,31 +178,28 @@ def _verify(journal: Path, stages: tuple[str, ...], as_json: bool) -> None:
     found = verify(journal, stages=stages)
     click.echo(json.dumps(for_programs(found)) if as_json else in_text(found))
     if found.differing:
-        where = f"{', '.join(found.differing)}: first difference in {found.difference}"
-        raise click.ClickException(f"{journal}: {where}")
+        stages_that_differ = ", ".join(found.differing)
+        raise click.ClickException(
+            f"{journal}: {stages_that_differ}: first difference in {found.difference}"
+        )
 
 
 def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) -> None:
     from dataclasses import asdict
 
     from mission_service.journal.reader import JournalReader
+    from mission_service.replay.flights.batch import analysis_of
+    from mission_service.replay.flights.flight_logs import flight_of
+    from mission_service.replay.flights.report_page import write_report
     from mission_service.replay.what_if import in_text, what_if, with_settings
     from mission_service.runtime.progress import SimProgress
 
     scenario, _ = with_settings(JournalReader(journal), words)  # checked before files are written
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
         found = what_if(journal, words, folder(out), now_text(), progress)
-    _side_by_side(journal, out)
+    runs = {"recorded": journal, "what-if": out}
+    write_report(out, [analysis_of(name, flight_of([str(path)])) for name, path in runs.items()])
     if as_json:
         click.echo(json.dumps({**asdict(found), "out": str(out)}))
     else:
         click.echo(f"{in_text(found)}\nreport, journal, GeoJSON, map and summary in {out}/")
-
-
-def _side_by_side(journal: Path, out: Path) -> None:
-    from mission_service.replay.flights.batch import story_of
-    from mission_service.replay.flights.flight_logs import flight_of
-    from mission_service.replay.flights.report_page import write_report
-
-    runs = {"recorded": journal, "what-if": out}
-    write_report(out, [story_of(name, flight_of([str(path)])) for name, path in runs.items()])

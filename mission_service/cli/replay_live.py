@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mission_service.cli.replay_commands import ReplayOptions
     from mission_service.config.service import ServiceSection
     from mission_service.replay.flights.flight_logs import Flight
-    from mission_service.replay.flights.scenario_pairing import Asked, Replaying
+    from mission_service.replay.flights.scenario_pairing import Pairing, ScenarioChoice
     from mission_service.runtime.play_head import Speed
 
 
@@ -28,61 +28,63 @@ def speed_of(text: str) -> "Speed":
         raise click.BadParameter(f"{text}: from 0.1 to 100, or max", param_hint="--speed") from None
 
 
-def played(flight: "Flight", asked: "Asked") -> "tuple[Replaying, ServiceSection]":
-    """The replay and the settings of its interfaces. Raises MissionServiceError and BridgeError.
+def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, ServiceSection]":
+    """Return the replay of a flight and the settings of its interfaces.
 
-    Without a scenario, the landscape is level ground around the flight.
+    Without a scenario, the landscape is level ground around the flight. Raises MissionServiceError
+    and BridgeError.
     """
     from mission_service.config.scenario import run_of
     from mission_service.replay.flights.flight_logs import survey
     from mission_service.replay.flights.journal_log import JournalLog
     from mission_service.replay.flights.scenario_pairing import (
+        chosen_scenario,
         fireless_scenario,
-        replaying,
-        scenario_asked,
+        pair,
     )
 
     found, first = survey(flight), flight.logs[0]
-    if asked.scenario is not None or isinstance(first, JournalLog):
-        scenario = scenario_asked(flight, asked)
+    if choice.scenario is not None or isinstance(first, JournalLog):
+        scenario = chosen_scenario(flight, choice)
         assert scenario is not None
         loaded, settings = scenario
-        return replaying(flight, found, loaded, asked.at_s), settings
+        return pair(flight, found, loaded, choice.at_s), settings
     plain = fireless_scenario(found, first.path.stem).model_dump(mode="json")
-    loaded, settings = run_of(plain, first.path, asked.overrides)
-    what = replaying(flight, found, loaded, asked.at_s or 0.0)
-    # The plain scenario deploys its vehicles after the flight: there is no fire to fly to.
-    never = what.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
-    return what._replace(scenario=never), settings
+    loaded, settings = run_of(plain, first.path, choice.overrides)
+    replay = pair(flight, found, loaded, choice.at_s or 0.0)
+    # Without a fire, the vehicles are deployed only after the end of the flight.
+    undeployed = replay.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
+    return replay._replace(scenario=undeployed), settings
 
 
-def play(flight: "Flight", asked: "Asked", speed: str, options: "ReplayOptions") -> None:
+def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "ReplayOptions") -> None:
     """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
-    The interfaces show the observations and decisions that the service would have made. Orders are
-    refused.
+    The interfaces show the observations and decisions that the service would have made. They refuse
+    orders.
     """
     import asyncio
     from functools import partial
     from tempfile import TemporaryDirectory
 
-    from mission_service.replay.flights.replay_server import Show, serve_flight
+    from mission_service.replay.flights.replay_server import ReplayRun, serve_flight
     from mission_service.runtime.clocks import now_text
     from mission_service.runtime.outputs import summary_of, write_outputs
 
-    times, out = speed_of(speed), options.out
-    what, settings = played(flight, asked)
+    factor, out = speed_of(speed), options.out
+    replay, settings = played(flight, choice)
     settings = _with_map(settings, options.listen)
     with contextlib.ExitStack() as stack:
-        kept = out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-")))
-        made = folder(kept)
-        show = Show(what, made, now_text(), settings, times, options.until_end, options.logs)
+        made = folder(out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-"))))
+        show = ReplayRun(
+            replay, made, now_text(), settings, factor, options.until_end, options.logs
+        )
         serving = serve_flight(show, options.progress(), partial(report_address, made))
         record, world = asyncio.run(serving)
         if out is not None:
-            summary = write_outputs(made, what.scenario, record, world.fire)
+            summary = write_outputs(made, replay.scenario, record, world.fire)
         else:
-            summary = summary_of(what.scenario, record, world.fire)
+            summary = summary_of(replay.scenario, record, world.fire)
     if options.as_json:
         click.echo(json.dumps(summary))
     elif out is not None:
@@ -90,17 +92,17 @@ def play(flight: "Flight", asked: "Asked", speed: str, options: "ReplayOptions")
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """Settings with a map at the address ``listen``, else as configured, else on a free port."""
+    """Return the settings with a map at ``listen``, else as configured, else on a free port."""
     from pydantic import ValidationError
 
     from mission_service.config.service import HttpSection
     from mission_service.errors import MissionServiceError
 
-    told = {} if settings.http is None else settings.http.model_dump()
+    section = {} if settings.http is None else settings.http.model_dump()
     if listen is not None or settings.http is None:
-        told["listen"] = listen or "127.0.0.1:0"
+        section["listen"] = listen or "127.0.0.1:0"
     try:
-        http = HttpSection.model_validate(told)
+        http = HttpSection.model_validate(section)
     except ValidationError as error:
         words = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise MissionServiceError(f"--listen {listen}: {words}") from None

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE, folder, seconds_option
+from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, folder, seconds_option
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True)
+@OUT_REQUIRED
 @click.option(
-    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains its own."
+    "--scenario", metavar="SCENARIO", help="Scenario for logs; a journal contains a scenario."
 )
 @seconds_option("--at", "Mission time at which these logs begin.")
 @OVERRIDE
@@ -27,32 +27,41 @@ def report(
 ) -> None:
     """Write report.html, its pictures and figures.json to OUT.
 
-    A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. Each RUN has
-    a column in the table.
+    A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. The table has
+    a column for each RUN.
     """
-    from mission_service.replay.flights.batch import called, distinct, story_of, story_with_fire
+    from mission_service.replay.flights.batch import (
+        analysis_of,
+        analysis_with_fire,
+        distinct,
+        run_name,
+    )
     from mission_service.replay.flights.flight_logs import flight_of, path_of, survey
     from mission_service.replay.flights.journal_log import JournalLog
     from mission_service.replay.flights.report_page import write_report
     from mission_service.replay.flights.run_figures import figures_of
-    from mission_service.replay.flights.scenario_pairing import Asked, replaying, scenario_asked
+    from mission_service.replay.flights.scenario_pairing import (
+        ScenarioChoice,
+        chosen_scenario,
+        pair,
+    )
     from mission_service.runtime.clocks import now_text
 
     words = [run.split("+") for run in runs]
-    names = distinct([called([path_of(log) for log in each]) for each in words])
+    names = distinct([run_name([path_of(log) for log in each]) for each in words])
     flights = [flight_of(each) for each in words]
     made = folder(out)
-    stories = []
+    analyses = []
     for name, flight in zip(names, flights, strict=True):
         if scenario is None or isinstance(flight.logs[0], JournalLog):
-            stories.append(story_of(name, flight))
+            analyses.append(analysis_of(name, flight))
             continue
-        found = scenario_asked(flight, Asked(scenario, None, at_s, overrides))
+        found = chosen_scenario(flight, ScenarioChoice(scenario, None, at_s, overrides))
         assert found is not None
-        what = replaying(flight, survey(flight), found[0], at_s)
-        stories.append(story_with_fire(name, what, None, now_text()))
-    files = write_report(made, stories)
+        pairing = pair(flight, survey(flight), found[0], at_s)
+        analyses.append(analysis_with_fire(name, pairing, None, now_text()))
+    files = write_report(made, analyses)
     if as_json:
-        click.echo(json.dumps([figures_of(story) for story in stories]))
+        click.echo(json.dumps([figures_of(analysis) for analysis in analyses]))
     else:
         click.echo(f"{', '.join(files)} in {out}/")

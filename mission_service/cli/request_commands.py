@@ -1,7 +1,7 @@
-"""``mission-service request``: what operators ask of a live run.
+"""``mission-service request``: requests of operators to a live run.
 
-Commands, arguments and options are made from the table of requests (``core/requests.py``), which is
-imported when a command is needed.
+The table of requests (``core/request_events.py``) defines the commands, arguments and options; it
+is imported only for a command that needs it.
 """
 
 import getpass
@@ -15,7 +15,7 @@ import click
 from mission_service.cli.options import JSON
 
 UNITS = {"_m_s": "M/S", "_deg": "DEGREES", "_m": "M", "_s": "SECONDS"}
-# What a command may leave out, since _completed finds it.
+# Fields that an operator may omit; ``_completed`` adds them.
 COMPLETED = {("correct", "shape"), ("person", "radius_m")}
 Status = Callable[[], dict[str, Any]]
 
@@ -28,7 +28,7 @@ class Place(click.ParamType[tuple[float, float]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float]:
-        """Latitude and longitude."""
+        """Parse latitude and longitude."""
         try:
             lat_deg, lon_deg = (float(part) for part in str(value).split(","))
         except ValueError:
@@ -38,14 +38,14 @@ class Place(click.ParamType[tuple[float, float]]):
 
 
 class NumberOrWord(click.ParamType[float | str]):
-    """A number where it is one; the service checks which words there are."""
+    """A number or a word; the service checks the word."""
 
     name = "number"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float | str:
-        """A number or the word itself."""
+        """Parse a number, or return the word."""
         try:
             return float(value)
         except ValueError:
@@ -62,10 +62,10 @@ OUT = click.option(
 
 
 def user_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of all that a user asks for."""
+    """Add the options of every request of a user: --out, --by, --station and --json."""
     by = click.option("--by", default=_login, metavar="NAME", help="Default: the login name.")
     station = click.option(
-        "--station", metavar="NAME", help="Where you are; default: the only one there is."
+        "--station", metavar="NAME", help="Your station (default: the only station of the run)."
     )
     return OUT(by(station(JSON(command))))
 
@@ -74,38 +74,41 @@ def _login() -> str:
     return getpass.getuser()
 
 
-def only_station(there: Any) -> str:
-    """The only station of a run, or a word for the socket where stations do not matter."""
+def only_station(client: Any) -> str:
+    """Return the only station of a run, or ``control`` for a run without stations.
+
+    Raises RequestError if the run has several stations.
+    """
     from mission_service.errors import RequestError
 
-    stations = there.ask(do="status")["status"].get("stations", ())
+    stations = client.ask(do="status")["status"].get("stations", ())
     if len(stations) > 1:
-        raise RequestError(f"say where you are with --station: {', '.join(stations)}")
+        raise RequestError(f"give your station with --station: {', '.join(stations)}")
     return str(stations[0]) if stations else "control"
 
 
-def print_answer(answer: dict[str, Any], as_json: bool) -> None:
-    """The lines of an answer, or all of it as JSON."""
+def print_reply(reply: dict[str, Any], as_json: bool) -> None:
+    """Print the messages of a reply, or the whole reply as JSON."""
     if as_json:
-        click.echo(json.dumps(answer))
+        click.echo(json.dumps(reply))
     else:
-        click.echo("\n".join(answer["messages"]) or f"{answer['event']}: told")
+        click.echo("\n".join(reply["messages"]) or f"{reply['event']}: accepted")
 
 
-class Requests(click.Group):
-    """Commands made from the table of requests, beside its own ones, which come first."""
+class RequestGroup(click.Group):
+    """A group with a command for each request of a table; its own commands take precedence."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
-        """``table``: the requests by the names of their commands."""
+        """Store ``table``, a function that returns the requests by command name."""
         super().__init__(*args, **attrs)
         self._table = table
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """All names."""
+        """Return the names of all commands, sorted."""
         return sorted({*super().list_commands(ctx), *self._table()})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of this name."""
+        """Return the command with this name, or None."""
         own = super().get_command(ctx, cmd_name)
         kind = None if own is not None else self._table().get(cmd_name)
         return own if kind is None else command_of(kind, cmd_name)
@@ -117,13 +120,13 @@ def _all_requests() -> dict[str, Any]:
     return dict(ALL_REQUESTS)
 
 
-@click.group(cls=Requests, table=_all_requests)
+@click.group(cls=RequestGroup, table=_all_requests)
 def request() -> None:
     """Send a request to a live run or a replay over its control socket."""
 
 
 def command_of(kind: Any, name: str) -> click.Command:
-    """The command that sends requests of this kind."""
+    """Return the command that sends requests of this kind."""
     from msgspec import inspect
 
     from mission_service.requests import OPERATOR_FIELDS, name_of
@@ -133,11 +136,11 @@ def command_of(kind: Any, name: str) -> click.Command:
     def send(out: Path, by: str, station: str | None, as_json: bool, **given: Any) -> None:
         from mission_service.interfaces.control.control_client import ControlClient
 
-        with ControlClient(out) as there:
-            # An abort waits for nothing.
-            where = station or ("unknown" if do == "abort" else only_station(there))
-            for each in _completed(do, given, lambda: dict(there.ask(do="status")["status"])):
-                print_answer(there.ask(do=do, by=by, station=where, **each), as_json)
+        with ControlClient(out) as client:
+            # An abort is sent without a request for the stations.
+            station = station or ("unknown" if do == "abort" else only_station(client))
+            for each in _completed(do, given, lambda: dict(client.ask(do="status")["status"])):
+                print_reply(client.ask(do=do, by=by, station=station, **each), as_json)
 
     made = click.command(name, help=kind.__doc__)(user_options(send))
     info: Any = inspect.type_info(kind)
@@ -149,7 +152,7 @@ def command_of(kind: Any, name: str) -> click.Command:
 
 
 def _parameters(do: str, field: Any) -> list[click.Parameter]:
-    """The argument or option for one key of a request."""
+    """Return the arguments or options for one field of a request."""
     from msgspec import inspect
 
     name, text = field.name, ""
@@ -170,7 +173,7 @@ def _parameters(do: str, field: Any) -> list[click.Parameter]:
         case "item":
             return [click.Argument([name], nargs=-1, required=True)]
     required = field.required and (do, name) not in COMPLETED
-    if required and not name.endswith("_m"):  # a radius is an option, so not taken for a place
+    if required and not name.endswith("_m"):  # a radius is an option, distinct from LAT,LON
         return [click.Argument([name], type=_type_of(kinds))]
     unit = next((each for each in UNITS if name.endswith(each)), "")
     word = name.removesuffix(unit).replace("_", "-")
@@ -184,8 +187,9 @@ def _parameters(do: str, field: Any) -> list[click.Parameter]:
         metavar=UNITS.get(unit),
         help=text,
     )
-    gone = click.Option(["--gone"], is_flag=True, help="Is no longer there.")
-    return [option, gone] if (do, name) == ("person", "radius_m") else [option]
+    if (do, name) != ("person", "radius_m"):
+        return [option]
+    return [option, click.Option(["--gone"], is_flag=True, help="The person has left the place.")]
 
 
 def _type_of(kinds: list[Any]) -> Any:
@@ -203,27 +207,31 @@ def _type_of(kinds: list[Any]) -> Any:
 
 
 def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str, Any]]:
-    """The requests that a command stands for, each with all its keys."""
-    asked = {name: value for name, value in given.items() if value is not None}
-    if "place" in asked:
-        asked["lat_deg"], asked["lon_deg"] = asked.pop("place")
+    """Return the requests that a command sends, each with all its fields."""
+    fields = {name: value for name, value in given.items() if value is not None}
+    if "place" in fields:
+        fields["lat_deg"], fields["lon_deg"] = fields.pop("place")
     match do:
-        case "correct" if "shape" not in asked:
-            asked["shape"] = "point" if len(asked["points"]) == 1 else "line"
+        case "correct" if "shape" not in fields:
+            fields["shape"] = "point" if len(fields["points"]) == 1 else "line"
         case "person":
-            if asked.pop("gone") == ("radius_m" in asked):
+            if fields.pop("gone") == ("radius_m" in fields):
                 raise click.UsageError("give either --radius or --gone")
-            asked.setdefault("radius_m", 0.0)
+            fields.setdefault("radius_m", 0.0)
         case "reject":
-            asked["hash"] = proposed_plan(status(), asked["hash"])[1]
+            fields["hash"] = proposed_plan(status(), fields["hash"])[1]
         case "go" | "no-go":
-            items = _items(status()["items"], " ".join(asked["item"]))
-            return [{**asked, "item": item} for item in items]
-    return [asked]
+            items = _items(status()["items"], " ".join(fields["item"]))
+            return [{**fields, "item": item} for item in items]
+    return [fields]
 
 
-def proposed_plan(told: dict[str, Any], digits: str) -> tuple[Any, str]:
-    """The plan whose hash begins so, and its whole hash, worked out anew from what is shown."""
+def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
+    """Return the proposed plan whose hash begins with ``digits``, and its hash.
+
+    The hash is computed from the plan in ``status``. Raises RequestError if it differs, or if not
+    exactly one plan matches.
+    """
     import msgspec
 
     from mission_service.errors import RequestError
@@ -231,20 +239,23 @@ def proposed_plan(told: dict[str, Any], digits: str) -> tuple[Any, str]:
 
     if len(digits) < 8:
         raise RequestError(f"{digits}: give at least the first 8 digits of the plan's hash")
-    found = [each for each in told["plans"] if each["plan_hash"].startswith(digits.lower())]
+    found = [each for each in status["plans"] if each["plan_hash"].startswith(digits.lower())]
     if len(found) != 1:
-        there = ", ".join(each["plan_hash"][:12] for each in told["plans"]) or "none"
-        many = "no plan" if not found else "more than one plan"
-        raise RequestError(f"{digits}: {many} proposed begins so; there are: {there}")
+        hashes = ", ".join(each["plan_hash"][:12] for each in status["plans"]) or "none"
+        count = "no plan has" if not found else "more than one plan has"
+        raise RequestError(f"{digits}: {count} a hash with these first digits; proposed: {hashes}")
     proposed = msgspec.convert(found[0]["plan"], IgnitionPlan)
     name = plan_hash(proposed)
     if name != found[0]["plan_hash"]:
-        raise RequestError(f"{digits}: the plan shown is not the one of this hash; not approved")
+        raise RequestError(f"{digits}: the plan does not match its hash; it is not approved")
     return proposed, name
 
 
 def _items(items: list[str], text: str) -> list[str]:
-    """What is meant by a number from 1, the beginning of an item, or ``all``."""
+    """Return the items that ``text`` selects: a number from 1, the beginning of an item, or all.
+
+    Raises RequestError if it does not select exactly one item.
+    """
     from mission_service.errors import RequestError
 
     if text == "all":
@@ -254,5 +265,5 @@ def _items(items: list[str], text: str) -> list[str]:
     found = [item for item in items if item.lower().startswith(text.lower())]
     if len(found) != 1:
         numbered = "; ".join(f"{number} {item}" for number, item in enumerate(items, start=1))
-        raise RequestError(f"{text}: which item of the list? {numbered}")
+        raise RequestError(f"{text}: does not select one item of the list: {numbered}")
     return found

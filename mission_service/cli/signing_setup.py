@@ -21,8 +21,8 @@ Event = TypeVar("Event", Connected, TransferFinished)
 def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, Any]:
     """Set the vehicle's key to that of ``line``, then read its mission over signed frames.
 
-    ``old_key`` is the source of the key that it has now. Raises MissionServiceError if the vehicle
-    does not answer with signed frames.
+    ``old_key`` is the source of the vehicle's present key. Raises MissionServiceError if the
+    vehicle does not answer with signed frames.
     """
     assert line.signing_key is not None
     return _change(line, old_key, line.signing_key, system_id)
@@ -38,12 +38,12 @@ def _change(line: Line, old: str | None, new: str | None, system_id: int | None)
     key = None if new is None else read_key(new)
     with connected(client, line, old, new) as (connection, signing_of):
         signing = signing_of.get(new)
-        work = _told_and_tried(line, client, connection, key, signing)
+        work = _change_and_check(line, client, connection, key, signing)
         system = within(line, client, connection, work)
     return {"result": "accepted", "system_id": system, "signing": "off" if new is None else "on"}
 
 
-async def _told_and_tried(
+async def _change_and_check(
     line: Line,
     client: NativeClient,
     connection: Connection,
@@ -59,23 +59,22 @@ async def _told_and_tried(
         client.download(clock_us(), by_file=False)  # the answer shows whether it signs
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
-        answered = answer.result.outcome == "accepted" and not connection.receives_signed
-        if not answered:
-            raise MissionServiceError(_why_not(line.link, system, connection, signing))
+        if answer.result.outcome != "accepted" or connection.receives_signed:
+            raise MissionServiceError(_failure(line.link, system, connection, signing))
     return system
 
 
-def _why_not(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
-    """The error message for a vehicle that does not answer as required."""
+def _failure(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
+    """Return the error message for a vehicle that does not answer as required."""
     vehicle, counts = f"{link}: vehicle {system}", connection.counts
     if signing is None:
-        return f"{vehicle} still signs, or does not answer; is this its key, and is it disarmed?"
+        return f"{vehicle} still signs, or does not answer; check its key, and that it is disarmed"
     if counts.wrong:
-        return f"{vehicle} signs with another key; give that one as --old-key"
+        return f"{vehicle} signs with another key; give that key with --old-key"
     if counts.unsigned:
         return (
-            f"{vehicle} does not sign though it was sent the key; is it armed, or does its "
-            "firmware not sign (PX4 before 1.18)?"
+            f"{vehicle} received the key but does not sign; check that it is disarmed and that "
+            "its firmware can sign (PX4 since 1.18)"
         )
     refused = refusal(counts, link)
     return f"{vehicle} does not answer with signed frames" + (f": {refused}" if refused else "")

@@ -14,7 +14,7 @@ ROLES = ("look", "correct", "fly", "approve")
     default="look",
     show_default=True,
     metavar="ROLE,...",
-    help=f"Roles: {', '.join(ROLES)}. Every token permits look and abort.",
+    help=f"Roles: {', '.join(ROLES)}. Every token has the role look and permits an abort.",
 )
 @click.option("--station", default="", metavar="NAME", help="Station of NAME, for burns.")
 @click.option(
@@ -25,7 +25,7 @@ ROLES = ("look", "correct", "fly", "approve")
     help="The tokens file to add it to (created if missing).",
 )
 def token(name: str, roles: str, station: str, path: Path) -> None:
-    """Create a token for NAME and print it once: the file keeps only its SHA-256 sum.
+    """Create a token for NAME and print it; the file contains only its SHA-256 sum.
 
     A running service reads the file again as soon as it changes. To revoke a token, remove its
     lines.

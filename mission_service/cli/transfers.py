@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,16 +20,16 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
-from mission_service.runtime.link_signing import COMMAND_LINK_ID, refusal, signings, unheeded
+from mission_service.runtime.link_signing import COMMAND_LINK_ID, key_missing, refusal, signings
 
 Result = TypeVar("Result")
-Ask = Callable[[NativeClient, int], int]
+Request = Callable[[NativeClient, int], int]  # starts a transfer at a time in us
 KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 checks a mission against its fence
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """The link to the autopilot; ``signing_key`` is the source of the key, ``warn`` prints."""
+    """The link to an autopilot: ``signing_key`` is the source of its key, ``warn`` prints."""
 
     link: str
     timeout_s: float
@@ -38,27 +39,27 @@ class Line:
 
 
 def upload(plan: Plan, line: Line) -> dict[str, Any]:
-    """Replace the autopilot's mission, and its fence and rally points where the plan has any.
+    """Replace the autopilot's mission, and its fence and rally points if the plan has any.
 
     Does not start the flight. Raises MissionServiceError, before anything is sent, for items that
     the autopilot would not fly as planned.
     """
 
-    def asks(stack: Stack) -> list[Ask]:
-        parts = _fitted(plan, stack)
+    def requests(stack: Stack) -> list[Request]:
+        parts = _parts_for(plan, stack)
         for kind, items in parts.items():
             for problem in check(items, stack, MISSION_TYPES[kind]):
                 if problem.kind != "changed":
                     raise MissionServiceError(f"{kind}: {problem}")
         return [_upload_of(kind, items) for kind, items in parts.items()]
 
-    _, results = _run(asks, line)
+    _, results = _run(requests, line)
     counts = {"items": len(plan.mission), "fence": len(plan.fence), "rally": len(plan.rally)}
     return {"result": results[-1].outcome, **counts, "holds": results[-1].holds}
 
 
-def _fitted(plan: Plan, stack: Stack) -> dict[Kind, Items]:
-    """The parts of a plan to upload, in this order; the mission is adapted to the stack."""
+def _parts_for(plan: Plan, stack: Stack) -> dict[Kind, Items]:
+    """Return the parts of a plan to upload, in this order; the mission is adapted to the stack."""
     parts: dict[Kind, Items] = {
         "fence": plan.fence,
         "rally": plan.rally,
@@ -67,14 +68,16 @@ def _fitted(plan: Plan, stack: Stack) -> dict[Kind, Items]:
     return {kind: items for kind, items in parts.items() if items or kind == "mission"}
 
 
-def _upload_of(kind: Kind, items: Items) -> Ask:
+def _upload_of(kind: Kind, items: Items) -> Request:
     return lambda client, now_us: client.upload(items, now_us, kind, check=True, holds_first=True)
 
 
 def download(output: Path, line: Line) -> dict[str, Any]:
     """Download mission, fence and rally points to a .plan file, or the mission to QGC WPL."""
     kinds = KINDS[-1:] if output.suffix.lower() in WPL_SUFFIXES else KINDS
-    client, results = _run(lambda _: [_download_of(kind) for kind in kinds], line)
+    client, results = _run(
+        lambda _: [partial(NativeClient.download, kind=kind) for kind in kinds], line
+    )
     read = {kind: result.items or () for kind, result in zip(kinds, results, strict=True)}
     items = read["mission"]
     first = next((item for item in items if has_position(item.command)), None)
@@ -85,28 +88,23 @@ def download(output: Path, line: Line) -> dict[str, Any]:
     return {"result": results[-1].outcome, **counts, "file": str(output)}
 
 
-def _download_of(kind: Kind) -> Ask:
-    return lambda client, now_us: client.download(now_us, kind)
-
-
 def clear(line: Line, everything: bool = False) -> dict[str, Any]:
     """Remove the autopilot's mission; with ``everything`` its fence and rally points too."""
     kinds = KINDS if everything else KINDS[-1:]
-    _, results = _run(lambda _: [_clear_of(kind) for kind in kinds], line)
+    _, results = _run(lambda _: [partial(NativeClient.clear, kind=kind) for kind in kinds], line)
     return {"result": results[-1].outcome}
 
 
-def _clear_of(kind: Kind) -> Ask:
-    return lambda client, now_us: client.clear(now_us, kind)
-
-
 def _run(
-    asks: Callable[[Stack], list[Ask]], line: Line
+    requests: Callable[[Stack], list[Request]], line: Line
 ) -> tuple[NativeClient, list[TransferResult]]:
-    """Run transfers one after another with the first autopilot found; all must be accepted."""
+    """Run transfers one after another with the first autopilot found.
+
+    Raises MissionServiceError if the autopilot does not accept all of them.
+    """
     client = NativeClient(target_system=None)
     with connected(client, line, line.signing_key) as (connection, _):
-        results = within(line, client, connection, _transfers(client, asks, line, connection))
+        results = within(line, client, connection, _transfers(client, requests, line, connection))
     return client, results
 
 
@@ -116,7 +114,7 @@ def connected(
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
     """Prepare a connection signed with ``signing_key``, and the signings of all given keys.
 
-    The connection is not open yet. On exit, the .tlog file and the file of timestamps are closed.
+    The caller opens the connection. On exit, the .tlog and the file of timestamps are closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None
@@ -135,27 +133,28 @@ def within(
     try:
         return asyncio.run(asyncio.wait_for(work, line.timeout_s))
     except TimeoutError:
-        raise MissionServiceError(_unended(line, client, connection)) from None
+        raise MissionServiceError(_timeout_error(line, client, connection)) from None
 
 
-def _unended(line: Line, client: NativeClient, connection: Connection) -> str:
-    """The error message for a transfer that has timed out."""
+def _timeout_error(line: Line, client: NativeClient, connection: Connection) -> str:
+    """Return the error message for a transfer that has timed out."""
     refused = refusal(connection.counts, line.link)
     if client.stack is None and refused:
         return f"{line.link}: no autopilot was accepted within {line.timeout_s:g} s: {refused}"
-    heard = "the transfer did not end" if client.stack else "no autopilot was found"
+    problem = "the transfer did not end" if client.stack else "no autopilot was found"
+    remedy = "check that it is running and that this is its port"
     if connection.receives_signed:
-        return f"{line.link}: {heard} within {line.timeout_s:g} s; {unheeded(line.link)}"
-    return f"{line.link}: {heard} within {line.timeout_s:g} s; is it running, and is this its port?"
+        remedy = key_missing(line.link)
+    return f"{line.link}: {problem} within {line.timeout_s:g} s; {remedy}"
 
 
 async def _transfers(
     client: NativeClient,
-    asks: Callable[[Stack], list[Ask]],
+    requests: Callable[[Stack], list[Request]],
     line: Line,
     connection: Connection,
 ) -> list[TransferResult]:
-    waiting: list[Ask] = []
+    waiting: list[Request] = []
     results: list[TransferResult] = []
     async with connection:
         while True:
@@ -163,7 +162,7 @@ async def _transfers(
             while (event := client.next_event()) is not None:
                 match event:
                     case Connected():
-                        waiting = asks(event.stack)
+                        waiting = requests(event.stack)
                     case TransferFinished() if event.result.outcome != "accepted":
                         result = event.result
                         words = f"{event.kind} {event.action} {result.outcome}: {result.reason}"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON
+from mission_service.cli.options import JSON, progress_line
 
 
 @click.group()
@@ -49,11 +49,9 @@ def virtual_agents(
     from mission_service.errors import MissionServiceError
     from mission_service.experiments import tuning
 
-    where = tuning.on_cluster(scheduler, seed) if scheduler else tuning.on_cores(workers, seed)
-    with where as evaluate:
-        found = tuning.tune(
-            evaluate, seed, population, generations, lambda text: click.echo(text, err=True)
-        )
+    pool = tuning.on_cluster(scheduler, seed) if scheduler else tuning.on_cores(workers, seed)
+    with pool as evaluate:
+        found = tuning.tune(evaluate, seed, population, generations, progress_line)
     if out:
         try:
             out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

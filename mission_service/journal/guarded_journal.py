@@ -1,9 +1,9 @@
-"""A journal on a disk that may fail: an event that cannot be written is not handled, except aborts.
+"""A journal on a disk that may fail: of the events that cannot be written, only aborts are handled.
 
-While the disk fails, events of vehicles are not handled (vehicles fly the mission on board, which
-ends in a loiter) and requests of operators are answered with an error. Commands already issued, and
-aborts with their commands, are kept in memory and written first when the disk works again, so that
-the journal can be replayed.
+While the disk fails, the service does not handle events of vehicles (vehicles fly the mission on
+board, which ends in a loiter) and answers requests of operators with an error. Commands already
+issued, and aborts with their commands, are buffered in memory and written first when the disk works
+again, so that the journal can be replayed.
 """
 
 import errno
@@ -12,11 +12,11 @@ from mission_service.commands import AnyCommand
 from mission_service.events import Aborted, AnyEvent
 from mission_service.journal.journal_file import Journal, command_body, event_body
 
-MAX_WAITING = 20_000  # lines; beyond that not even an abort is handled (10 MB)
+MAX_WAITING = 20_000  # lines (10 MB); with more lines waiting, aborts are refused too
 
 
 class GuardedJournal:
-    """Writes a journal. ``trouble`` is the reason why writing fails at present, or empty."""
+    """Writes a journal. ``trouble`` is the reason why the last write failed, or empty."""
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal
@@ -29,7 +29,7 @@ class GuardedJournal:
     def write_event(self, event: AnyEvent, body: bytes | None = None) -> bool:
         """Journal an event before it is handled; returns whether it may be handled.
 
-        ``body`` is its ``event_body``, if that was computed before. Raises RefusedEventError for
+        ``body`` is its ``event_body``, if the caller has computed it. Raises RefusedEventError for
         an event that could not be read back.
         """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MAX_WAITING
@@ -56,17 +56,17 @@ class GuardedJournal:
         self._waiting += [command_body(command) for command in commands]
         return self._urgent
 
-    def take_back(self) -> None:
+    def remove_last(self) -> None:
         """Remove the last event from the journal: it is refused and has had no effect."""
-        if self.trouble:  # then only an abort is handled, and it waits
+        if self.trouble:  # the event is an abort, and its line is waiting
             del self._waiting[self._before_waiting :]
             return
         try:
-            self.journal.take_back(self._before)
+            self.journal.remove_last(self._before)
         except OSError as error:
             self._failed(error)
 
-    def works_again(self) -> bool:
+    def retry(self) -> bool:
         """Try to write the waiting lines; returns whether the journal works again."""
         try:
             self.journal.lines(self._waiting, to_disk=True)
@@ -78,7 +78,7 @@ class GuardedJournal:
         return True
 
     def _failed(self, error: OSError) -> None:
-        if not self.journal.durable:  # a simulation: it may end
+        if not self.journal.durable:  # a simulation, which ends with the error
             raise error
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         self.trouble = "disk full" if full else f"cannot be written: {error.strerror}"

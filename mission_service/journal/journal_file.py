@@ -1,13 +1,13 @@
-"""The journal: every event before it is handled, every command after. JSON Lines.
+"""The journal, as JSON Lines: each event is written before it is handled, then its commands.
 
-The first line is the header (versions, seed, scenario, landscape). Each further line holds one
+The first line is the header (versions, seed, scenario, landscape). Each further line contains one
 event or one command; a last line marks the regular end of the run. Every line ends in a checksum
-chained to the line before (the header's stands alone), so that a changed, lost, added or moved line
-is detected and reported.
+that depends on all lines between it and the header, so that a changed, lost, added or moved line is
+detected. The checksum of the header covers only the header.
 
 Each line that is written can be read back: it is decoded before it is written, and refused if the
-result differs (msgspec writes NaN as null) or a value is beyond the limits of its type. A journal
-and its states are readable by their user only; a symbolic link in their place is refused.
+result differs (msgspec writes NaN as null) or a value exceeds the limits of its type. A journal and
+its states are readable by their user only; a symbolic link in their place is refused.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ _decode_command = msgspec.json.Decoder(AnyCommand).decode
 
 
 def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[str, Any]:
-    """The header of a journal; ``created`` is the wall-clock time as text."""
+    """Return the header of a journal; ``created`` is the wall-clock time as text."""
     packages = ("numpy", "numba", "pymavlink", "pyproj", "shapely")
     return {
         "format": FORMAT,
@@ -55,7 +55,7 @@ def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[s
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """A position in a journal: after a whole line of a segment, with that line's checksum."""
+    """A position in a journal: the end of a line of a segment, with that line's checksum."""
 
     at_byte: int
     crc: int
@@ -63,11 +63,11 @@ class Rest:
 
 
 class Journal:
-    """Appends to a journal. ``durable`` (live flight): lines are passed to the system at once.
+    """Appends to a journal. ``durable`` (live flight): lines are not buffered in the process.
 
-    No partial line stays: if lines cannot be written completely, they are removed and OSError is
-    raised; the journal is then unchanged, and writing may be tried again.
-    With ``rest`` it continues the journal of a run that was cut off, with its header.
+    If lines cannot be written completely, they are removed and OSError is raised; the journal is
+    then unchanged, and writing may be tried again. With ``rest``, the journal of an interrupted run
+    is continued after this position; its header remains.
     """
 
     def __init__(
@@ -91,15 +91,15 @@ class Journal:
             raise JournalError(f"{path}: {in_words(error)}") from None
 
     def write_event(self, event: AnyEvent, body: bytes | None = None) -> None:
-        """Append an event before it is handled; an operator's is on the disk when this returns.
+        """Append an event before it is handled; an operator's event is flushed to the disk.
 
         Args:
             event: The event.
-            body: Its ``event_body``, if that was computed before.
+            body: Its ``event_body``, if the caller has computed it.
 
         Raises:
             RefusedEventError: The event could not be read back equal.
-            OSError: It could not be written.
+            OSError: The event could not be written.
         """
         body = event_body(event) if body is None else body
         self.lines([body], to_disk=isinstance(event, OperatorEvent))
@@ -110,15 +110,15 @@ class Journal:
             self.lines([command_body(command) for command in commands])
 
     def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
-        """Write lines without their checksums, all or none."""
+        """Append lines, given without their checksums: all or none."""
         crc, lines = self.rest.crc, []
         for body in bodies:
             line, crc = _line(body, crc)
             lines.append(line)
         self._put(lines, crc, to_disk)
 
-    def take_back(self, before: Rest) -> None:
-        """Remove all lines after a position; they must not have had any effect."""
+    def remove_last(self, before: Rest) -> None:
+        """Remove all lines after a position; the caller must not have applied them."""
         unwritten = max(len(self._waiting) - (self.rest.at_byte - before.at_byte), 0)
         del self._waiting[unwritten:]
         self.rest = before
@@ -131,7 +131,7 @@ class Journal:
         self.lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
-        """Flush the buffer and close the file, once."""
+        """Flush the buffer and close the file; a second call has no effect."""
         if self._file < 0:
             return
         try:
@@ -141,14 +141,17 @@ class Journal:
             self._file = -1
 
     def begin_segment(self) -> Path:
-        """Close this file under a name of its own and begin the next; returns the closed file.
+        """Rename this file to that of a closed segment, begin the next, return the closed file.
 
-        On OSError nothing has changed. The caller has to sync both names to the disk.
+        After an OSError the journal is unchanged. The caller has to sync both names to the disk.
         """
         number = self.rest.segment + 1
-        before = {"previous_bytes": self.rest.at_byte, "previous_crc": f"{self.rest.crc:08x}"}
-        told = {"segment": number, **before}
-        line = _line(_HEADER + _encode({**self._header, **told}), 0)[0]
+        position = {
+            "segment": number,
+            "previous_bytes": self.rest.at_byte,
+            "previous_crc": f"{self.rest.crc:08x}",
+        }
+        line = _line(_HEADER + _encode({**self._header, **position}), 0)[0]
         new, closed = next_path(self.path), segment_path(self.path, number - 1)
         file = _opened(new, new=True)
         try:
@@ -182,7 +185,7 @@ class Journal:
         except OSError:
             self._torn = True
             self._waiting = bytearray()
-            with contextlib.suppress(OSError):  # else before it is tried again
+            with contextlib.suppress(OSError):  # the next attempt repairs the file
                 self._repair()
             raise
         self.rest = after
@@ -205,14 +208,14 @@ def _opened(path: Path, new: bool) -> int:
 
 
 def _refuse_live(path: Path) -> None:
-    """Raise JournalError if the file is a live run's journal, which is not overwritten."""
+    """Raise JournalError if the file is the journal of a live run, which must be preserved."""
     if not begins_journal(path):
         return
     with path.open("rb") as file:
         body, intact, _ = _checked(file.readline().rstrip(b"\n"), 0)
     if not intact or msgspec.json.decode(body[len(_HEADER) :]).get("live"):
         raise JournalError(
-            f"{path}: is the journal of a live run and is not overwritten; move it away or choose "
+            f"{path}: is the journal of a live run and is not overwritten; move it or choose "
             "another folder"
         )
 
@@ -226,7 +229,7 @@ def _write(file: int, data: bytes | bytearray) -> None:
 
 
 def begins_journal(path: Path) -> bool:
-    """Whether a file begins like a journal; False also for a file that cannot be read."""
+    """Return whether a file begins like a journal; False also for a file that cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(len(_HEADER)) == _HEADER
@@ -235,33 +238,34 @@ def begins_journal(path: Path) -> bool:
 
 
 def event_body(event: AnyEvent) -> bytes:
-    """The line of an event without its checksum. Raises RefusedEventError if unreadable."""
+    """Return the line of an event without its checksum. Raises RefusedEventError if unreadable."""
     return _EVENT + _readable(event, _decode_event)
 
 
 def command_body(command: AnyCommand) -> bytes:
-    """The line of a command without its checksum. Raises RefusedEventError if unreadable."""
+    """Return the line of a command without its checksum. Raises RefusedEventError if unreadable."""
     return _COMMAND + _readable(command, _decode_command)
 
 
-def _readable(thing: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -> bytes:
+def _readable(content: AnyEvent | AnyCommand, decode: Callable[[bytes], object]) -> bytes:
+    name = type(content).__name__
     try:
-        body = _encode(thing)
+        body = _encode(content)
         again = decode(body)
     except (msgspec.MsgspecError, UnicodeError, OverflowError, TypeError, ValueError) as error:
-        raise RefusedEventError(f"{type(thing).__name__} refused: {error}") from None
-    if again != thing:
-        raise RefusedEventError(f"{type(thing).__name__} refused: it would not be read back equal")
+        raise RefusedEventError(f"{name} refused: {error}") from None
+    if again != content:
+        raise RefusedEventError(f"{name} refused: it differs after encoding and decoding")
     return body
 
 
 def next_path(path: Path) -> Path:
-    """The file in which the next segment of the journal at ``path`` is prepared."""
+    """Return the file in which the next segment of the journal at ``path`` is prepared."""
     return path.with_name(f"{path.name}.next")
 
 
 def segment_path(path: Path, number: int) -> Path:
-    """The file of a closed segment of the journal at ``path``."""
+    """Return the file of a closed segment of the journal at ``path``."""
     return path.with_name(f"{path.stem}-{number:06d}{path.suffix}")
 
 
@@ -274,7 +278,7 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 class Entry:
     """One line of a journal: an event or a command, and whether its checksum matches.
 
-    Not ``sure``: a line before it was skipped, so the core's commands may differ from these.
+    ``sure`` is False after a skipped line: the commands of a replay may then differ from these.
     """
 
     line: int
@@ -286,17 +290,17 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A line that is neither an event nor a command, or was altered; ``why`` is the reason."""
+    """A line that is altered, or neither an event nor a command; ``why`` is the reason."""
 
     line: int
     why: str
 
 
 class SegmentReader:
-    """Reads a journal line by line; a line cut off at the end is reported in ``cut_at_line``.
+    """Reads a segment line by line; ``cut_at_line`` is the number of an incomplete last line.
 
-    After the last line ``rest`` is the position to continue from, ``ended`` whether the run ended
-    regularly.
+    After the last line, ``rest`` is the position to continue from, and ``ended`` is set if the run
+    ended regularly.
     """
 
     def __init__(self, path: Path) -> None:
@@ -325,12 +329,12 @@ class SegmentReader:
         return self.after(self.begin)
 
     def after(self, place: Rest) -> Iterator[Entry]:
-        """Entries after a position. Raises JournalError for a line that is no event or command."""
+        """Yield entries after a position. Raises JournalError for an undecodable line."""
         for number, body, intact in self.lines(place):
             yield self.entry(number, body, intact)
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
-        """Entries after a position; altered and undecodable lines as ``Unreadable``."""
+        """Yield entries after a position, with ``Unreadable`` for altered, undecodable lines."""
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
@@ -342,7 +346,7 @@ class SegmentReader:
                 yield Unreadable(number, str(error))
 
     def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
-        """Lines after a position, not decoded: number, body, and whether the checksum matches."""
+        """Yield undecoded lines after a position: number, body, whether the checksum matches."""
         self.rest = place
         self.cut_at_line, self.ended = None, False
         with self.path.open("rb") as file:
@@ -352,7 +356,7 @@ class SegmentReader:
                     self.cut_at_line = number
                     return
                 if self.ended:
-                    raise JournalError(f"{self.path}: line {number} stands after the end")
+                    raise JournalError(f"{self.path}: line {number} follows the end of the run")
                 body, intact, crc = _checked(raw[:-1], self.rest.crc)
                 self.rest = Rest(self.rest.at_byte + len(raw), crc, self.segment)
                 if body.startswith(_END) and intact:
@@ -361,7 +365,7 @@ class SegmentReader:
                     yield number, body, intact
 
     def entry(self, number: int, body: bytes, intact: bool) -> Entry:
-        """A decoded line. Raises JournalError if it is no event or command."""
+        """Decode a line. Raises JournalError if it is neither an event nor a command."""
         try:
             if body.startswith(_EVENT):
                 return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)
@@ -375,14 +379,14 @@ class SegmentReader:
 def _lines_in(file: BinaryIO, first_bytes: int) -> int:
     """Read the first bytes of a file; returns the number of line ends in them."""
     count = 0
-    while first_bytes > 0 and (piece := file.read(min(first_bytes, 1 << 20))):
-        count += piece.count(b"\n")
-        first_bytes -= len(piece)
+    while first_bytes > 0 and (block := file.read(min(first_bytes, 1 << 20))):
+        count += block.count(b"\n")
+        first_bytes -= len(block)
     return count
 
 
 def _checked(line: bytes, crc: int) -> tuple[bytes, bool, int]:
-    """Split a line into body and checksum: (body, does it match, checksum as written)."""
+    """Split a line into its body, whether its checksum matches, and the checksum as written."""
     body, found, tail = line.rpartition(_CHECK)
     if not found or len(tail) != 10:
         return line, False, 0

@@ -1,7 +1,7 @@
 """Files that only their user can read: mode 0600, in folders of mode 0700, no symbolic links.
 
-A symbolic link planted in the place of a journal or a state would make the service write to its
-target with the rights of the service's user; it is therefore refused and never followed.
+Through a symbolic link in place of a journal or a state, another user could make the service write
+to any file of the service's user. Symbolic links are therefore refused and never followed.
 """
 
 import errno
@@ -13,16 +13,16 @@ from pathlib import Path
 from mission_service.errors import MissionServiceError
 
 FILE_MODE, FOLDER_MODE = 0o600, 0o700
-LINK = "is a symbolic link, which is not followed for files of a run; remove it"
+LINK = "is a symbolic link, and files of a run must not be links; remove it"
 
 
 def opened(path: Path, flags: int) -> int:
-    """A file descriptor of a regular file. Raises OSError; with ELOOP for a symbolic link."""
+    """Return a descriptor of the opened file. Raises OSError, with ELOOP for a symbolic link."""
     return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, FILE_MODE)
 
 
 def in_words(error: OSError) -> str:
-    """The reason why a file could not be opened for writing."""
+    """Return the reason why a file could not be opened for writing."""
     return LINK if error.errno == errno.ELOOP else f"cannot be written: {error.strerror}"
 
 
@@ -33,14 +33,23 @@ def refuse_links(folder: Path, stem: str = "") -> None:
             raise MissionServiceError(f"{each}: {LINK}, or choose another --out")
 
 
-def written_by_others(folder: Path) -> bool:
-    """Whether other users may write in a folder."""
-    return bool(folder.stat().st_mode & 0o022)
+def writable_by_others(found: os.stat_result) -> bool:
+    """Return whether other users may write a file or in a folder."""
+    return bool(found.st_mode & 0o022)
+
+
+def sync(path: Path) -> None:
+    """Flush a file or a folder to the disk (fsync)."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 @contextmanager
 def private() -> Iterator[None]:
-    """A context in which this process creates all files for its user only (umask 077)."""
+    """Set the umask to 077 within the context: new files are readable by their user only."""
     before = os.umask(0o077)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Reads a journal: its segments as one stream, its scenario, and the state at its begin."""
+"""Reads a journal: its segments as one stream, its scenario, and its initial state."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,15 +24,15 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 class JournalReader:
     """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
 
-    If its beginning was deleted, core and fire are those of the state saved in its place.
+    If its first segments were deleted, core and fire are those of the state saved at that position.
     """
 
     def __init__(self, path: Path, alone: bool = False) -> None:
-        """``alone``, or the path of a closed segment: without the segments before this one."""
+        """Open a journal. With ``alone``, or for a closed segment, read only the file ``path``."""
         self.path = path
         self._chain = None if alone or journal_of(path) is not None else Chain(path)
         self.readers = [SegmentReader(path)] if self._chain is None else self._chain.readers
-        self.at: tuple[SegmentReader, Entry] | None = None  # what was read last
+        self.at: tuple[SegmentReader, Entry] | None = None  # the last entry read
         self.damaged = False
         self.skipped = self._lines_skipped()
 
@@ -43,7 +43,7 @@ class JournalReader:
 
     @property
     def last(self) -> SegmentReader:
-        """The last segment; after reading all, ``cut_at_line`` is set if it was cut off."""
+        """The last segment; ``cut_at_line`` is valid after all entries were read."""
         return self.readers[-1]
 
     @cached_property
@@ -53,25 +53,25 @@ class JournalReader:
 
     @cached_property
     def landscape(self) -> Landscape:
-        """The landscape; raises JournalError if it differs from the journal's."""
+        """The landscape. Raises JournalError if it differs from the journal's."""
         found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
         if found.digest() != recorded:
             raise JournalError(
-                f"{self.path}: the landscape is not the one of the journal "
+                f"{self.path}: the landscape differs from that of the journal "
                 f"(sha256 {found.digest()[:12]}…, recorded {recorded[:12]}…); "
-                "replay it where its rasters are"
+                "replay the journal on a machine with its rasters"
             )
         return found
 
     def entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Each line with its segment; raises JournalError at a line that cannot be read."""
+        """Yield each line with its segment. Raises JournalError for an unreadable line."""
         self.at = None
         for found in self._entries():
             self.at = found
             yield found
 
     def _entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Entries without lines skipped by a restart; the entries after those are not ``sure``."""
+        """Yield entries without the lines that restarts skipped; later entries are not ``sure``."""
         sure = True
         for reader, number, body, intact in self._lines():
             if (reader.segment, number) in self.skipped:
@@ -88,7 +88,7 @@ class JournalReader:
             yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
 
     def _lines_skipped(self) -> dict[tuple[int, int], str]:
-        """The reasons of the lines that restarts have skipped, by (segment, line)."""
+        """Return the reasons for the lines that restarts have skipped, by (segment, line)."""
         found: dict[tuple[int, int], str] = {}
         try:
             for reader, number, body, intact in self._lines():
@@ -96,12 +96,12 @@ class JournalReader:
                     content = reader.entry(number, body, intact).content
                     if isinstance(content, LinesSkipped):
                         found |= {(each[0], each[1]): each[2] for each in content.lines}
-        except JournalError:  # reported when it is read
+        except JournalError:  # raised again by ``entries``
             pass
         return found
 
     def intact(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """As ``entries``; raises JournalError also at an altered line."""
+        """Yield the same as ``entries``. Raises JournalError also for an altered line."""
         for reader, entry in self.entries():
             if not entry.intact:
                 raise JournalError(
@@ -110,7 +110,7 @@ class JournalReader:
             yield reader, entry
 
     def readable(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """As ``entries``, up to the first unreadable line, which sets ``damaged``."""
+        """Yield the same as ``entries`` up to the first unreadable line, which sets ``damaged``."""
         try:
             yield from self.entries()
         except JournalError:
@@ -118,24 +118,24 @@ class JournalReader:
 
     @property
     def cut_off(self) -> bool:
-        """Whether commands of the last event may be missing; valid after reading all."""
+        """Whether commands of the last event may be missing; valid after all entries were read."""
         killed = bool(self.last.header.get("live")) and not self.last.ended
         return killed or self.damaged or self.last.cut_at_line is not None
 
     def place(self, reader: SegmentReader, entry: Entry) -> str:
-        """The place of a line, as text."""
+        """Return the number of a line as text, with its segment if the journal has several."""
         line = f"line {entry.line}"
         return line if len(self.readers) == 1 else f"{reader.path.name}, {line}"
 
     def core(self) -> Core:
-        """The core in its state at the beginning."""
+        """Return the core in its initial state."""
         if self.segment == 1:
             return Core(self.scenario, self.landscape)
         core: Core = self._state()["core"]
         return core
 
     def fire(self) -> ObservedFire:
-        """The fire in its state at the beginning."""
+        """Return the fire in its initial state."""
         if self.segment == 1:
             return ObservedFire(self.scenario, world_of(self.scenario, self.landscape))
         fire: ObservedFire = self._state()["fire"]

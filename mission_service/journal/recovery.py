@@ -1,13 +1,13 @@
 """Resumes a run after a kill: loads the newest state and applies the rest of the journal to it.
 
-No command is carried out again. Transfers and orders in progress at the kill are uncertain: the
-event ``Resumed`` after the last event ends all of them.
+No command is executed again. The outcome of transfers and orders in progress at the kill is
+unknown: the event ``Resumed`` after the last event ends all of them.
 
-A line that cannot be read or handled ends a restart with an error that names the line. On request
-it is skipped, and ``LinesSkipped`` records that, so that later restarts and replays skip it too.
-Between the line and that event the core's state may differ from the live run's, so the recorded
-commands count. The last event of a journal is skipped without a request if it cannot be handled:
-the run was killed before it could take the event back.
+A line that cannot be read or handled ends a restart with an error that names the line. With
+``--skip-unreadable`` it is skipped, and ``LinesSkipped`` records that, so that later restarts and
+replays skip it too. Between the line and that event the core's state may differ from the live
+run's, so the recorded commands are applied. If the last event of a journal cannot be handled, it is
+always skipped: the run was killed before it could remove the event from the journal.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,120 +31,118 @@ from mission_service.journal.private_files import refuse_links
 from mission_service.journal.segments import Chain, closed_segments, complete, move, states
 from mission_service.journal.snapshot import Known, header_of, read
 
-ANEW = "; to begin a new run, start with --fresh (the journal is kept under another name)"
-SKIP = "; --skip-unreadable goes on without that line"
+FRESH = "; to begin a new run, start with --fresh (the journal is then renamed)"
+SKIP = "; --skip-unreadable resumes without that line"
 
 Line = tuple[int, int]  # segment, line
 
 
 @dataclass
 class _Turn:
-    """One event of the journal with the lines that follow it; None: a line of them is missing."""
+    """One event of the journal with its commands; None in place of an unreadable command."""
 
     reader: SegmentReader
     line: int
     event: AnyEvent
-    after_hole: bool  # an event before it may be missing
+    after_gap: bool  # an event before it may be missing
     commands: list[tuple[SegmentReader, Entry] | None] = field(default_factory=list)
     is_last: bool = False
 
     @property
     def recorded(self) -> list[AnyCommand]:
-        """The commands that can be read."""
+        """The readable commands."""
         found = (each[1].content for each in self.commands if each is not None)
         return list(found)  # type: ignore[arg-type]
 
     def gives(self, commands: list[AnyCommand]) -> bool:
-        """Whether these equal its recorded commands, as far as those can be read."""
+        """Return whether ``commands`` equal the recorded commands, as far as those are readable."""
         return len(commands) == len(self.commands) and all(
-            each is None or each[1].content == ours
-            for each, ours in zip(self.commands, commands, strict=True)
+            each is None or each[1].content == command
+            for each, command in zip(self.commands, commands, strict=True)
         )
 
 
-class Unfinished:
-    """The journal of a run that was cut off and is to be resumed.
+class InterruptedRun:
+    """The journal of an interrupted run that is to be resumed.
 
-    ``objects`` is the newest usable state, or None: then the journal is applied from its beginning.
-    ``passed_over`` are the reasons why newer states are unusable; ``skipped`` the reasons of
-    skipped lines by (segment, line), and ``skips_now`` those that the journal does not record yet.
+    ``objects`` is the newest usable state; if it is None, the journal is applied from its first
+    line. ``unusable`` lists why newer states are not used. ``skipped`` are the reasons for skipped
+    lines by (segment, line), and ``newly_skipped`` those that the journal does not record yet.
     """
 
     def __init__(
-        self, path: Path, chain: Chain, known: Known, skip_unreadable: bool = False
+        self, path: Path, chain: Chain, shared: Known, skip_unreadable: bool = False
     ) -> None:
-        """Raises JournalError in one line if both a usable state and the beginning are missing."""
+        """Raise JournalError in one line if both a usable state and the beginning are missing."""
         self.path = path
         self._chain = chain
         self._skip_unreadable = skip_unreadable
         self.last_us = 0
         self.missing: tuple[AnyCommand, ...] = ()
         self.objects: dict[str, Any] | None = None
-        self.passed_over: list[str] = []
+        self.unusable: list[str] = []
         self.skipped: dict[Line, str] = {}
-        self.skips_now: dict[Line, str] = {}
+        self.newly_skipped: dict[Line, str] = {}
         self._at: _Turn | None = None  # applied to the core, perhaps not yet to other folds
         self._place = chain.begin
-        # With short segments the state of the last one's beginning is newer than ``journal.state``.
+        # With short segments the state of the last segment is newer than ``journal.state``.
         usable: list[tuple[Rest, Path]] = []
         for state in states(path):
             try:
-                place = header_of(state, known).rest
+                place = header_of(state, shared).rest
                 if not chain.holds(place):
-                    raise StateError(f"{state}: its place is not in the journal")
+                    raise StateError(f"{state}: its position is not in the journal")
                 usable.append((place, state))
             except StateError as error:
-                self.passed_over.append(str(error))
-        for place, state in sorted(usable, key=_latest_last, reverse=True):
+                self.unusable.append(str(error))
+        usable.sort(key=lambda each: (each[0].segment, each[0].at_byte), reverse=True)
+        for place, state in usable:
             try:
-                self.objects, self._place = read(state, known), place
+                self.objects, self._place = read(state, shared), place
                 return
             except StateError as error:
-                self.passed_over.append(str(error))
+                self.unusable.append(str(error))
         if chain.readers[0].segment != 1:
-            why = "; ".join(self.passed_over) or "there is none"
+            why = "; ".join(self.unusable) or "no file found"
             raise JournalError(
                 f"{path}: cannot be resumed: its beginning was deleted, and no state can be "
                 f"used ({why}); resume it with the version that wrote it, or start with --fresh "
-                "and report the fire (the journal is kept under another name)"
+                "and report the fire (the journal is then renamed)"
             )
 
     def rest(self) -> Rest:
-        """The position to continue from; raises JournalError in one line if it is damaged."""
+        """Return the position to continue from. Raises JournalError for a damaged line."""
         unreadable: dict[Line, str] = {}
         for reader, entry in self._chain.trusted(self._place):
             if isinstance(entry, Unreadable):
                 unreadable[reader.segment, entry.line] = entry.why
             elif isinstance(entry.content, LinesSkipped):
-                told = entry.content.lines
-                self.skipped |= {(segment, line): why for segment, line, why in told}
+                lines = entry.content.lines
+                self.skipped |= {(segment, line): why for segment, line, why in lines}
         for line, why in unreadable.items():
             if line not in self.skipped:
-                self._skip(line, why)
+                if not self._skip_unreadable:
+                    raise JournalError(f"{why}{SKIP}{FRESH}")
+                self.newly_skipped[line] = self.skipped[line] = why
         return self._chain.last.rest
-
-    def _skip(self, line: Line, why: str) -> None:
-        if not self._skip_unreadable:
-            raise JournalError(f"{why}{SKIP}{ANEW}")
-        self.skips_now[line] = self.skipped[line] = why
 
     def turns(
         self, handle: Callable[[AnyEvent], list[AnyCommand]]
     ) -> Iterator[tuple[AnyEvent, list[AnyCommand]]]:
-        """Each event with the commands that ``handle`` (of the core) returns.
+        """Yield each event with the commands that ``handle`` (of the core) returns.
 
-        After a skipped line, and up to the ``LinesSkipped`` that records it, the commands are those
-        of the journal, as far as they can be read: they were carried out.
+        After a skipped line, and up to the ``LinesSkipped`` that records it, the readable commands
+        of the journal are yielded instead: the live run has executed them.
 
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
-        if ``handle`` fails (then ``skip_line`` may help). Afterwards ``last_us`` is the latest
-        mission time, and ``missing`` are commands of the last event that the journal lacks: they
-        were not carried out, because commands are journalled first.
+        if ``handle`` fails (``skip_line`` can then skip the line). Afterwards ``last_us`` is the
+        latest mission time, and ``missing`` are commands of the last event that the journal lacks:
+        they were not executed, because commands are journalled first.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
             self._at = turn
-            sure = isinstance(turn.event, LinesSkipped) or (sure and not turn.after_hole)
+            sure = isinstance(turn.event, LinesSkipped) or (sure and not turn.after_gap)
             try:
                 commands = handle(turn.event)
             except Exception as error:
@@ -162,37 +160,36 @@ class Unfinished:
             yield turn.event, commands
 
     def skips(self, at_us: int) -> LinesSkipped | None:
-        """The event that records the lines skipped by this restart; None if none were."""
-        lines = tuple((*line, why) for line, why in self.skips_now.items())
+        """Return the event that records the lines that this restart skips, or None."""
+        lines = tuple((*line, why) for line, why in self.newly_skipped.items())
         return LinesSkipped(at_us, "service", "", lines) if lines else None
 
     def unhandled(self, error: Exception) -> UnhandledLineError:
-        """The error for the line that was applied last and cannot be handled."""
+        """Return the error for the line applied last, which caused ``error``."""
         assert self._at is not None
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return UnhandledLineError(
-            f"{self._at.reader.path}: line {self._at.line} cannot be handled ({words}){SKIP}{ANEW}"
+            f"{self._at.reader.path}: line {self._at.line} cannot be handled ({words}){SKIP}{FRESH}"
         )
 
     def skip_line(self, problem: UnhandledLineError) -> None:
-        """Skip the line that cannot be handled; the caller starts again from the state.
+        """Skip the line that cannot be handled; the caller restarts from the state.
 
-        Raises the problem unless skipping was requested, or the last event has no command.
+        Raises ``problem`` unless skipping is permitted or it is the last event, without commands.
         """
         assert self._at is not None
         cut_off = self._at.is_last and not self._at.commands
         if not (self._skip_unreadable or cut_off):
             raise problem
         line = (self._at.reader.segment, self._at.line)
-        self.skips_now[line] = self.skipped[line] = str(problem).partition(SKIP)[0]
+        self.newly_skipped[line] = self.skipped[line] = str(problem).partition(SKIP)[0]
 
     def _compare(self, turn: _Turn, commands: list[AnyCommand]) -> None:
-        """Raise JournalError if the journal's commands differ from these."""
+        """Raise JournalError if the journal's commands differ from ``commands``."""
         for number, found in enumerate(turn.commands):
             assert found is not None
             reader, entry = found
-            expected = commands[number : number + 1]
-            difference = difference_of(entry, expected)
+            difference = difference_of(entry, commands[number : number + 1])
             if difference is not None:
                 raise self._differs(reader.path, difference)
         if len(commands) > len(turn.commands) and not turn.is_last:
@@ -202,7 +199,7 @@ class Unfinished:
 
     def _differs(self, path: Path, difference: str) -> JournalError:
         return JournalError(
-            f"{path}: cannot be resumed: {difference}; was it written by another version?{ANEW}"
+            f"{path}: cannot be resumed: {difference}; another version may have written it{FRESH}"
         )
 
     def _turns(self) -> Iterator[_Turn]:
@@ -212,9 +209,9 @@ class Unfinished:
             skipped = (reader.segment, entry.line) in self.skipped
             if isinstance(entry, Unreadable):
                 if not skipped:
-                    raise JournalError(f"{entry.why}{SKIP}{ANEW}")
+                    raise JournalError(f"{entry.why}{SKIP}{FRESH}")
                 hole = hole or turn is None
-                if turn is not None:  # one of its commands, or an event after it
+                if turn is not None:  # the line is one of its commands or an event after it
                     turn.commands.append(None)
             elif entry.is_event:
                 if turn is not None:
@@ -231,14 +228,10 @@ class Unfinished:
             yield turn
 
 
-def _latest_last(found: tuple[Rest, Path]) -> tuple[int, int]:
-    return found[0].segment, found[0].at_byte
-
-
 def unfinished(
-    path: Path, known: Known, scenario: Scenario, skip_unreadable: bool = False
-) -> Unfinished | None:
-    """The journal at ``path`` if it is of a live run of the same scenario that was cut off.
+    path: Path, shared: Known, scenario: Scenario, skip_unreadable: bool = False
+) -> InterruptedRun | None:
+    """Return the journal at ``path`` if it is of an interrupted live run of the same scenario.
 
     Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
     is damaged.
@@ -252,22 +245,22 @@ def unfinished(
     except JournalError as error:
         is_burn = scenario.burn_flown is not None
         if not (is_burn or closed_segments(path) or begins_journal(path)):
-            return None  # no journal; it is kept under another name
-        raise JournalError(f"{error}{ANEW}") from None
+            return None  # not a journal; ``rename_old`` renames it
+        raise JournalError(f"{error}{FRESH}") from None
     same = (
         header["scenario"] == scenario.model_dump(mode="json")
-        and header["landscape_sha256"] == known.landscape
+        and header["landscape_sha256"] == shared.landscape
     )
     if not same or not header.get("live") or _ended(path):
         return None
-    return Unfinished(path, Chain(path), known, skip_unreadable)
+    return InterruptedRun(path, Chain(path), shared, skip_unreadable)
 
 
-def set_aside(path: Path) -> Path | None:
-    """Rename a journal in the place of which a new one is to be written; returns its new path.
+def rename_old(path: Path) -> Path | None:
+    """Rename the journal at ``path`` to make room for a new one; returns its new path.
 
-    Only ``keep_mb`` deletes journals. A file without a complete header holds no entry and is
-    replaced; segments whose last one was moved away are kept.
+    Only ``keep_mb`` deletes journals. A file without a complete header contains no entry and is
+    deleted; closed segments without a current segment are renamed too.
     """
     refuse_links(path.parent, path.stem)
     complete(path)
@@ -277,33 +270,31 @@ def set_aside(path: Path) -> Path | None:
         path.unlink()
     if not path.exists() and not closed_segments(path):
         for state in states(path):
-            state.unlink()  # of no journal
+            state.unlink()  # a state without a journal
         return None
     number = 1
-    while _taken(kept := path.with_name(f"{path.stem}-{number}{path.suffix}")):
+    while (to := path.with_name(f"{path.stem}-{number}{path.suffix}")).exists() or closed_segments(
+        to
+    ):
         number += 1
-    move(path, kept)
-    return kept
-
-
-def _taken(path: Path) -> bool:
-    return path.exists() or bool(closed_segments(path))
+    move(path, to)
+    return to
 
 
 def resumed(last_us: int, down_s: float) -> Resumed:
-    """The event of a restart; mission time went on while the service was down."""
+    """Return the event of a restart; its mission time includes the ``down_s`` without service."""
     down_s = max(0.0, down_s)
     return Resumed(last_us + round(down_s * 1e6), "service", "", round(down_s, 3))
 
 
 def _header_cut(path: Path) -> bool:
-    """Whether the run was killed before its header was complete."""
+    """Return whether the run was killed before its header was complete."""
     with path.open("rb") as file:
         return not file.readline().endswith(b"\n")
 
 
 def _ended(path: Path) -> bool:
-    """Whether the last line marks a regular end; reads only the end of the file."""
+    """Return whether the last line marks a regular end; reads only the end of the file."""
     with path.open("rb") as file:
         file.seek(0, 2)
         file.seek(max(0, file.tell() - 200))

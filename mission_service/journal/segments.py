@@ -1,12 +1,11 @@
 """The files of one journal: closed segments, the segment being written, and states.
 
-journal.jsonl            being written
-journal-000001.jsonl     closed, oldest first; each but the first goes on from a state:
-journal-000002.state     with what the segment of that number begins
-journal.state            the newest state of all; journal.earlier.state the one before
+journal.jsonl            the segment being written
+journal-000001.jsonl     a closed segment; the oldest has the smallest number
+journal-000002.state     the state at the beginning of segment 2 (segment 1 has none)
+journal.state            the newest state; journal.earlier.state is the state before it
 """
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,54 +19,52 @@ from mission_service.journal.journal_file import (
     next_path,
     segment_path,
 )
+from mission_service.journal.private_files import sync
 
 NEVER_DELETED = 2  # segments: the one being written, and the one before
 
 
 def closed_segments(path: Path) -> dict[int, Path]:
-    """The closed segments of the journal at ``path`` by number, oldest first."""
+    """Return the closed segments of the journal at ``path`` by number, oldest first."""
     form = re.compile(rf"{re.escape(path.stem)}-(\d{{6}}){re.escape(path.suffix)}")
     found = ((form.fullmatch(each.name), each) for each in path.parent.glob(f"{path.stem}-*"))
     return dict(sorted((int(match[1]), each) for match, each in found if match))
 
 
 def journal_of(segment: Path) -> Path | None:
-    """The journal of a closed segment; None if the name is not that of a closed segment."""
+    """Return the journal of a closed segment; None if the name is not that of a closed segment."""
     found = re.fullmatch(r"(.+)-\d{6}", segment.stem)
     return None if found is None else segment.with_name(found[1] + segment.suffix)
 
 
 def begin_state(path: Path, number: int) -> Path:
-    """The state with which a segment begins."""
+    """Return the path of the state at the beginning of a segment."""
     return segment_path(path, number).with_suffix(".state")
 
 
 def newest_state(path: Path) -> Path:
-    """The state written last."""
+    """Return the path of the state written last."""
     return path.with_suffix(".state")
 
 
 def earlier_state(path: Path) -> Path:
-    """The state written before the last."""
+    """Return the path of the state written before the last."""
     return path.with_suffix(".earlier.state")
 
 
 def states(path: Path) -> list[Path]:
-    """All existing states, the newest first."""
-    begins = [begin_state(path, number + 1) for number in reversed(closed_segments(path))]
-    oldest = [begin_state(path, number) for number in list(closed_segments(path))[:1]]
+    """Return the paths of all existing states, the newest first."""
+    closed = list(closed_segments(path))
+    begins = [begin_state(path, number + 1) for number in reversed(closed)]
+    oldest = [begin_state(path, number) for number in closed[:1]]
     found = [newest_state(path), earlier_state(path), *begins, *oldest]
     return [each for each in found if each.exists()]
 
 
 def synced(path: Path) -> None:
-    """Sync a file and its folder to the disk."""
-    for place in (path, path.parent):
-        file = os.open(place, os.O_RDONLY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
+    """Flush a file and its folder to the disk."""
+    sync(path)
+    sync(path.parent)
 
 
 def complete(path: Path) -> None:
@@ -83,10 +80,7 @@ def complete(path: Path) -> None:
 
 
 def move(path: Path, to: Path) -> None:
-    """Rename a journal with all its segments and the states these begin with.
-
-    Its newest states, of no use under the new name, are deleted.
-    """
+    """Rename a journal, its segments and the states at their beginnings; delete other states."""
     closed = closed_segments(path)
     for number in (*closed, max(closed, default=0) + 1):
         if begin_state(path, number).exists():
@@ -100,22 +94,22 @@ def move(path: Path, to: Path) -> None:
 
 
 def trim(path: Path, keep_bytes: int) -> list[Path]:
-    """Delete the oldest segments while all together exceed ``keep_bytes``; returns those deleted.
+    """Delete the oldest segments while their total size exceeds ``keep_bytes``; returns them.
 
-    The oldest remaining segment must have a state, or it could not be replayed. A run that was
-    killed before it wrote the state of a segment lacks that state.
+    A segment that lacks the state at its beginning is deleted too if it would be the oldest,
+    because it could not be replayed. A run that was killed before it wrote a state lacks it.
     """
-    closed, gone = closed_segments(path), list[Path]()
+    closed, deleted = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
     for number, each in list(closed.items())[: max(len(closed) + 1 - NEVER_DELETED, 0)]:
-        if size <= keep_bytes and (not gone or begin_state(path, number).exists()):
+        if size <= keep_bytes and (not deleted or begin_state(path, number).exists()):
             break
         for old in (each, begin_state(path, number)):
             if old.exists():
                 size -= old.stat().st_size
                 old.unlink()
-        gone.append(each)
-    return gone
+        deleted.append(each)
+    return deleted
 
 
 class Chain:
@@ -144,37 +138,37 @@ class Chain:
         return self.readers[0].begin
 
     def holds(self, place: Rest) -> bool:
-        """Whether a position is in this journal."""
+        """Return whether a position is the end of a line of this journal."""
         for reader in self.readers:
             if reader.segment == place.segment:
                 return place == reader.begin or _line_ends(reader.path, place)
         return False
 
     def after(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Each entry after a position, with its segment."""
+        """Yield each entry after a position, with its segment."""
         for reader, number, body, intact in self.lines(place):
             yield reader, reader.entry(number, body, intact)
 
     def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
-        """As ``after``, not decoded: number, body, and whether the checksum matches."""
-        for reader, fix in self._places(place):
-            for line in reader.lines(fix):
+        """Yield undecoded lines: segment, number, body, and whether the checksum matches."""
+        for reader, begin in self._places(place):
+            for line in reader.lines(begin):
                 yield reader, *line
 
     def trusted(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry | Unreadable]]:
-        """As ``after``; altered and undecodable lines as ``Unreadable``."""
-        for reader, fix in self._places(place):
-            for entry in reader.trusted(fix):
+        """Yield the same as ``after``, with ``Unreadable`` for altered and undecodable lines."""
+        for reader, begin in self._places(place):
+            for entry in reader.trusted(begin):
                 yield reader, entry
 
     def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:
-        """Each segment from a position on, with the position in it to begin at."""
+        """Yield each segment from a position on, with the position in it to read from."""
         before: SegmentReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:
                 continue
             if before is not None:
-                _refuse_other(before, reader)
+                _check_continuation(before, reader)
             yield reader, place if reader.segment == place.segment else reader.begin
             before = reader
 
@@ -186,9 +180,10 @@ def _line_ends(path: Path, place: Rest) -> bool:
         return file.read(len(tail)) == tail
 
 
-def _refuse_other(before: SegmentReader, reader: SegmentReader) -> None:
-    told = (reader.header["previous_bytes"], reader.header["previous_crc"])
-    if before.cut_at_line is not None or told != (before.rest.at_byte, f"{before.rest.crc:08x}"):
+def _check_continuation(before: SegmentReader, reader: SegmentReader) -> None:
+    previous = (reader.header["previous_bytes"], reader.header["previous_crc"])
+    end = (before.rest.at_byte, f"{before.rest.crc:08x}")
+    if before.cut_at_line is not None or previous != end:
         raise JournalError(
             f"{before.path}: is incomplete, or {reader.path.name} does not continue it"
         )

@@ -1,8 +1,8 @@
-"""The state of a service in a file: a restart begins there, not at the start of the journal.
+"""The state of a service in a file, from which a restart resumes instead of replaying the journal.
 
-First line: JSON (``Header``), with the position in the journal that the state belongs to. The rest
-is one compressed pickle of all objects, so that references between them are kept. Objects rebuilt
-from the scenario (landscape, scenario) are stored by name only. A state is read only by the same
+The first line is JSON (``Header``), with the state's position in the journal. The rest is one
+compressed pickle of all objects, which preserves references between them. Objects that a restart
+builds from the scenario (landscape, scenario) are stored by name only. A state is read only by the
 code that wrote it, with the same versions of its libraries; otherwise a restart replays the
 journal, which takes longer. Unpickling executes code: a file that other users could have written is
 refused.
@@ -31,7 +31,7 @@ from mission_service.config.rule_lookup import versions_of_others
 from mission_service.config.scenario import Scenario
 from mission_service.errors import StateError
 from mission_service.journal.journal_file import Rest
-from mission_service.journal.private_files import opened
+from mission_service.journal.private_files import opened, sync, writable_by_others
 
 FORMAT = 1
 OURS = ("mission_service", "firemodel", "autopilot_bridge")
@@ -53,12 +53,12 @@ class Header(msgspec.Struct, frozen=True):
 
     @property
     def rest(self) -> Rest:
-        """The position in the journal at which it was taken."""
+        """The position in the journal at which the state was taken."""
         return Rest(self.at_byte, self.crc, self.segment)
 
 
 class Known:
-    """The objects that a state stores by name only, because they follow from the scenario."""
+    """The objects that a state stores by name only, because the scenario determines them."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         names = [field.name for field in fields(landscape)]
@@ -68,7 +68,7 @@ class Known:
             **{f"landscape.{k}": v for k, v in arrays.items() if isinstance(v, np.ndarray)},
             **dict(_parts("scenario", scenario)),
         }
-        self.name_of = {id(thing): name for name, thing in self.by_name.items()}
+        self.name_of = {id(value): name for name, value in self.by_name.items()}
         self._of = (scenario, landscape)
 
     @cached_property
@@ -82,30 +82,30 @@ class Known:
         return self._of[1].digest()
 
 
-def _parts(name: str, thing: object) -> Iterator[tuple[str, object]]:
-    """The sections of a scenario, by name."""
-    if isinstance(thing, BaseModel):
-        yield name, thing
-        for key, value in vars(thing).items():
+def _parts(name: str, section: object) -> Iterator[tuple[str, object]]:
+    """Yield the sections of a scenario with their names."""
+    if isinstance(section, BaseModel):
+        yield name, section
+        for key, value in vars(section).items():
             yield from _parts(f"{name}.{key}", value)
-    elif isinstance(thing, tuple):
-        for number, value in enumerate(thing):
+    elif isinstance(section, tuple):
+        for number, value in enumerate(section):
             yield from _parts(f"{name}.{number}", value)
 
 
 def digest_of(scenario: Scenario) -> str:
-    """The digest of a whole scenario."""
+    """Return the digest of a whole scenario."""
     return hashlib.sha256(scenario.model_dump_json().encode()).hexdigest()
 
 
 @cache
 def code_digest() -> str:
-    """The digest of the packages' source, the interpreter and the numerical libraries."""
+    """Return the digest of the packages' source, the interpreter and the numerical libraries."""
     digest = hashlib.sha256()
-    fix = Path(__file__).parents[2]
+    root = Path(__file__).parents[2]
     for package in OURS:
-        for path in sorted((fix / package).rglob("*.py")):
-            digest.update(f"{path.relative_to(fix)}\0".encode())
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(f"{path.relative_to(root)}\0".encode())
             digest.update(path.read_bytes())
     versions = {name: version(name) for name in COMPUTES_WITH} | versions_of_others()
     digest.update(repr((versions, platform.python_version(), platform.machine())).encode())
@@ -116,45 +116,57 @@ def code_digest() -> str:
 
 
 class Frozen:
-    """Objects as bytes: later changes of the objects do not affect them."""
+    """Pickled objects, unaffected by later changes of the objects."""
 
-    def __init__(self, objects: dict[str, Any], known: Known) -> None:
-        """Pickle the objects, in about the time of a copy; the rest can be done in a thread."""
-        pickled, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
-        _Pickler(pickled, known, buffers).dump(objects)
-        self.parts = [pickled.getvalue(), *(bytes(each.raw()) for each in buffers)]
-        self.known = known
+    def __init__(self, objects: dict[str, Any], shared: Known) -> None:
+        """Pickle the objects in about the time of a copy; ``write`` may run in a thread."""
+        pickled, buffers = _pickled(objects, shared)
+        self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
+        self.shared = shared
+
+
+def _pickled(objects: dict[str, Any], shared: Known) -> tuple[bytes, list[pickle.PickleBuffer]]:
+    file, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
+    _Pickler(file, shared, buffers).dump(objects)
+    return file.getvalue(), buffers
+
+
+def _unpickled(
+    pickled: bytes | bytearray, buffers: list[bytearray], shared: Known
+) -> dict[str, Any]:
+    objects: dict[str, Any] = _Unpickler(io.BytesIO(pickled), shared, buffers).load()
+    return objects
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles the ``Known`` objects by name, and keeps arrays that share memory sharing it."""
+    """Pickles the ``Known`` objects by name, and arrays that share memory as views of one array."""
 
-    def __init__(self, file: io.BytesIO, known: Known, buffers: list[pickle.PickleBuffer]) -> None:
+    def __init__(self, file: io.BytesIO, shared: Known, buffers: list[pickle.PickleBuffer]) -> None:
         super().__init__(file, 5, buffer_callback=buffers.append)
-        self._name_of = known.name_of
+        self._name_of = shared.name_of
 
-    def reducer_override(self, thing: Any) -> Any:
-        name = self._name_of.get(id(thing))
+    def reducer_override(self, value: Any) -> Any:
+        name = self._name_of.get(id(value))
         if name is not None:
-            return _known, (name,)
-        if type(thing) is np.ndarray and isinstance(thing.base, np.ndarray):
-            return _as_view(thing)
+            return _reference, (name,)
+        if type(value) is np.ndarray and isinstance(value.base, np.ndarray):
+            return _as_view(value)
         return NotImplemented
 
 
-def _known(name: str) -> Any:
-    raise AssertionError(f"{name}: only the reader of a state can replace it")
+def _reference(name: str) -> Any:
+    raise AssertionError(f"{name}: only ``_Unpickler`` can resolve this reference")
 
 
 class _Unpickler(pickle.Unpickler):
     """Replaces names by the ``Known`` objects."""
 
-    def __init__(self, file: io.BytesIO, known: Known, buffers: list[bytearray]) -> None:
+    def __init__(self, file: io.BytesIO, shared: Known, buffers: list[bytearray]) -> None:
         super().__init__(file, buffers=buffers)
-        self._by_name = known.by_name
+        self._by_name = shared.by_name
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) == (__name__, _known.__name__):
+        if (module, name) == (__name__, _reference.__name__):
             return self._by_name.__getitem__
         return super().find_class(module, name)
 
@@ -187,17 +199,17 @@ def _view(
 
 
 def write(path: Path, frozen: Frozen, rest: Rest) -> None:
-    """Write a state that belongs to a position in the journal, completely or not at all.
+    """Write the state at a position in the journal; the file is replaced only by a complete one.
 
-    Raises OSError, and leaves the previous file unchanged.
+    Raises OSError; the previous file is then unchanged.
     """
     packing = zlib.compressobj(level=1)
     packed = b"".join([*(packing.compress(part) for part in frozen.parts), packing.flush()])
     header = Header(
         FORMAT,
         code_digest(),
-        frozen.known.scenario,
-        frozen.known.landscape,
+        frozen.shared.scenario,
+        frozen.shared.landscape,
         rest.segment,
         rest.at_byte,
         rest.crc,
@@ -212,48 +224,39 @@ def write(path: Path, frozen: Frozen, rest: Rest) -> None:
             file.flush()
             os.fsync(file.fileno())
         half.replace(path)
-        _sync_folder(path.parent)
+        sync(path.parent)
     except OSError:
         half.unlink(missing_ok=True)
         raise
 
 
-def _sync_folder(folder: Path) -> None:
-    place = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(place)
-    finally:
-        os.close(place)
-
-
-def header_of(path: Path, known: Known) -> Header:
-    """The header of a state. Raises StateError if the state cannot be used here."""
+def header_of(path: Path, shared: Known) -> Header:
+    """Return the header of a state. Raises StateError if this run cannot use the state."""
     try:
         with os.fdopen(opened(path, os.O_RDONLY), "rb") as file:
-            _refuse_others(path, os.fstat(file.fileno()))
+            found = os.fstat(file.fileno())
+            if found.st_uid not in (os.getuid(), 0) or writable_by_others(found):
+                raise StateError(f"{path}: other users could have written it; it is not read")
             header = msgspec.json.decode(file.readline(), type=Header)
     except OSError as error:
         raise StateError(f"{path}: cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise StateError(f"{path}: is damaged: {error}") from None
-    told = (header.format, header.code, header.scenario, header.landscape)
-    due = (FORMAT, code_digest(), known.scenario, known.landscape)
-    for what, ours, theirs in zip(
-        ("format", "code", "scenario", "landscape"), due, told, strict=True
-    ):
-        if ours != theirs:
-            raise StateError(f"{path}: is of another {what}")
+    required = {
+        "format": FORMAT,
+        "code": code_digest(),
+        "scenario": shared.scenario,
+        "landscape": shared.landscape,
+    }
+    for name, value in required.items():
+        if getattr(header, name) != value:
+            raise StateError(f"{path}: is of another {name}")
     return header
 
 
-def _refuse_others(path: Path, found: os.stat_result) -> None:
-    if found.st_uid not in (os.getuid(), 0) or found.st_mode & 0o022:
-        raise StateError(f"{path}: other users could have written it; it is not read")
-
-
-def read(path: Path, known: Known) -> dict[str, Any]:
-    """The objects of a state. Raises StateError if it cannot be used here, or is damaged."""
-    header = header_of(path, known)
+def read(path: Path, shared: Known) -> dict[str, Any]:
+    """Return the objects of a state. Raises StateError if it is damaged or of another run."""
+    header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()
         packed = file.read()
@@ -264,22 +267,16 @@ def read(path: Path, known: Known) -> dict[str, Any]:
     for length in header.parts:
         parts.append(bytearray(memory[at : at + length]))
         at += length
-    objects: dict[str, Any] = _Unpickler(io.BytesIO(parts[0]), known, parts[1:]).load()
-    return objects
+    return _unpickled(parts[0], parts[1:], shared)
 
 
-def copied(objects: dict[str, Any], known: Known) -> dict[str, Any]:
-    """Deep copies that share the ``known`` objects; references between them are kept."""
-    pickled, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
-    _Pickler(pickled, known, buffers).dump(objects)
-    pickled.seek(0)
-    copies = [bytearray(each.raw()) for each in buffers]
-    again: dict[str, Any] = _Unpickler(pickled, known, copies).load()
-    return again
+def copied(objects: dict[str, Any], shared: Known) -> dict[str, Any]:
+    """Return deep copies that share the ``shared`` objects; references between them are kept."""
+    pickled, buffers = _pickled(objects, shared)
+    return _unpickled(pickled, [bytearray(each.raw()) for each in buffers], shared)
 
 
-def thawed(frozen: Frozen) -> dict[str, Any]:
-    """The objects restored, as from a file."""
-    pickled, *buffers = (bytearray(part) for part in frozen.parts)
-    objects: dict[str, Any] = _Unpickler(io.BytesIO(pickled), frozen.known, buffers).load()
-    return objects
+def restore(frozen: Frozen) -> dict[str, Any]:
+    """Return the objects of a ``Frozen``, equal to those that ``read`` returns from its file."""
+    pickled, *buffers = frozen.parts
+    return _unpickled(pickled, [bytearray(each) for each in buffers], frozen.shared)

@@ -16,7 +16,7 @@ from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.vehicle_links import Link, connected
 
-# An interface: a coroutine that runs beside the vehicles until it is cancelled.
+# An interface: a coroutine that runs until it is cancelled.
 RunInterface = Callable[[RunContext], Coroutine[Any, Any, None]]
 
 
@@ -28,7 +28,7 @@ def interfaces_of(
     address: Callable[[str], None],
     logs: bool,
 ) -> list[RunInterface]:
-    """The interfaces that the settings configure; other interfaces are not imported.
+    """Return the interfaces that the settings configure; other interfaces are not imported.
 
     ``site`` is the name of the run in MQTT topics and Cursor on Target events.
     """
@@ -59,12 +59,12 @@ def interfaces_of(
 def request_handler_of(
     scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
 ) -> RequestHandler:
-    """The handler of operators' requests; the frames that a request causes are sent at once."""
+    """Return the handler of operators' requests; frames of a request are sent without delay."""
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items
 
-    def told(event: AnyOperatorEvent) -> list[str]:
+    def submit(event: AnyOperatorEvent) -> list[str]:
         before = service.state_view.announcement_id
         service.submit(event, clock_us())
         for on_it in connected(links):
@@ -92,4 +92,4 @@ def request_handler_of(
     names = tuple(section.name for section in scenario.flown)
     scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return RequestHandler(told, status, lambda: clock.now_us, scope, area)
+    return RequestHandler(submit, status, lambda: clock.now_us, scope, area)

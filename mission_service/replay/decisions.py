@@ -1,7 +1,7 @@
-"""Runs the planners alone on a journal: positions and observations in, decisions out. No missions.
+"""Runs only the planners on a journal's positions and observations; missions are not planned.
 
-With the journal's own rule the decisions must equal the recorded ones. With another rule they are
-the decisions which that rule takes at the recorded positions.
+With the journal's own rule, the decisions must equal the recorded decisions. Another rule decides
+at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ Timed = tuple[int, DirectionDecision]  # at_us, decision
 
 @dataclass(frozen=True)
 class Decisions:
-    """Decisions found and recorded. ``difference`` is set for the journal's own rule only."""
+    """Replayed and recorded decisions. ``difference`` is set only for the journal's own rule."""
 
     rule: str
     journal_rule: str
@@ -47,7 +47,7 @@ class Decisions:
 
 
 def decide(path: Path, rule: str | None = None) -> Decisions:
-    """Run the planners of a journal's scenario, or those of another rule, on the journal's events.
+    """Run the planners of a journal's scenario, or of another rule, on the journal's events.
 
     Raises JournalError if the journal cannot be read or one of its lines was altered.
     """
@@ -62,20 +62,20 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
-    found, told = decisions_alone(journal, scenario, journal.intact())
+    found, recorded = decisions_alone(journal, scenario, journal.intact())
     difference = None
     if own == rule:
-        difference, _ = first_difference(found, told, may_lack_one=journal.cut_off)
-    return Decisions(rule, own, found, told, difference)
+        difference, _ = first_difference(found, recorded, may_lack_one=journal.cut_off)
+    return Decisions(rule, own, found, recorded, difference)
 
 
 def decisions_alone(
     journal: JournalReader, scenario: Scenario, entries: Iterable[tuple[SegmentReader, Entry]]
 ) -> tuple[list[Timed], list[Timed]]:
-    """The decisions of a scenario's planners on the events of a journal, and those recorded."""
-    core, silent = _begun(journal, scenario)
+    """Return the decisions of a scenario's planners on a journal's events, and those recorded."""
+    core, excluded = _initial_state(journal, scenario)
     decision_engine = core.decision_engine
-    planners = cast(Mapping[str, Planner], decision_engine.planners)  # of all rules along a front
+    planners = cast(Mapping[str, Planner], decision_engine.planners)  # the rule flies along a front
     found: list[Timed] = []
     recorded: list[Timed] = []
     at_us = 0
@@ -89,83 +89,84 @@ def decisions_alone(
             decision_engine.on_command(content, at_us / 1e6)
         elif isinstance(content, OperatorEvent):
             at_us = content.at_us
-            _told(content, core, silent)
+            _apply_request(content, core, excluded)
         elif not entry.is_event:
             decision_engine.on_command(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
             name, at_us = event.vehicle, event.at_us
             decision = decision_engine.apply(event)
-            if decision is not None and entry.sure and name not in silent.held | silent.doubted:
+            if decision is not None and entry.sure and name not in excluded.held | excluded.unclear:
                 found.append((at_us, decided(name, planners[name], decision)))
             if isinstance(event, MissionReadBack | VehicleRebooted):
-                silent.doubted.discard(name)
+                excluded.unclear.discard(name)
     return found, recorded
 
 
 @dataclass
-class _UnplayedPlanner:
-    """Vehicles whose decisions are not announced: held by operators, or with an unclear state."""
+class _Excluded:
+    """Vehicles whose decisions are not recorded: held by operators, or in an unclear state."""
 
     held: set[str]
-    doubted: set[str]
+    unclear: set[str]
 
 
-def _begun(journal: JournalReader, scenario: Scenario) -> tuple[Core, _UnplayedPlanner]:
-    """The state with which a journal begins; another rule starts without a state there."""
+def _initial_state(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Excluded]:
+    """Return the initial state of a journal; planners of another rule start without a state."""
     if journal.segment == 1:
-        return Core(scenario, journal.landscape), _UnplayedPlanner(set(), set())
+        return Core(scenario, journal.landscape), _Excluded(set(), set())
     core = journal.core()
-    silent = _UnplayedPlanner(
+    excluded = _Excluded(
         {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
         {name for name, vehicle in core.vehicles.items() if vehicle.unconfirmed is not None},
     )
     if scenario == journal.scenario:
-        return core, silent
+        return core, excluded
     fresh = Core(scenario, journal.landscape)
     fresh.decision_engine.availability = core.decision_engine.availability
-    return fresh, silent
+    return fresh, excluded
 
 
-def _told(event: AnyOperatorEvent, core: Core, silent: _UnplayedPlanner) -> None:
-    """Apply an operator's request: inputs of the planners, and whether a vehicle is led at all."""
+def _apply_request(event: AnyOperatorEvent, core: Core, excluded: _Excluded) -> None:
+    """Apply an operator's request to the planners' inputs and to the excluded vehicles."""
     decision_engine = core.decision_engine
+    vehicles = decision_engine.availability
     match event:
         case SettingsChanged():
             core.guidance.on_operator(event)
         case Aborted():
-            silent.held |= set(decision_engine.availability)
-            for name in decision_engine.availability:
+            excluded.held |= set(vehicles)
+            for name in vehicles:
                 decision_engine.apply_abort(name)
         case OrderGiven():
-            for name in [event.vehicle] if event.vehicle else list(decision_engine.availability):
-                _ordered(name, event, decision_engine, silent)
+            for name in [event.vehicle] if event.vehicle else list(vehicles):
+                _apply_order(name, event, decision_engine, excluded.held)
         case Resumed():
-            silent.doubted |= set(decision_engine.availability)
-            for availability in decision_engine.availability.values():
+            excluded.unclear |= set(vehicles)
+            for availability in vehicles.values():
                 availability.online = False
         case _:
             pass
 
 
-def _ordered(
-    name: str, event: OrderGiven, decision_engine: DecisionEngine, silent: _UnplayedPlanner
+def _apply_order(
+    name: str, event: OrderGiven, decision_engine: DecisionEngine, held: set[str]
 ) -> None:
-    if event.order == "start" and name in silent.held:
+    if event.order == "start" and name in held:
         return
     if not decision_engine.apply_order(name, event):
         return
     if event.order == "hold":
-        silent.held.add(name)
+        held.add(name)
     else:
-        silent.held.discard(name)
+        held.discard(name)
 
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
-    """The scenario with another rule. Raises MissionServiceError if there is no such rule."""
-    able = [each for each in rules() if way_for(each).along_front]
-    if rule not in able:
-        raise MissionServiceError(f"--planner {rule}: no such rule; there are {', '.join(able)}")
+    """Return the scenario with another rule. Raises MissionServiceError for an unknown rule."""
+    names = [each for each in rules() if way_for(each).along_front]
+    if rule not in names:
+        raise MissionServiceError(f"--planner {rule}: no such rule; choose {', '.join(names)}")
     planner = scenario.planner.model_copy(update={"rule": rule})
     return scenario.model_copy(update={"planner": planner})
 
@@ -173,16 +174,16 @@ def with_rule(scenario: Scenario, rule: str) -> Scenario:
 def first_difference(
     found: list[Timed], recorded: list[Timed], may_lack_one: bool
 ) -> tuple[str | None, list[dict[str, Any]]]:
-    """The first difference between found and recorded decisions, as text and as fields.
+    """Return the first difference between replayed and recorded decisions, as text and as fields.
 
-    A journal that was cut off may lack the last decision.
+    ``may_lack_one``: the journal was cut off and may lack the last decision.
     """
-    for (at_us, ours), (told_us, theirs) in zip(found, recorded, strict=False):
-        if at_us != told_us:
-            return f"decided at {at_us / 1e6:.2f} s, recorded at {told_us / 1e6:.2f} s", []
-        if ours != theirs:
-            words = f"at {at_us / 1e6:.2f} s {ours.vehicle}: {compare(theirs, ours)}"
-            return words, fields_that_differ(theirs, ours)
+    for (at_us, replayed), (recorded_us, journal) in zip(found, recorded, strict=False):
+        if at_us != recorded_us:
+            return f"decided at {at_us / 1e6:.2f} s, recorded at {recorded_us / 1e6:.2f} s", []
+        if replayed != journal:
+            words = f"at {at_us / 1e6:.2f} s {replayed.vehicle}: {compare(journal, replayed)}"
+            return words, fields_that_differ(journal, replayed)
     missing = len(found) - len(recorded)
     if missing == 0 or (may_lack_one and missing == 1):
         return None, []
@@ -190,7 +191,7 @@ def first_difference(
 
 
 def summary_of(decisions: Decisions) -> dict[str, Any]:
-    """Figures and every reversal, as plain data for JSON."""
+    """Return figures of each vehicle and all reversals, as plain data for JSON."""
     names = list(dict.fromkeys(each.vehicle for _, each in decisions.recorded + decisions.found))
     return {
         "rule": decisions.rule,
@@ -219,7 +220,7 @@ def _count(decisions: list[Timed], name: str, reversals: bool = False) -> int:
 
 
 def in_text(summary: dict[str, Any]) -> str:
-    """The summary as text for a terminal."""
+    """Return the summary as text for a terminal."""
     lines = [
         f"{each['name']}: {each['decisions']} decisions, {each['reversals']} reversals with "
         f"{summary['rule']} (recorded with {summary['journal_rule']}: "
@@ -231,5 +232,5 @@ def in_text(summary: dict[str, Any]) -> str:
         for each in summary["reversals"]
     ]
     if summary["rule"] == summary["journal_rule"] and summary["difference"] is None:
-        lines.append("the same decisions as recorded")
+        lines.append("all decisions equal the recorded decisions")
     return "\n".join(lines)

@@ -15,7 +15,7 @@ SAMPLES_PER_CELL = 2
 
 
 class TrueShape:
-    """The outermost burned ground on each bearing, from arrival times (y, x) in s."""
+    """The distance of the burned area on each bearing, from arrival times (y, x) in s."""
 
     def __init__(self, arrival_s: Floats, centre: tuple[int, int]) -> None:
         reach = int(np.hypot(*arrival_s.shape)) * SAMPLES_PER_CELL
@@ -26,11 +26,11 @@ class TrueShape:
         inside &= cols < arrival_s.shape[1]
         along = np.full(rows.shape, np.inf)
         along[inside] = arrival_s[rows[inside], cols[inside]]
-        # Time at which ground at least as far out first burned; it rises with the distance.
+        # Time at which ground at this or a larger distance first burned; it rises with distance.
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
     def at(self, at_s: float) -> Floats:
-        """Distance of the front in cells on 360 bearings, with a resolution of half a cell."""
+        """Return the distance of the front on 360 bearings, in cells, to half a cell."""
         reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
         distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL
         return distance
@@ -38,7 +38,7 @@ class TrueShape:
 
 @compiled
 def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
-    """Number of samples along each bearing reached by a time; each row must be sorted."""
+    """Return the number of samples reached by a time on each bearing; each row is sorted."""
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")

@@ -1,7 +1,7 @@
 """Simulates the fire of a journal again and compares every recorded camera observation.
 
-On the machine that recorded the journal all cells are equal. On another machine floats may differ
-in their last digits: a cell at the edge of the fire or of a camera's footprint may then differ.
+On the machine that recorded the journal, all cells are equal. On another machine the last digits of
+floats may differ, and therefore cells at the edge of the fire or of a camera's footprint.
 """
 
 from collections.abc import Iterator
@@ -30,26 +30,22 @@ def fire_stage(recorded: JournalReader) -> Stage:
 
 
 class _Comparison:
-    """Recorded observations against those of the fire burned again, entry by entry."""
+    """Compares recorded observations with those of the simulated fire, entry by entry."""
 
     def __init__(self, recorded: JournalReader) -> None:
         self._recorded = recorded
         self._fire = recorded.fire()
-        self._counts = {
-            "observations": 0,
-            "cells": 0,
-            "within tolerance": 0,
-            "beyond tolerance": 0,
-        }
+        kinds = ("observations", "cells", "within tolerance", "beyond tolerance")
+        self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
-        self._pending: tuple[str, Observed] | None = None  # with its place
-        self._difference: str | None = None  # the first
+        self._pending: tuple[str, Observed] | None = None  # with its line number as text
+        self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
     def read(self, reader: SegmentReader, entry: Entry) -> None:
-        """Compare the pending observation with the fire if the entry is its position."""
+        """Store an observation; compare it with the fire when its position follows."""
         content = entry.content
-        if not entry.sure:  # the fire may have differed
+        if not entry.sure:  # the fire of the live run may have differed
             self._pending = None
         match content:
             case Observed(corrects=False) if not entry.sure:
@@ -59,14 +55,14 @@ class _Comparison:
                     self._position_missing(*self._pending)
                 self._pending = (self._recorded.place(reader, entry), content)
             case Telemetry() if self._pending and self._pending[1].vehicle == content.vehicle:
-                (where, told), self._pending = self._pending, None
+                (place, recorded), self._pending = self._pending, None
                 if not entry.intact:
                     self._without_position += 1
-                elif told.at_us != content.at_us:
-                    self._position_missing(where, told)
+                elif recorded.at_us != content.at_us:
+                    self._position_missing(place, recorded)
                 else:
-                    self._compare(where, told, content)
-            case Resumed() | Aborted() if self._pending:  # its position was not written down
+                    self._compare(place, recorded, content)
+            case Resumed() | Aborted() if self._pending:  # its position was not journalled
                 self._without_position, self._pending = self._without_position + 1, None
             case _:
                 pass
@@ -79,26 +75,26 @@ class _Comparison:
             self._fire.on_command(entry.content)  # type: ignore[arg-type]
 
     def stage(self) -> Stage:
-        """The result, after the last entry."""
+        """Return the result; call it after the last entry."""
         without = self._without_position + (self._pending is not None)
         counts = self._counts
         exact = not counts["within tolerance"] and not counts["beyond tolerance"]
-        note = ["every cell the same" if exact else "burned on another machine?"]
+        note = ["all cells equal" if exact else "another machine may have recorded the journal"]
         note += [f"{without} observations without a position"] if without else []
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
-    def _compare(self, where: str, told: Observed, fix: Telemetry) -> None:
+    def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:
         again = self._fire.seen_from(fix)
         self._counts["observations"] += 1
-        self._counts["cells"] += sum(map(len, told.cells)) - _unseen(told)
-        for cell in () if again == told else _cells(told, again, fix, self._fire):
+        self._counts["cells"] += sum(len(row) - row.count(UNSEEN) for row in recorded.cells)
+        for cell in () if again == recorded else _cells(recorded, again, fix, self._fire):
             beyond = cell.pop("beyond")
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
-                self._differs(f"{where}: {_in_words(told, cell)}", cell)
+                self._differs(f"{place}: {_in_words(recorded, cell)}", cell)
 
-    def _position_missing(self, where: str, told: Observed) -> None:
-        self._differs(f"{where}: no position of {told.vehicle} follows at its time")
+    def _position_missing(self, place: str, recorded: Observed) -> None:
+        self._differs(f"{place}: no position of {recorded.vehicle} follows at its time")
 
     def _differs(self, words: str, *cells: dict[str, Any]) -> None:
         if self._difference is None:
@@ -106,35 +102,32 @@ class _Comparison:
             self._details.extend(cells)
 
 
-def _unseen(told: Observed) -> int:
-    return sum(row.count(UNSEEN) for row in told.cells)
-
-
 def _cells(
-    told: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
+    recorded: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
 ) -> Iterator[dict[str, Any]]:
-    """The cells in which two observations differ, and whether they differ too much."""
-    was, now = _letters(told), _letters(again)
+    """Yield the cells in which two observations differ, and whether beyond the tolerance."""
+    before, after = _letters(recorded), _letters(again)
+    at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None
-    for cell in sorted(was | now):
-        ours, theirs = now.get(cell, UNSEEN), was.get(cell, UNSEEN)
-        if ours == theirs:
+    for cell in sorted(before | after):
+        journal, replay = before.get(cell, UNSEEN), after.get(cell, UNSEEN)
+        if journal == replay:
             continue
         arrival_s = _arrival_s(fire, cell)
-        if UNSEEN in (ours, theirs):
+        if UNSEEN in (journal, replay):
             edge = _edge(fix, fire) if edge is None else edge
             near = cell in edge
         else:
-            near = arrival_s is not None and abs(arrival_s - told.at_us / 1e6) <= ARRIVAL_WITHIN_S
+            near = arrival_s is not None and abs(arrival_s - at_s) <= ARRIVAL_WITHIN_S
         yield {
-            "vehicle": told.vehicle,
-            "at_s": told.at_us / 1e6,
+            "vehicle": recorded.vehicle,
+            "at_s": at_s,
             "row": cell[0],
             "col": cell[1],
-            "journal": theirs,
-            "replay": ours,
+            "journal": journal,
+            "replay": replay,
             "arrival_s": arrival_s,
-            "beyond": not (near and {ours, theirs} < set("bu" + UNSEEN)),
+            "beyond": not (near and {journal, replay} < set("bu" + UNSEEN)),
         }
 
 
@@ -149,7 +142,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
 
 
 def _edge(fix: Telemetry, fire: ObservedFire) -> set[Cell]:
-    """The cells inside a slightly larger footprint and outside a slightly smaller one."""
+    """Return the cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
         {cell for cell, letter in _letters(fire.seen_from(fix, wider)).items() if letter != UNSEEN}
         for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
@@ -158,7 +151,7 @@ def _edge(fix: Telemetry, fire: ObservedFire) -> set[Cell]:
 
 
 def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
-    """Arrival time of the fire at a cell; None: not yet computed, or outside the landscape."""
+    """Return the fire's arrival time at a cell; None if not computed or off the landscape."""
     rows, cols = fire.world.landscape.shape
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         return None
@@ -166,10 +159,12 @@ def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
     return arrival_s if arrival_s < float("inf") else None
 
 
-def _in_words(told: Observed, cell: dict[str, Any]) -> str:
+def _in_words(recorded: Observed, cell: dict[str, Any]) -> str:
     arrival_s = cell["arrival_s"]
-    burns = "it does not burn" if arrival_s is None else f"fire comes there at {arrival_s:.3f} s"
+    arrival = "the fire does not reach it"
+    if arrival_s is not None:
+        arrival = f"the fire reaches it at {arrival_s:.3f} s"
     return (
-        f"{told.vehicle} at {told.at_us / 1e6:.3f} s, cell row {cell['row']} col {cell['col']}: "
-        f"journal has {cell['journal']!r}, recomputed {cell['replay']!r}; {burns}"
+        f"{recorded.vehicle} at {cell['at_s']:.3f} s, cell row {cell['row']} col {cell['col']}: "
+        f"journal has {cell['journal']!r}, replay has {cell['replay']!r}; {arrival}"
     )

@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stage:
-    """The result. ``difference`` describes the first one or is None; ``details``: fields or cells.
+    """The result. ``difference`` describes the first difference, ``details`` its fields or cells.
 
     ``counts`` are the numbers of compared items by kind; ``note`` is additional information.
     """
@@ -17,4 +17,4 @@ class Stage:
     details: list[dict[str, Any]] = field(default_factory=list)
     note: str = ""
     left_out: bool = False
-    killed_at_line: int | None = None  # killed between two lines: the journal lacks the second
+    killed_at_line: int | None = None  # the kill of the run prevented this line

@@ -3,8 +3,8 @@
 file: the checksum of every line. fire: the cameras' observations, in the fire simulated again.
 planner: the decisions on the recorded observations. core: all commands, bit for bit.
 
-A journal of several segments is verified from its beginning, or from the state with which its
-oldest segment begins; a single closed segment from the state with which it begins.
+A journal is verified from its first line, or from the state at the beginning of its oldest existing
+segment; a single closed segment from the state at its beginning.
 """
 
 from collections import deque
@@ -28,7 +28,7 @@ from mission_service.replay.replay_stage import Stage
 class Verification:
     """The results of all stages. ``from_segment`` is 1 if the journal is complete.
 
-    ``cut_at_line``: the journal was cut off in this line and is verified up to it.
+    ``cut_at_line`` is the incomplete last line, up to which the journal is verified, or None.
     """
 
     stages: tuple[Stage, ...]
@@ -38,7 +38,7 @@ class Verification:
 
     @property
     def difference(self) -> str | None:
-        """The difference of the first stage that found one; None if all was reproduced."""
+        """The difference of the first stage that found one; None if all stages agree."""
         return next((each.difference for each in self.stages if each.difference), None)
 
     @property
@@ -48,12 +48,12 @@ class Verification:
 
     @property
     def events(self) -> int:
-        """The number of events processed by the core."""
+        """The number of events that the core processed."""
         return self._count("events")
 
     @property
     def commands(self) -> int:
-        """The number of commands reproduced by the core."""
+        """The number of commands that the core reproduced."""
         return self._count("commands")
 
     @property
@@ -62,22 +62,22 @@ class Verification:
         return self._count("decisions")
 
     def stage(self, name: str) -> Stage:
-        """The result of one stage."""
+        """Return the result of one stage."""
         return next(each for each in self.stages if each.name == name)
 
-    def _count(self, what: str) -> int:
-        return sum(each.counts.get(what, 0) for each in self.stages if each.name == "core")
+    def _count(self, kind: str) -> int:
+        return sum(each.counts.get(kind, 0) for each in self.stages if each.name == "core")
 
 
 def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verification:
-    """Verify a journal in these stages, or all; ``alone``: without the segments before this one.
+    """Verify a journal in these stages, or all; with ``alone`` only the segment at ``path``.
 
     Raises JournalError if the journal cannot be read or belongs to another landscape, or if its
-    beginning was deleted and the state saved in its place cannot be used.
+    beginning was deleted and the state saved at that position cannot be used.
     """
     recorded = JournalReader(path, alone)
-    wanted = [name for name in STAGES if name in (stages or STAGES)]
-    found = tuple(_in_words(STAGES[name], recorded) for name in wanted)
+    names = [name for name in STAGES if name in (stages or STAGES)]
+    found = tuple(_result_of(STAGES[name], recorded) for name in names)
     killed = next((each.killed_at_line for each in found if each.killed_at_line), None)
     return Verification(
         found, recorded.last.cut_at_line or killed, recorded.segment, len(recorded.readers)
@@ -85,7 +85,7 @@ def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verif
 
 
 def as_json(found: Verification) -> dict[str, Any]:
-    """For programs."""
+    """Return the results as plain data for JSON."""
     return {
         "events": found.events,
         "commands": found.commands,
@@ -94,36 +94,34 @@ def as_json(found: Verification) -> dict[str, Any]:
         "cut_at_line": found.cut_at_line,
         "from_segment": found.from_segment,
         "segments": found.segments,
-        "stages": {each.name: _told(each) for each in found.stages},
+        "stages": {each.name: _fields(each) for each in found.stages},
     }
 
 
-def _told(stage: Stage) -> dict[str, Any]:
-    found = asdict(stage)
-    for name in ("name", "killed_at_line"):
-        del found[name]
-    return found
+def _fields(stage: Stage) -> dict[str, Any]:
+    hidden = ("name", "killed_at_line")
+    return {name: value for name, value in asdict(stage).items() if name not in hidden}
 
 
 def in_text(found: Verification) -> str:
-    """The results as text: one line per stage, and its difference."""
+    """Return the results as text: one line per stage, and its difference."""
     lines = []
     for each in found.stages:
-        counts = ", ".join(f"{count} {what}" for what, count in each.counts.items())
-        result = "left out" if each.left_out else "differs" if each.difference else "ok"
-        told = [counts, each.note]
-        lines.append(f"{each.name:<8} {result:<9} {'; '.join(words for words in told if words)}")
+        counts = ", ".join(f"{count} {kind}" for kind, count in each.counts.items())
+        result = "skipped" if each.left_out else "differs" if each.difference else "ok"
+        shown = "; ".join(filter(None, [counts, each.note]))
+        lines.append(f"{each.name:<8} {result:<9} {shown}")
         if each.difference is not None:
             lines.append(f"  first difference in {each.difference}")
     if found.from_segment != 1:
-        lines.append(f"from segment {found.from_segment}: those before it are not there")
+        lines.append(f"from segment {found.from_segment}; the segments before it were deleted")
     if found.cut_at_line is not None:
-        lines.append(f"the journal is cut off in line {found.cut_at_line}; verified up to there")
+        lines.append(f"line {found.cut_at_line} is incomplete; the lines before it were verified")
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) -> Stage:
-    """The result of a stage; an input that raises an exception is a difference too."""
+def _result_of(stage: Callable[[JournalReader], Stage], recorded: JournalReader) -> Stage:
+    """Run a stage; an entry that raises an exception counts as a difference."""
     recorded.at = None
     try:
         return stage(recorded)
@@ -132,14 +130,14 @@ def _in_words(stage: Callable[[JournalReader], Stage], recorded: JournalReader) 
     except Exception as error:
         if recorded.at is None:
             raise
-        where = recorded.place(*recorded.at)
-        words = f"{where}: cannot be handled: {type(error).__name__}: {error}"
+        place = recorded.place(*recorded.at)
+        words = f"{place}: cannot be handled: {type(error).__name__}: {error}"
         return Stage(stage.__name__.removesuffix("_stage"), {}, words)
 
 
 def file_stage(recorded: JournalReader) -> Stage:
-    """Check the checksum of every line, which is chained to the line before."""
-    counts = {"lines": len(recorded.readers), "altered": 0}  # headers were checked already
+    """Check the checksum of every line, which depends on all lines before it."""
+    counts = {"lines": len(recorded.readers), "altered": 0}  # the reader has checked the headers
     difference = None
     try:
         for reader, entry in recorded.entries():
@@ -154,7 +152,7 @@ def file_stage(recorded: JournalReader) -> Stage:
     except JournalError as error:
         counts["altered"] += 1
         difference = difference or str(error)
-        note = "nothing can be read from there on; run --skip-unreadable goes on without that line"
+        note = "the rest cannot be read; run --skip-unreadable resumes without that line"
         return Stage("file", counts, difference, note=note)
     if not recorded.skipped:
         return Stage("file", counts, difference)
@@ -167,19 +165,20 @@ def planner_stage(recorded: JournalReader) -> Stage:
     """Compare the planners' decisions on the recorded observations with the journal."""
     rule = recorded.scenario.planner.rule
     if not way_for(rule).along_front:
-        return Stage("planner", {}, note=f"rule {rule} takes no such decisions", left_out=True)
-    found, told = decisions_alone(recorded, recorded.scenario, recorded.readable())
-    difference, fields = first_difference(found, told, may_lack_one=recorded.cut_off)
-    return Stage("planner", {"decisions": len(told)}, difference, fields)
+        note = f"rule {rule} takes no decisions along a front"
+        return Stage("planner", {}, note=note, left_out=True)
+    found, decisions = decisions_alone(recorded, recorded.scenario, recorded.readable())
+    difference, fields = first_difference(found, decisions, may_lack_one=recorded.cut_off)
+    return Stage("planner", {"decisions": len(decisions)}, difference, fields)
 
 
 def core_stage(recorded: JournalReader) -> Stage:
-    """Compare the commands of a core given all events with the journal, bit for bit."""
+    """Apply all events to a core and compare its commands with the journal, bit for bit."""
     core = recorded.core()
     expected: deque[AnyCommand] = deque()
     counts = {"events": 0, "commands": 0, "decisions": 0}
     for reader, entry in recorded.readable():
-        if not entry.sure:  # the state of the core is not known
+        if not entry.sure:  # the core's state may differ from the live run's
             expected.clear()
             if entry.is_event:
                 counts["events"] += 1
@@ -202,10 +201,10 @@ def core_stage(recorded: JournalReader) -> Stage:
             counts["decisions"] += type(entry.content).__name__ == "DirectionDecision"
     if not expected or recorded.damaged or recorded.last.cut_at_line is not None:
         return Stage("core", counts)
-    if recorded.cut_off:  # killed between two lines
+    if recorded.cut_off:  # the run was killed between two lines
         line = recorded.at[1].line if recorded.at else 1
         return Stage("core", counts, killed_at_line=line + 1)
-    return Stage("core", counts, f"the end: the journal lacks {cut(expected[0])}")
+    return Stage("core", counts, f"the last event: the journal lacks {cut(expected[0])}")
 
 
 STAGES: dict[str, Callable[[JournalReader], Stage]] = {

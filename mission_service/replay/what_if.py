@@ -1,11 +1,12 @@
 """Flies a journal's scenario again in the simulator with other planner settings.
 
-The operators' requests are repeated at their mission times. Vehicles are mocks, so with unchanged
-settings a live flight is not reproduced exactly; a run of ``sim`` is reproduced bit for bit.
+The operators' requests are repeated at their mission times. The vehicles are mocks: with unchanged
+settings, a run of ``sim`` is reproduced bit for bit, and a live flight only approximately.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,8 @@ from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
 
 SHORT = {"planner": "rule"}
-NEVER_AGAIN = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
-OF_SIMULATED_CREW = (ChecklistAnswered, OperatorHeartbeat)
+NOT_REPEATED = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
+CREW_EVENTS = (ChecklistAnswered, OperatorHeartbeat)
 
 
 @dataclass
@@ -48,21 +49,21 @@ class PastRun:
     scenario: Scenario
     record: RunStatistics
     fire: ObservedFire
-    people: list[AnyOperatorEvent] = field(default_factory=list)
+    requests: list[AnyOperatorEvent] = field(default_factory=list)
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
         self.fire.apply_history(event, commands)
         self.record.apply(event, commands)
         if isinstance(event, OperatorEvent):
-            self.people.append(event)
+            self.requests.append(event)
 
 
 def past_run(journal: JournalReader) -> PastRun:
-    """Read a whole journal; raises JournalError if it is damaged or lacks its beginning."""
+    """Read a whole journal. Raises JournalError if it is damaged or lacks its beginning."""
     if journal.segment != 1:
         raise JournalError(
-            f"{journal.path}: its beginning was deleted, with the operators' requests in it"
+            f"{journal.path}: its beginning, which contains operators' requests, was deleted"
         )
     scenario = journal.scenario
     names = tuple(section.name for section in scenario.flown)
@@ -96,63 +97,60 @@ class WhatIf:
 def what_if(
     path: Path, words: Sequence[str], out: Path, created: str, progress: Progress = unshown
 ) -> WhatIf:
-    """Fly a journal's scenario again with ``KEY=VALUE`` of its [planner]; compare both runs.
+    """Fly a journal's scenario again with ``KEY=VALUE`` settings of [planner]; compare both runs.
 
-    The folder ``out`` gets the files of ``sim``. Raises ScenarioError for invalid settings,
+    Writes the files of ``sim`` to the folder ``out``. Raises ScenarioError for invalid settings,
     JournalError for a journal that cannot be flown again.
     """
     journal = JournalReader(path)
     scenario, changed = with_settings(journal, words)
     copy = out / "journal.jsonl"
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
-        raise ScenarioError(f"{out}: is the journal's own folder; choose another with --out")
+        raise ScenarioError(f"{out}: is the folder of the journal; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: of one process of several; it cannot be flown again alone")
+        raise JournalError(f"{path}: is the journal of one process of several; use all of them")
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:
-        raise JournalError(f"{path}: nothing has happened in it")
+        raise JournalError(f"{path}: contains no event after the start of the scenario")
     notes: list[str] = []
     if scenario.mission.approval == "each":
         notes.append("missions are sent to the vehicles without acceptance")
-        free = scenario.mission.model_copy(update={"approval": "none"})
-        scenario = scenario.model_copy(update={"mission": free})
-    script = told_again(past.people, changed)
+        section = scenario.mission.model_copy(update={"approval": "none"})
+        scenario = scenario.model_copy(update={"mission": section})
+    script = repeatable_requests(past.requests, changed)
     if scenario.burn_flown is not None:
-        notes.append("a simulated crew says GO, watches and approves the plans")
-        script = [event for event in script if not isinstance(event, OF_SIMULATED_CREW)]
-        crew = SimulatedCrew(scenario.burn_flown, script=script).due
+        notes.append("a simulated crew confirms the GO list, is present and approves the plans")
+        script = [event for event in script if not isinstance(event, CREW_EVENTS)]
+        due = SimulatedCrew(scenario.burn_flown, script=script).due
     else:
-        crew = Script(script).due
-    left = sum(isinstance(event, NEVER_AGAIN) for event in past.people)
-    if left:
-        notes.append(f"{left} approvals and restarts of the recorded run are left out")
-    record, world = simulate(scenario, copy, created, progress, crew, until_s)
+        due = Script(script).due
+    omitted = sum(isinstance(event, NOT_REPEATED) for event in past.requests)
+    if omitted:
+        notes.append(f"{omitted} approvals and restarts of the recorded run are not repeated")
+    record, world = simulate(scenario, copy, created, progress, due, until_s)
     summary = write_outputs(out, scenario, record, world.fire)
     recorded = summary_of(past.scenario, past.record, past.fire.world.fire)
     return WhatIf(changed, until_s, figures_of(recorded), figures_of(summary), notes)
 
 
 class Script:
-    """Repeats the recorded requests of operators, each at its time."""
+    """Repeats the recorded requests of operators at their mission times."""
 
     def __init__(self, events: Sequence[AnyOperatorEvent]) -> None:
         self._events = list(events)
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """The requests that are due."""
-        count = next(
-            (place for place, each in enumerate(self._events) if each.at_us > now_us),
-            len(self._events),
-        )
-        said, self._events = self._events[:count], self._events[count:]
-        return said
+        """Return the requests that are due."""
+        due = list(takewhile(lambda each: each.at_us <= now_us, self._events))
+        del self._events[: len(due)]
+        return due
 
 
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
-    """The journal's scenario with ``KEY=VALUE`` of its [planner], several in one word or not.
+    """Return the journal's scenario with ``KEY=VALUE`` settings of [planner], and these settings.
 
-    Raises ScenarioError in one line for an unknown setting.
+    A word may contain several settings. Raises ScenarioError in one line for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()
@@ -166,23 +164,22 @@ def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenari
         apply_override(data, f"planner.{key}={value}")
         keys.append(key)
     if not keys:
-        raise ScenarioError("--what-if: no settings are given, e.g. planner=predictive")
+        raise ScenarioError("--what-if: give settings, e.g. planner=predictive")
     scenario = flying(parse_scenario(data, journal.path))
     return scenario, {key: getattr(scenario.planner, key) for key in keys}
 
 
-def told_again(
-    people: Sequence[AnyOperatorEvent], changed: dict[str, Any]
+def repeatable_requests(
+    requests: Sequence[AnyOperatorEvent], changed: dict[str, Any]
 ) -> list[AnyOperatorEvent]:
-    """The recorded requests without approvals and without settings of the given keys."""
+    """Return the recorded requests without approvals and without the settings in ``changed``."""
     found: list[AnyOperatorEvent] = []
-    for event in people:
-        if isinstance(event, NEVER_AGAIN):
+    for event in requests:
+        if isinstance(event, NOT_REPEATED):
             continue
         if isinstance(event, SettingsChanged):
-            event = msgspec.structs.replace(
-                event, **{key: None for key in changed if key in event.given}
-            )
+            removed = dict.fromkeys(event.given.keys() & changed.keys())
+            event = msgspec.structs.replace(event, **removed)
             if not event.given:
                 continue
         found.append(event)
@@ -190,8 +187,15 @@ def told_again(
 
 
 def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures that are compared, from a run's summary."""
-    vehicles = {each["name"]: _figures(each) for each in summary["vehicles"]}
+    """Select the figures to compare from a run's summary."""
+    vehicles = {
+        each["name"]: {
+            "decisions": each["decisions"],
+            "reversals": each["reversals"],
+            "uploads_accepted": each["uploads"].get("accepted", 0),
+        }
+        for each in summary["vehicles"]
+    }
     names = ("decisions", "reversals", "uploads_accepted")
     return {
         **{name: sum(each[name] for each in vehicles.values()) for name in names},
@@ -201,19 +205,11 @@ def figures_of(summary: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _figures(vehicle: dict[str, Any]) -> dict[str, int]:
-    return {
-        "decisions": vehicle["decisions"],
-        "reversals": vehicle["reversals"],
-        "uploads_accepted": vehicle["uploads"].get("accepted", 0),
-    }
-
-
 LABELS = {"closest_pair_m": "closest pair (m)", "burned_area_ha": "burned area (ha)"}
 
 
 def in_text(found: WhatIf) -> str:
-    """A table of both runs as text."""
+    """Return a table of both runs as text."""
     rows = [("", "recorded", "what-if")]
     rows += _rows("", found.recorded, found.what_if)
     for name, figures in found.recorded["vehicles"].items():
@@ -225,16 +221,16 @@ def in_text(found: WhatIf) -> str:
         [
             f"flown again in the simulator until {found.until_s:g} s with {given}",
             *found.notes,
-            *(f"{name:<{width}}  {ours:>10}  {theirs:>10}" for name, ours, theirs in rows),
+            *(f"{name:<{width}}  {one:>10}  {other:>10}" for name, one, other in rows),
         ]
     )
 
 
 def _rows(
-    about: str, recorded: dict[str, Any], other: dict[str, Any]
+    prefix: str, recorded: dict[str, Any], other: dict[str, Any]
 ) -> list[tuple[str, str, str]]:
     return [
-        (about + LABELS.get(key, key.replace("_", " ")), _shown(recorded[key]), _shown(other[key]))
+        (prefix + LABELS.get(key, key.replace("_", " ")), _shown(recorded[key]), _shown(other[key]))
         for key in recorded
         if key != "vehicles"
     ]

@@ -1,4 +1,4 @@
-"""The machine's clocks. Only live code reads them; all other code gets the time as an argument."""
+"""The machine's clocks. Only live code reads them; other code receives the time as an argument."""
 
 import time
 from datetime import UTC, datetime
@@ -6,20 +6,20 @@ from pathlib import Path
 
 
 def clock_us() -> int:
-    """Microseconds of the machine's monotonic clock."""
+    """Return the time of the machine's monotonic clock in microseconds."""
     return time.monotonic_ns() // 1000
 
 
 def wall_us() -> int:
-    """Microseconds since 1970."""
+    """Return the wall-clock time in microseconds since 1970."""
     return time.time_ns() // 1000
 
 
 def last_written_s(path: Path) -> float:
-    """Time of the last write to a file, in seconds since 1970."""
+    """Return the time of the last write to a file, in seconds since 1970."""
     return path.stat().st_mtime
 
 
 def now_text() -> str:
-    """The date and time in the format of a journal's header."""
+    """Return the date and time in the format of a journal's header."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,17 +1,17 @@
-"""The engine: applies each event, in simulation and live flight alike.
+"""The engine: applies each event, in simulation and in live flight.
 
-The engine journals the event, applies it to the core and to all other folds, journals the commands
-and carries them out. At each position the simulated camera observes the fire.
+The engine journals the event, applies it to the core and to all other projections, journals the
+commands and executes them. At each position the simulated camera observes the fire.
 
 **No event in the journal can make a restart fail.** Requests of operators are rare and may have any
-content. The engine first applies each request to a copy of all folds (core, state view,
-interlock, missions), as a restart does, and journals it only if no fold raises. The copy takes
-milliseconds, for the maps of a formation tens of milliseconds. The fire is too large to be copied;
-it applies a request before all other folds, completely or not at all. Events of vehicles are too
-frequent for a copy. Their types limit their values (``events.py``), and the journal refuses other
-values. An event of a vehicle that still raises is a defect: the engine removes it from the journal,
-carries out none of its commands, and the run ends with one line, because memory and journal differ.
-A restart resumes the run.
+content. The engine first applies each request to a copy of all projections (core, state view,
+interlock, missions), as a restart does, and journals it only if none of them raises an
+exception. The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The
+fire is too large to be copied; it applies a request before all other projections, completely or not
+at all. Events of vehicles are too frequent for a copy. Their types limit their values
+(``events.py``), and the journal refuses other values. An event of a vehicle that still raises an
+exception is a defect: the engine removes it from the journal and executes none of its commands, and
+the run ends with one line, because memory and journal differ. A restart resumes the run.
 """
 
 import copy
@@ -67,8 +67,8 @@ from mission_service.vehicles.availability import MISSION
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
-# The fields of a snapshot; the scenario determines the others.
-KEPT = (
+# The fields of a snapshot; the scenario determines the other fields.
+SNAPSHOT_FIELDS = (
     "core",
     "fire",
     "state_view",
@@ -77,7 +77,7 @@ KEPT = (
     "_interlock",
     "_acknowledged",
 )
-TRIED = tuple(name for name in KEPT if name != "fire")  # on a copy
+TRIED = tuple(name for name in SNAPSHOT_FIELDS if name != "fire")  # a request is tried on copies
 
 Progress = Callable[[StateView, SimulatedFire], None]
 
@@ -86,8 +86,8 @@ def unshown(state_view: StateView, world: SimulatedFire) -> None:
     """Show no progress."""
 
 
-def unheard(message: AnyMessage) -> None:
-    """Drop a message: there are no other processes."""
+def no_broadcast(message: AnyMessage) -> None:
+    """Discard a message, in a run without other processes."""
 
 
 class Engine:
@@ -101,24 +101,23 @@ class Engine:
         journal: Journal,
         state_view: StateView,
         gateways: dict[str, Gateway],
-        say: Callable[[AnyMessage], None] = unheard,
+        broadcast: Callable[[AnyMessage], None] = no_broadcast,
     ) -> None:
-        """``say`` sends messages to other processes."""
+        """Join the parts; ``broadcast`` sends messages to other processes."""
         self._scenario = scenario
         self.core = core
         self.fire = ObservedFire(scenario, world)
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
-        self._undelivered: dict[
-            str, Window
-        ] = {}  # corrected windows that a planner has not received yet
+        # Corrected windows that a vehicle's planner has not received yet.
+        self._undelivered: dict[str, Window] = {}
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
-        self._broadcast = say
+        self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
-        self._modes_meanwhile: dict[str, str] = {}  # since the journal cannot be written
+        self._unrecorded_modes: dict[str, str] = {}  # selected while the journal fails
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, world.landscape)
         self._refusals: set[str] = set()  # alarms about refused events
@@ -136,7 +135,7 @@ class Engine:
 
     @cached_property
     def shared_references(self) -> Known:
-        """The objects that a copy of the state shares with it."""
+        """The objects that the state and its copies share."""
         return Known(self._scenario, self.world.landscape)
 
     def handle_events(self, events: Iterable[VehicleEvent], now_us: int) -> None:
@@ -145,37 +144,37 @@ class Engine:
         for event in events:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
-                    self._not_followed(event)
+                    self._show_unrecorded(event)
             elif (body := self._body_of(event)) is not None:  # before the fire advances
                 observed = self.fire.camera_observation(event)
                 if observed is not None:
                     self._handle(observed, now_us)
                 if self._written(event, body):
-                    self._follow(event, now_us)
+                    self._process(event, now_us)
                 else:
                     self.state_view.show_unrecorded(event)
 
-    def _not_followed(self, event: VehicleEvent) -> None:
+    def _show_unrecorded(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
 
-        Autopilot or pilot selected a mode that a vehicle changed to meanwhile.
+        Only modes, which the autopilot or the pilot selected, and texts of autopilots are shown.
         """
         if not self.recording.trouble:
             return
         name = event.vehicle
         if isinstance(event, ModeChanged):
-            self._modes_meanwhile[name] = event.mode
-            words = f"{name}: mode {event.mode} since nothing can be recorded"
+            self._unrecorded_modes[name] = event.mode
+            words = f"{name}: mode {event.mode}, selected while the journal cannot be written"
             self.state_view.alarm(f"unrecorded/{name}", words, "severe", name)
         elif isinstance(event, AutopilotText):
             self.announce(name, f"autopilot: {event.text}")
 
-    def _is_left(self, command: AnyCommand) -> bool:
-        """Whether an abort leaves a vehicle in a mode that was not journalled."""
-        mode = self._modes_meanwhile.get(command.vehicle, MISSION)
+    def _keeps_mode(self, command: AnyCommand) -> bool:
+        """Return whether an abort must not end the vehicle's mode, which was not journalled."""
+        mode = self._unrecorded_modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
-        self.announce(command.vehicle, f"left in mode {mode}, to which it has changed meanwhile")
+        self.announce(command.vehicle, f"stays in mode {mode}, which was selected meanwhile")
         return True
 
     def clock_read(self, now_us: int) -> None:
@@ -192,35 +191,35 @@ class Engine:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
-        """Handle an operator's event; the journal on disk has it when this returns.
+        """Handle an operator's event; before this returns, the event is flushed to the disk.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
-        correction of the fire, and RefusedEventError for an event that a fold cannot handle. The
-        state is unchanged then. An abort is always carried out.
+        correction of the fire, and RefusedEventError for an event that a projection cannot handle.
+        The state is then unchanged. An abort is always executed.
         """
         self.clock_read(now_us)
         self._try(event, now_us)
         if not self._written(event):
-            raise NotRecordedError(f"not recorded: {self.recording.trouble}; nothing was done")
+            reason = self.recording.trouble
+            raise NotRecordedError(f"not recorded: {reason}; the request was not executed")
         try:
             window = self._apply_to_fire(event)
         except Exception as error:
-            self.recording.take_back()
+            self.recording.remove_last()
             if isinstance(error, FireModelError):
                 raise
-            raise _cannot(event, error) from error
-        self._follow(event, now_us)
+            raise _defect(event, error) from error
+        self._process(event, now_us)
         self._queue(window)
         self._deliver(event.at_us, now_us)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
-        """Apply a request to a copy of the state. Raises RefusedEventError if that raises."""
+        """Apply a request to a copy of the state. Raises RefusedEventError if this fails."""
         trial = copy.copy(self)
         try:
-            trial.restore(
-                copied({name: getattr(self, name) for name in TRIED}, self.shared_references)
-            )
-            for command in trial._folded(event):
+            fields = {name: getattr(self, name) for name in TRIED}
+            trial.restore(copied(fields, self.shared_references))
+            for command in trial._apply(event):
                 command_body(command)
                 trial._refused(command)
                 if trial._interlock is not None:
@@ -229,7 +228,7 @@ class Engine:
             if isinstance(event, Aborted):  # the core cannot handle it
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
-            raise _cannot(event, error) from error
+            raise _defect(event, error) from error
 
     def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible ones."""
@@ -238,13 +237,13 @@ class Engine:
             self.state_view.fire_changed()
         return found
 
-    def on_peer_link(self, there: bool, at_us: int, now_us: int) -> None:
+    def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
         """Handle a lost or restored link to other processes, for each vehicle of this one."""
         for name in self._gateways:
-            self._handle(PeerLinkChanged(at_us, name, there), now_us)
+            self._handle(PeerLinkChanged(at_us, name, connected), now_us)
 
     def apply_history(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        """Apply an event of the journal with its commands, without carrying them out."""
+        """Apply an event of the journal with its commands, without executing the commands."""
         self.world.advance(event.at_us)
         window = self.fire.apply_history(event, commands)
         if isinstance(event, OF_FIRE):
@@ -264,16 +263,16 @@ class Engine:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """Continue after the history: journal commands missing at its end, handle ``event``.
+        """Continue after the history: journal ``missing`` commands of its end, handle ``event``.
 
-        ``skipped`` are lines of the journal that were not applied.
+        ``skipped`` records the lines of the journal that were not applied.
         """
         self.recording.write_commands(list(missing))
         if skipped is not None:
             self._handle(skipped, now_us)
-        self._begin_again(event, now_us)
+        self._restart(event, now_us)
 
-    def _begin_again(self, event: Resumed, now_us: int) -> None:
+    def _restart(self, event: Resumed, now_us: int) -> None:
         """Handle a restart, and read back each vehicle's mission as soon as it is connected."""
         self._handle(event, now_us)
         self._deliver(event.at_us, now_us)
@@ -282,26 +281,26 @@ class Engine:
 
     def retry(self, at_us: int, now_us: int) -> bool:
         """Try to write the journal again; returns whether it can be written."""
-        if not self.recording.works_again():
+        if not self.recording.retry():
             return False
-        for name in self._modes_meanwhile:
+        for name in self._unrecorded_modes:
             self.state_view.clear(f"unrecorded/{name}")
-        self._modes_meanwhile.clear()  # each vehicle's mode is reported again
+        self._unrecorded_modes.clear()  # the restart reports each vehicle's mode again
         down_us = max(at_us - self._down_since_us, 0)
-        self._begin_again(Resumed(at_us, "service", "", down_us / 1e6), now_us)
+        self._restart(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """The fields of a snapshot; with the scenario they are the whole state."""
-        return {name: getattr(self, name) for name in KEPT}
+        """Return the fields of a snapshot, which together with the scenario are the whole state."""
+        return {name: getattr(self, name) for name in SNAPSHOT_FIELDS}
 
-    def restore(self, kept: dict[str, Any]) -> None:
+    def restore(self, fields: dict[str, Any]) -> None:
         """Set the fields of a snapshot."""
-        for name in kept:
-            setattr(self, name, kept[name])
+        for name, value in fields.items():
+            setattr(self, name, value)
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
-        """Show a line to the operators that is not in the journal."""
+        """Show the operators a line that the journal does not contain."""
         self.state_view.announce(about, text, level)
 
     def _queue(self, window: Window | None) -> None:
@@ -315,26 +314,26 @@ class Engine:
                 del self._undelivered[name]
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
-        """The vehicles that have acknowledged a command since a mission time."""
-        said = self._acknowledged.items()
-        return {name for (name, word), at_us in said if word == command and at_us >= since_us}
+        """Return the vehicles that have acknowledged a command since a mission time."""
+        found = self._acknowledged.items()
+        return {name for (name, word), at_us in found if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
-        """The interlock's state of plans, vehicles and crew, for interfaces."""
+        """Return the interlock's state of plans, vehicles and crew; empty without an interlock."""
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
-        """Journal and apply an event; False if the journal refused it, and nothing was done."""
+        """Journal and apply an event; returns False, without effect, if the journal refused it."""
         body = self._body_of(event)
         if body is None or not self._written(event, body):
             return False
-        self._follow(event, now_us)
+        self._process(event, now_us)
         return True
 
     def _body_of(self, event: AnyEvent) -> bytes | None:
-        """An event's line of the journal; None, and an alarm, if it cannot be journalled.
+        """Return an event's line of the journal; None, with an alarm, if it cannot be journalled.
 
-        The alarm stands until an event of its type can be journalled.
+        The alarm remains until an event of the same type can be journalled.
         """
         try:
             body = event_body(event)
@@ -353,7 +352,7 @@ class Engine:
             return
         name = "service" if isinstance(event, OperatorEvent) else event.vehicle
         self._refusals.add(key)
-        self.announce(name, f"event not used: {why}")
+        self.announce(name, f"event refused: {why}")
         self.state_view.alarm(key, f"{name}: {why}", "warning", name)
 
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
@@ -363,21 +362,22 @@ class Engine:
             self._down_since_us = event.at_us
         return self.recording.write_event(event, body)
 
-    def _follow(self, event: AnyEvent, now_us: int) -> None:
+    def _process(self, event: AnyEvent, now_us: int) -> None:
+        """Apply a journalled event, then journal and execute the commands."""
         try:
-            commands = self._folded(event)
+            commands = self._apply(event)
             self.fire.on_event(event)
             may_act = self.recording.write_commands(commands)
         except OSError:  # the journal of a simulation
             raise
         except Exception as error:
-            self.recording.take_back()
-            self.defect = _cannot(event, error)
+            self.recording.remove_last()
+            self.defect = _defect(event, error)
             raise self.defect from error
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)
-            elif self._is_left(command):
+            elif self._keeps_mode(command):
                 pass
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
@@ -389,8 +389,8 @@ class Engine:
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
 
-    def _folded(self, event: AnyEvent) -> list[AnyCommand]:
-        """Apply an event to all folds but the fire; returns the commands of the core."""
+    def _apply(self, event: AnyEvent) -> list[AnyCommand]:
+        """Apply an event to all projections except the fire; returns the commands of the core."""
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
@@ -404,7 +404,10 @@ class Engine:
         self.state_view.apply(event, commands)
 
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
-        """The last check before sending: the interlock refuses drops, and missions with drops."""
+        """Return the event that refuses a command; None for a command that may be executed.
+
+        The interlock refuses drops and missions that may drop.
+        """
         at_us, lock = self.statistics.at_us, self._interlock
         if isinstance(command, Drop):
             why = NO_BURN if lock is None else lock.refuses(command, at_us)
@@ -413,8 +416,8 @@ class Engine:
             named = (command.plan_hash, command.number)
             return DropFinished(at_us, command.vehicle, *named, False, True, f"interlock: {why}")
         if isinstance(command, UploadMission) and lock is not None and lock.may_drop(command.items):
-            reason = "interlock: something in it may drop"
-            return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", reason)
+            why = "interlock: the mission contains an item that may drop"
+            return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", why)
         return None
 
 
@@ -423,12 +426,11 @@ def _alarm_of(event: AnyEvent) -> str:
     return f"refused/{name}/{type(event).__name__}"
 
 
-def _cannot(event: AnyEvent, error: Exception) -> RefusedEventError:
+def _defect(event: AnyEvent, error: Exception) -> RefusedEventError:
     if isinstance(error, RefusedEventError):
         return error
-    at_s, what = event.at_us / 1e6, type(event).__name__
     why = " ".join(f"{type(error).__name__}: {error}".split())
     return RefusedEventError(
-        f"{what} at {at_s:.3f} s cannot be handled and was not carried out: {why}; "
-        "this is a defect, please report it"
+        f"{type(event).__name__} at {event.at_us / 1e6:.3f} s cannot be handled and had no effect: "
+        f"{why}; this is a defect, please report it"
     )

@@ -1,4 +1,4 @@
-"""Translates between the core's events and commands and one vehicle's client. Sans-IO."""
+"""Translates one vehicle client's events for the core, and the core's commands. Sans-IO."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -60,37 +60,35 @@ StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
 )
 
-# A vehicle that stays so far behind mission time for so long on the link's clock is set to it.
+# A vehicle's clock that lags this far behind mission time for this long is set to mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
-    """The messages requested from the vehicles of a scenario, with their rates in Hz."""
+    """Return the messages requested from the vehicles of a scenario, with their rates in Hz."""
     return {**RATES_HZ, **way_of(scenario).rates_hz}
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
-    """The dropper of a scenario's burn."""
-    if scenario.burn is None:
-        return None
-    return Dropper(*scenario.burn.dropper.output)
+    """Return the dropper of a scenario's burn; None without a burn."""
+    return None if scenario.burn is None else Dropper(*scenario.burn.dropper.output)
 
 
 class MissionClock:
-    """Mission time, by the autopilots' clocks or by the wall clock.
+    """Mission time, from the autopilots' clocks or from the wall clock.
 
-    The autopilots' clocks keep fire and flight together in a simulation that runs faster than real
-    time. The first autopilot begins at ``start_us``. Each later one, a restarted one and one whose
-    clock is slower joins at the time reached so far, because a vehicle that is behind is not
-    counted by its team. With the wall clock, mission time is the time since the service began.
+    In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
+    flight. The first autopilot begins at ``start_us``. Each later or restarted one and one whose
+    clock is slower joins at the time reached so far, because a team does not count a vehicle whose
+    time lags behind. With the wall clock, mission time is the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
         self.now_us = start_us
-        self.latest_us = start_us  # of all processes
+        self.latest_us = start_us  # the latest mission time of all processes
         self.wall = wall
-        # Of the clock of a journal, whose positions have each vehicle's own mission time.
+        # In the replay of a journal, mission time minus the log's time.
         self.ahead_us: int | None = None
         self._start_us = start_us
         self._began_us: int | None = None
@@ -101,7 +99,7 @@ class MissionClock:
         self._began_us = wall_us if self.wall else None
 
     def wall_passed(self, wall_us: int) -> None:
-        """Advance by the time of the machine; without effect for autopilots' clocks."""
+        """Advance to the machine's time; no effect if the autopilots' clocks are used."""
         if not self.wall:
             return
         if self._began_us is None:
@@ -116,7 +114,7 @@ class MissionClock:
     def others_passed(self, mission_us: int, wall_us: int) -> None:
         """Advance to the mission time of another process, at which a late vehicle joins.
 
-        A vehicle that is only a little late stays so: all events of a process share one time.
+        A small lag of a vehicle remains, because all events of a process share one time.
         """
         self.latest_us = max(self.latest_us, mission_us)
         self.wall_passed(wall_us)
@@ -125,7 +123,7 @@ class MissionClock:
 
 
 class Gateway:
-    """Translates one client's events and carries out the core's commands for its vehicle."""
+    """Translates one client's events and executes the core's commands for its vehicle."""
 
     def __init__(
         self,
@@ -135,7 +133,7 @@ class Gateway:
         dropper: Dropper | None = None,
         return_height_m: float | None = None,
     ) -> None:
-        """Without a ``dropper`` every drop is refused.
+        """Join vehicle and client; without a ``dropper``, every drop is refused.
 
         ``return_height_m`` above home is set on the vehicle when it is connected.
         """
@@ -144,13 +142,13 @@ class Gateway:
         self._clock = clock
         self._dropper = dropper
         self._return_height_m = return_height_m
-        self._drops: dict[int, Drop] = {}  # not finished, by the client's number
-        self._told: deque[VehicleEvent] = deque()  # without the client
+        self._drops: dict[int, Drop] = {}  # unfinished drops by the client's number
+        self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
-        self._last: dict[type, VehicleEvent] = {}  # of each event that is reported on change
-        self._status: dict[type, StatusChanged] = {}  # the newest of each
+        self._last: dict[type, VehicleEvent] = {}  # the last event of each kind sent on change
+        self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._speed_reports = SpeedReports()
-        self._texts: dict[str, int] = {}  # time of the last report of each, on the link's clock
+        self._texts: dict[str, int] = {}  # time of the last report of each text, link's clock
         self._offset_us: int | None = None
         self._min_behind_us = 0
         self._watched_from_us = 0
@@ -158,16 +156,15 @@ class Gateway:
         self._recognise: Recognise | None = None
         self._reading: int | None = None  # the client's number of the download
         self._mode: tuple[int, bool, str] | None = None
-        self.link_alarms: deque[tuple[str, str]] = (
-            deque()
-        )  # kind and words; empty words end the alarm
-        self._connected = False  # and reported
+        # Kind and text; an empty text ends the alarm.
+        self.link_alarms: deque[tuple[str, str]] = deque()
+        self._connected = False  # whether the connection was reported
         self._lost = False
 
     def read_back(self, recognise: Recognise, now_us: int) -> None:
         """Read the mission on board as soon as the vehicle is connected; report all states again.
 
-        ``recognise`` returns the number of a mission that was read; 0 if it was not sent from here.
+        ``recognise`` returns the id of the mission read, or 0 if the service did not send it.
         """
         self._recognise = recognise
         self._last.clear()
@@ -175,19 +172,19 @@ class Gateway:
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
-            if self._mode is not None:  # before any command
-                self._told.append(ModeChanged(at_us, self.name, *self._mode))
-            self._told.append(_connected(at_us, self.name, stack))
+            if self._mode is not None:  # reported before any command
+                self._queued.append(ModeChanged(at_us, self.name, *self._mode))
+            self._queued.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
-                self._told.append(msgspec.structs.replace(status, at_us=at_us))
+                self._queued.append(msgspec.structs.replace(status, at_us=at_us))
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
-        """The events since the last call, translated for the core, in mission time."""
+        """Yield the events since the last call, translated for the core, in mission time."""
         self._clock.wall_passed(now_us)
         while True:
-            while self._told:
-                yield self._told.popleft()
+            while self._queued:
+                yield self._queued.popleft()
             event = self.client.next_event()
             if event is None:
                 return
@@ -196,7 +193,7 @@ class Gateway:
                 yield translated
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """Carry out one command; its outcome comes back as events."""
+        """Execute one command; ``events`` yields its outcome."""
         match command:
             case UploadMission():
                 items = as_uploaded(command.items, self.client.stack)
@@ -214,14 +211,12 @@ class Gateway:
                 raise BridgeError("no dropper is set up")
             self._drops[self.client.drop(self._dropper, now_us)] = command
         except BridgeError as error:
-            self._told.append(self._drop_finished(command, "refused", str(error)))
+            self._queued.append(self._drop_finished(command, "refused", str(error)))
 
     def _drop_finished(self, command: Drop, outcome: str, reason: str) -> DropFinished:
+        named = (self.name, command.plan_hash, command.number)
         done, refused = outcome == "done", outcome == "refused"
-        told_us = self._clock.now_us
-        return DropFinished(
-            told_us, self.name, command.plan_hash, command.number, done, refused, reason
-        )
+        return DropFinished(self._clock.now_us, *named, done, refused, reason)
 
     def _mission_us(self, boot_us: int, now_us: int) -> int:
         if self._clock.ahead_us is not None:
@@ -239,7 +234,7 @@ class Gateway:
         return mission_us
 
     def _watch_behind(self, behind_us: int, now_us: int) -> None:
-        # The minimum over a while: a delayed message alone does not count as behind.
+        # The minimum over ``BEHIND_FOR_US``, because a single message may be delayed.
         self._min_behind_us = min(self._min_behind_us, behind_us)
         if now_us - self._watched_from_us < BEHIND_FOR_US:
             return
@@ -291,7 +286,7 @@ class Gateway:
 
     def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
         self._offset_us = None
-        self._last.clear()  # all is reported again
+        self._last.clear()  # all states are reported again
         self._speed_reports = SpeedReports()
         self._texts.clear()
         return VehicleRebooted(now_us, self.name)
@@ -308,12 +303,12 @@ class Gateway:
         return WindMeasured(now_us, self.name, speed_m_s, from_deg)
 
     def _speed(self, event: bridge.Speed, now_us: int) -> None:
-        self._told += self._speed_reports.of(event, self.name, now_us)
+        self._queued += self._speed_reports.of(event, self.name, now_us)
 
     def _transferred(self, event: bridge.TransferFinished, now_us: int) -> UploadFinished | None:
         result = event.result
         if event.transfer_id == self._reading:
-            self._told += self._held(result.items)
+            self._queued += self._held(result.items)
             return None
         mission_id = self._mission_of_transfer.pop(event.transfer_id, None)
         if mission_id is None:
@@ -339,17 +334,18 @@ class Gateway:
         return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
-        """What was read back, and the mode, which is else told when it changes."""
+        """Yield the mode, otherwise reported on change, and the mission that was read back."""
         now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
         self._reading = self._recognise = None
         if stack is None or recognise is None:
             return
         yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
-        known = 0 if items is None else recognise(items, stack)
-        yield MissionReadBack(now_us, self.name, known, None if items is None else len(items))
+        mission_id = 0 if items is None else recognise(items, stack)
+        count = None if items is None else len(items)
+        yield MissionReadBack(now_us, self.name, mission_id, count)
 
     def _text(self, event: bridge.Text, now_us: int) -> AutopilotText | None:
-        """An autopilot's text, unless it is unimportant or a repetition."""
+        """Return an autopilot's text; None if its severity is low or it is a repetition."""
         text = printable(event.text)
         if event.severity > MIN_SEVERITY or not text:
             return None
@@ -362,7 +358,7 @@ class Gateway:
         return AutopilotText(now_us, self.name, event.severity, text)
 
     def _status_changed(self, event: bridge.StatusEvent, now_us: int) -> StatusChanged:
-        """Keep a state for a restart; the client reports it only on change."""
+        """Store a state for ``read_back``, because the client reports it only on change."""
         status: StatusChanged
         match event:
             case bridge.SystemState():
@@ -376,15 +372,15 @@ class Gateway:
         self._status[type(status)] = status
         return status
 
-    def _changed(self, told: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
-        """The event, unless the last one of its kind was the same."""
-        before = self._last.get(type(told))
-        self._last[type(told)] = told
-        if before is not None and msgspec.structs.replace(before, at_us=told.at_us) == told:
+    def _changed(self, event: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
+        """Return the event; None if it repeats the last event of its kind."""
+        before = self._last.get(type(event))
+        self._last[type(event)] = event
+        if before is not None and msgspec.structs.replace(before, at_us=event.at_us) == event:
             return None
-        return told
+        return event
 
-    # Without those that need the link's clock; other events are of no use to the core.
+    # ``_translate`` handles events that need the link's clock; the core does not use the others.
     _TRANSLATIONS: ClassVar[dict[type[bridge.ClientEvent], Callable[..., VehicleEvent | None]]] = {
         bridge.SameSystemId: _link_alarm,
         bridge.RemoteChanged: _link_alarm,
@@ -410,7 +406,7 @@ class Gateway:
 
 
 def printable(text: str) -> str:
-    """A text on one line, without control characters."""
+    """Return a text as one line without control characters."""
     shown = "".join(each if each.isprintable() else " " for each in text)
     return " ".join(shown.split())
 

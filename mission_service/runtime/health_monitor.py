@@ -1,4 +1,4 @@
-"""Monitors delays of the event loop and near vehicles; raises and clears their alarms. Pure."""
+"""Raises and clears the alarms of event loop delays and of near vehicles. Pure."""
 
 import math
 
@@ -18,16 +18,16 @@ FRESH_US = 3_000_000  # older positions are not compared
 def near_pairs(
     telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
 ) -> dict[tuple[str, str], float]:
-    """Pairs in the air nearer to each other than ``separation_m``: 3-D distances in metres."""
+    """Return the 3-D distances in metres of airborne pairs nearer than ``separation_m``."""
     flying = [
-        told
-        for _, told in sorted(telemetry.items())
-        if told.altitude_relative_m >= AIRBORNE_M and at_us - told.at_us <= FRESH_US
+        state
+        for _, state in sorted(telemetry.items())
+        if state.altitude_relative_m >= AIRBORNE_M and at_us - state.at_us <= FRESH_US
     ]
     if len(flying) < 2:
         return {}
     lat, lon, up_m = np.array(
-        [(told.lat_deg, told.lon_deg, told.altitude_amsl_m) for told in flying]
+        [(state.lat_deg, state.lon_deg, state.altitude_amsl_m) for state in flying]
     ).T
     north_m, east_m = M_PER_DEG * lat, M_PER_DEG * math.cos(math.radians(float(lat[0]))) * lon
     places = np.column_stack([north_m, east_m, up_m])
@@ -43,39 +43,39 @@ class HealthMonitor:
     """Checks delays and distances a few times a second."""
 
     def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
-        """``every_us`` is the interval of calls to ``look``, on the machine's clock."""
+        """Raise alarms in ``state_view``; ``every_us`` is the interval of calls to ``check``."""
         self._state_view = state_view
         self._separation_m = separation_m
         self._every_us = every_us
-        self._looked_us: int | None = None
+        self._checked_us: int | None = None
         self._near_due_us = 0
         self._near: set[str] = set()
 
     def check(self, now_us: int) -> None:
         """Run all checks; ``now_us`` is the machine's clock."""
-        state_view = self._state_view
-        if self._looked_us is not None:
-            late_us = now_us - self._looked_us - self._every_us
+        if self._checked_us is not None:
+            late_us = now_us - self._checked_us - self._every_us
             if late_us >= LATE_US:
                 severity: Severity = "severe" if late_us >= LATE_SEVERE_US else "warning"
-                text = f"the service was held up for {late_us / 1e6:.1f} s"
-                state_view.alarm("late", text, severity)
+                text = f"the event loop was blocked for {late_us / 1e6:.1f} s"
+                self._state_view.alarm("late", text, severity)
             else:
-                state_view.clear("late")
-        self._looked_us = now_us
+                self._state_view.clear("late")
+        self._checked_us = now_us
         if now_us >= self._near_due_us:
             self._near_due_us = now_us + NEAR_EVERY_US
-            self._look_for_pairs()
+            self._check_pairs()
 
-    def _look_for_pairs(self) -> None:
+    def _check_pairs(self) -> None:
         found = set()
-        pairs = near_pairs(self._state_view.telemetry, self._state_view.at_us, self._separation_m)
+        view = self._state_view
+        pairs = near_pairs(view.telemetry, view.at_us, self._separation_m)
         for (one, other), apart_m in pairs.items():
             key = f"near/{one}/{other}"
             found.add(key)
             if key not in self._near:
                 text = f"{one} and {other} are {apart_m:.0f} m apart"
-                self._state_view.alarm(key, text, "severe", one)
+                view.alarm(key, text, "severe", one)
         for key in self._near - found:
-            self._state_view.clear(key)
+            view.clear(key)
         self._near = found

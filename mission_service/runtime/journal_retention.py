@@ -1,6 +1,6 @@
-"""Writes states periodically, divides the journal into segments and deletes old ones.
+"""Writes states periodically, divides the journal into segments and deletes old segments.
 
-It also handles a full disk. A state is pickled on the event loop, between two turns; a thread
+It also handles a full disk. A state is pickled on the event loop between two events; a thread
 compresses and writes it.
 """
 
@@ -23,25 +23,25 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 LOOK_EVERY_S = 0.5
-# The length of journal that a restart reads in about a second.
+# The number of bytes of a journal that a restart reads in about a second.
 STATE_EVERY_BYTES = 4_000_000
 
 
-class Keeping:
-    """Keeps the files that a restart needs, within the limits of the settings."""
+class JournalRetention:
+    """Writes the files that a restart needs, within the limits of the settings."""
 
-    def __init__(self, service: Engine, known: Known, settings: JournalSection) -> None:
+    def __init__(self, service: Engine, shared: Known, settings: JournalSection) -> None:
         self._service = service
-        self._known = known
+        self._shared_references = shared
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.took_s = 0.0  # duration of the last state, from pickling to the disk
+        self.write_s = 0.0  # time that the last state took, from pickling to the disk
 
     async def run(self, clock: MissionClock) -> None:
         """Maintain the journal until cancelled."""
         while True:
-            self._alarm()
+            self._alarm_journal()
             if self._service.recording.trouble:
                 clock.wall_passed(clock_us())
                 self._service.retry(clock.now_us, clock_us())
@@ -64,59 +64,59 @@ class Keeping:
             await self.write_state()
 
     async def write_state(self) -> None:
-        """Write the newest state; the one before is kept beside it."""
+        """Write the newest state; the state before it is renamed."""
         path, rest = self._service.recording.journal.path, self._service.recording.journal.rest
-        await self._write(lambda frozen: _newest(path, frozen, rest), rest)
+        await self._write(lambda frozen: _write_newest(path, frozen, rest), rest)
 
     async def begin_segment(self) -> None:
-        """Close the journal's file and begin the next, with a state of its own."""
+        """Close the journal's file, begin the next, and write the state at its beginning."""
         journal = self._service.recording.journal
-        frozen = Frozen(self._service.snapshot_fields(), self._known)
+        frozen = Frozen(self._service.snapshot_fields(), self._shared_references)
         try:
             journal.begin_segment()
         except OSError as error:
-            self._trouble(error)
+            self._alarm_state(error)
             return
         path, rest = journal.path, journal.rest
         keep_bytes = round(self._settings.keep_mb * 1e6)
-        await self._write(lambda frozen: _begun(path, frozen, rest, keep_bytes), rest, frozen)
+        await self._write(lambda frozen: _write_begin(path, frozen, rest, keep_bytes), rest, frozen)
 
     async def _write(
         self, write_it: Callable[[Frozen], None], rest: Rest, frozen: Frozen | None = None
     ) -> None:
         began_us = clock_us()
-        frozen = frozen or Frozen(self._service.snapshot_fields(), self._known)
+        frozen = frozen or Frozen(self._service.snapshot_fields(), self._shared_references)
         self._written, self._written_us = rest, began_us
         try:
             await asyncio.to_thread(write_it, frozen)
         except OSError as error:
-            self._trouble(error)
+            self._alarm_state(error)
         else:
-            self.took_s = (clock_us() - began_us) / 1e6
+            self.write_s = (clock_us() - began_us) / 1e6
             self._service.state_view.clear("state")
 
-    def _trouble(self, error: OSError) -> None:
-        """Raise an alarm: without the state a restart only takes longer."""
+    def _alarm_state(self, error: OSError) -> None:
+        """Raise the alarm for a state that was not written."""
         text = f"no state is written ({error.strerror}): a restart will take longer"
         self._service.state_view.alarm("state", text)
 
-    def _alarm(self) -> None:
+    def _alarm_journal(self) -> None:
         state_view, trouble = self._service.state_view, self._service.recording.trouble
         if trouble:
-            text = f"nothing is recorded, so nothing is done but aborts: {trouble}"
+            text = f"the journal is not written, so only aborts are executed: {trouble}"
             state_view.alarm("journal", text, "severe")
         else:
             state_view.clear("journal")
 
 
-def _newest(path: Path, frozen: Frozen, rest: Rest) -> None:
+def _write_newest(path: Path, frozen: Frozen, rest: Rest) -> None:
     synced(path)  # a state must not be ahead of its journal
     if newest_state(path).exists():
         newest_state(path).replace(earlier_state(path))
     write(newest_state(path), frozen, rest)
 
 
-def _begun(path: Path, frozen: Frozen, rest: Rest, keep_bytes: int) -> None:
+def _write_begin(path: Path, frozen: Frozen, rest: Rest, keep_bytes: int) -> None:
     synced(path)
     write(begin_state(path, rest.segment), frozen, rest)
     trim(path, keep_bytes)

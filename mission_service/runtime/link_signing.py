@@ -1,4 +1,4 @@
-"""Signed links of the service: keys, timestamps kept over restarts, reports of refused frames."""
+"""Signed links of the service: keys, stored timestamps, and reports of refused frames."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -9,23 +9,21 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # of CLI commands; differs from those of a service running at the same time
-REPORT_FROM_FRAMES = 10  # fewer refused frames are not reported: errors, or another station nearby
+COMMAND_LINK_ID = 255  # of CLI commands; a service that runs at the same time has other link ids
+REPORT_FROM_FRAMES = 10  # fewer may be transmission errors, or frames of another station nearby
 LEAD_REPORTED_S = 60.0
-WORDS = {
-    "unsigned": (
-        "without a signature",
-        "has the vehicle the key? (mission-service signing set-up)",
-    ),
-    "wrong": ("with a wrong signature", "is the key the vehicle's?"),
-    "repeated": ("signed no later than those before", "do they come twice?"),
-    "old": ("signed more than a minute ago", "is a clock wrong, here or there?"),
-    "ahead": ("signed minutes in the future", "is a clock wrong, here or there?"),
+CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
+WORDS = {  # by the verdict on a frame: its description and the remedy
+    "unsigned": ("without a signature", "set the vehicle's key (mission-service signing set-up)"),
+    "wrong": ("with a wrong signature", "check that the vehicle has this key"),
+    "repeated": ("with repeated timestamps", "check whether frames arrive twice"),
+    "old": ("signed more than a minute ago", CHECK_CLOCKS),
+    "ahead": ("signed minutes in the future", CHECK_CLOCKS),
 }
 
 
 def timestamps_file() -> Path:
-    """The file with the last timestamp used; creates its folder."""
+    """Return the path of the file with the last timestamp used; creates its folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(state) / "mission-service"
     try:
@@ -39,7 +37,7 @@ def timestamps_file() -> Path:
 def signings(
     sources: Iterable[str | None], wall_us: Callable[[], int], warn: Callable[[str], None]
 ) -> Iterator[dict[str | None, Signing]]:
-    """The signing for each source of a key, with timestamps shared by all, also over restarts.
+    """Provide the signing for each source of a key; all share one file of timestamps.
 
     Raises BridgeError for a key that cannot be read.
     """
@@ -60,43 +58,43 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """One line on the most frequent cause of refusal, if it has ``from_frames`` or more."""
+    """Return one line on the most frequent cause of refusal; None below ``from_frames`` frames."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:
         return None
-    which, question = WORDS[verdict]
+    description, remedy = WORDS[verdict]
     plural = "s" if frames > 1 else ""
-    return f"refused {frames} frame{plural} {which} on {link}; {question}"
+    return f"refused {frames} frame{plural} {description} on {link}; {remedy}"
 
 
-def unheeded(link: str) -> str:
-    """One line on a link whose vehicle signs while this program has no key."""
-    return f"frames on {link} are signed, and no signing key is given; it may answer nothing"
+def key_missing(link: str) -> str:
+    """Return one line on a link whose vehicle signs its frames while this program has no key."""
+    return f"frames on {link} are signed, and no signing key is given; the vehicle may not answer"
 
 
 class SigningRefusals:
-    """Reports on the signing of one vehicle's link, each once."""
+    """Reports on the signing of one vehicle's link; each is returned once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link
         self._system_id = system_id
         self._signing = signing
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def announcements(self, counts: Counts, receives_signed: bool) -> list[str]:
-        """The new reports, one line each."""
+        """Return the new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:
-            lines["unheeded"] = unheeded(self._link) if receives_signed else None
+            lines["key"] = key_missing(self._link) if receives_signed else None
         else:
             lines["refused"] = refusal(counts, self._link, REPORT_FROM_FRAMES)
             lead_s = self._signing.lead_s(self._system_id)
             if lead_s > LEAD_REPORTED_S:
                 lines["lead"] = (
                     f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
-                    "clock; it may refuse what is sent: set the clock"
+                    "clock; it may refuse frames of the service: set the clock"
                 )
-        new = {what: line for what, line in lines.items() if line and what not in self._told}
-        self._told |= new.keys()
+        new = {key: line for key, line in lines.items() if line and key not in self._reported}
+        self._reported |= new.keys()
         return list(new.values())

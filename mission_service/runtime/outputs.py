@@ -15,6 +15,7 @@ from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics
+from mission_service.runtime.track import feature
 
 FRONT_EVERY_S = 1800.0
 DROP_COLUMNS = (
@@ -24,16 +25,16 @@ DROP_COLUMNS = (
 VEHICLE_COLOURS = (
     "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
 )  # fmt: skip
-LEGEND_INSIDE = 4  # maximum number of vehicles; a longer legend would hide the fire
+LEGEND_INSIDE = 4  # vehicles; a longer legend is drawn below the map
 
 
 def front_times_s(end_s: float) -> list[float]:
-    """The times of fronts: every half hour of mission time, and the end."""
+    """Return the times of fronts in s: every half hour of mission time, and the end."""
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
 def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[str, Any]:
-    """The figures of the run."""
+    """Return the figures of the run for ``summary.json``."""
     closest = record.closest
     return {
         "scenario": scenario.name,
@@ -65,7 +66,7 @@ def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[st
 
 
 def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
-    """The figures of a vehicle that drops spheres; empty for others."""
+    """Return the figures of a vehicle that drops spheres; empty for others."""
     if not vehicle.plans:
         return {}
     flown = {drop.plan_hash for drop in vehicle.drops}
@@ -77,7 +78,7 @@ def _burn_of(vehicle: VehicleStatistics) -> dict[str, Any]:
 
 
 def write_drops(path: Path, record: RunStatistics) -> None:
-    """Write the drops as CSV: planned place, order and outcome."""
+    """Write the drops as CSV: planned position, actual position and outcome."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(DROP_COLUMNS)
@@ -95,69 +96,40 @@ def write_drops(path: Path, record: RunStatistics) -> None:
 
 
 def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
-    """Tracks as LineStrings and reversals as Points (RFC 7946: longitude, latitude, height)."""
+    """Return tracks as LineStrings, reversals and drops as Points (RFC 7946: lon, lat, height)."""
     features: list[dict[str, Any]] = []
     for name, vehicle in record.vehicles.items():
         if len(vehicle.track) > 1:
-            features.append(
-                {
-                    "type": "Feature",
-                    "properties": {
-                        "vehicle": name,
-                        "from_s": vehicle.track[0][0] / 1e6,
-                        "to_s": vehicle.track[-1][0] / 1e6,
-                    },
-                    "geometry": {
-                        "type": "LineString",
-                        "coordinates": [
-                            [round(lon, 7), round(lat, 7), round(altitude, 1)]
-                            for _, lat, lon, altitude in vehicle.track
-                        ],
-                    },
-                }
-            )
+            times = {"from_s": vehicle.track[0][0] / 1e6, "to_s": vehicle.track[-1][0] / 1e6}
+            line = [
+                [round(lon, 7), round(lat, 7), round(altitude, 1)]
+                for _, lat, lon, altitude in vehicle.track
+            ]
+            features.append(feature("LineString", line, vehicle=name, **times))
         features += [
-            {
-                "type": "Feature",
-                "properties": {"vehicle": name, "kind": "reversal", "at_s": at_us / 1e6},
-                "geometry": {"type": "Point", "coordinates": [round(lon, 7), round(lat, 7)]},
-            }
+            _point(lat, lon, vehicle=name, kind="reversal", at_s=at_us / 1e6)
             for at_us, lat, lon in vehicle.reversals
         ]
-        features += [
-            {
-                "type": "Feature",
-                "properties": {
-                    "vehicle": name,
-                    "kind": "drop",
-                    "at_s": drop.at_us / 1e6,
-                    "outcome": drop.outcome,
-                },
-                "geometry": {
-                    "type": "Point",
-                    "coordinates": [round(drop.lon_deg, 7), round(drop.lat_deg, 7)],
-                },
-            }
-            for drop in vehicle.drops
-        ]
+        for drop in vehicle.drops:
+            shown = {"kind": "drop", "at_s": drop.at_us / 1e6, "outcome": drop.outcome}
+            features.append(_point(drop.lat_deg, drop.lon_deg, vehicle=name, **shown))
     return {"type": "FeatureCollection", "features": features}
+
+
+def _point(lat_deg: float, lon_deg: float, **properties: Any) -> dict[str, Any]:
+    return feature("Point", [round(lon_deg, 7), round(lat_deg, 7)], **properties)
 
 
 def write_outputs(
     out: Path, scenario: Scenario, record: RunStatistics, fire: Fire
 ) -> dict[str, Any]:
-    """Write all results into ``out``; returns the summary."""
+    """Write all results to the folder ``out``; returns the summary."""
     summary = summary_of(scenario, record, fire)
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     tracks = json.dumps(tracks_geojson(record))
     (out / "tracks.geojson").write_text(tracks + "\n", encoding="utf-8")
-    write_fronts(
-        out / "perimeters.geojson",
-        fire,
-        front_times_s(fire.time_s),
-        scenario.name,
-        scenario.time_zero,
-    )
+    times_s = front_times_s(fire.time_s)
+    write_fronts(out / "perimeters.geojson", fire, times_s, scenario.name, scenario.time_zero)
     if scenario.burn_flown is not None:
         write_drops(out / "drops.csv", record)
     draw_map(out / "map.png", scenario, record, fire)
@@ -165,7 +137,7 @@ def write_outputs(
 
 
 def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) -> None:
-    """The map of the fire with tracks and reversals."""
+    """Draw a map of the fire with tracks, reversals and drops."""
     from matplotlib.lines import Line2D
 
     land = fire.landscape
@@ -187,22 +159,19 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     rule = scenario.planner.rule
     alpha = f", α = {scenario.planner.alpha:g}" if way_of(scenario).along_front else ""
     axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
-    if len(handles) > LEGEND_INSIDE:
-        axes.legend(handles=handles, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.06))
-    else:
-        axes.legend(handles=handles, loc="upper left")
+    below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.06)}
+    placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
+    axes.legend(handles=handles, **placement)
     figure.savefig(path)
 
 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
     south_m = land.north_m - land.shape[0] * land.cell_size_m
+    dots = {"linestyle": "", "marker": "o"}
     for points, style in (
         ([point[1:3] for point in vehicle.track], {"linewidth": 0.7, "alpha": 0.8}),
-        ([point[1:3] for point in vehicle.reversals], {"linestyle": "", "marker": "o"}),
-        (
-            [(each.lat_deg, each.lon_deg) for each in vehicle.drops],
-            {"linestyle": "", "marker": "o"},
-        ),
+        ([point[1:3] for point in vehicle.reversals], dots),
+        ([(each.lat_deg, each.lon_deg) for each in vehicle.drops], dots),
     ):
         if points:
             lat, lon = np.array(points).T

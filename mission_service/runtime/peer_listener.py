@@ -8,7 +8,7 @@ from mission_service.runtime.gateway import MissionClock
 
 
 class PeerListener:
-    """Passes the messages that ``peer_exchange`` receives to the engine of this process."""
+    """The receiver of ``peer_exchange``: passes its messages to the engine of this process."""
 
     def __init__(self, service: Engine, clock: MissionClock, clock_us: Callable[[], int]) -> None:
         self._service = service
@@ -25,14 +25,14 @@ class PeerListener:
         self._clock.others_passed(mission_us, self._clock_us())
 
     def on_message(self, message: AnyMessage) -> None:
-        """Handle a message of a vehicle flown by another process."""
+        """Handle a message of a vehicle that another process controls."""
         self.passed(message.at_us)
         self._service.on_peer_message(message, self._clock.now_us, self._clock_us())
 
-    def on_link(self, there: bool) -> None:
+    def on_link(self, connected: bool) -> None:
         """Handle a change of the connection to the other processes."""
-        self._service.on_peer_link(there, self._clock.now_us, self._clock_us())
+        self._service.on_peer_link(connected, self._clock.now_us, self._clock_us())
 
     def announce(self, text: str, warning: bool) -> None:
-        """Announce a line to the operators."""
+        """Announce a text to the operators."""
         self._service.announce("formation", text, "warning" if warning else "info")

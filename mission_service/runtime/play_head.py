@@ -13,7 +13,7 @@ Speed = float | Literal["max"]
 class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
     """The state of a replay. All times except ``at_us`` (mission time) are on the log's clock.
 
-    A change of ``jumps`` means that the replay was set to another time: read all states again.
+    ``jumps`` counts changes to another time, after which clients must read all states again.
     """
 
     at_us: int
@@ -30,7 +30,7 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
 
 
 def checked_speed(speed: Speed) -> Speed:
-    """The speed itself. Raises RequestError for a speed out of range."""
+    """Return the speed unchanged. Raises RequestError for a speed out of range."""
     if speed != "max" and not MIN_SPEED <= speed <= MAX_SPEED:
         raise RequestError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g} times, or max")
     return speed
@@ -39,9 +39,9 @@ def checked_speed(speed: Speed) -> Speed:
 class PlayHead:
     """Advances on the log's clock ``speed`` times as fast as the machine's clock.
 
-    Its position is the time up to which all entries were played. ``due_us`` is the time to play
-    to, ``reached`` confirms the time played to, so that it does not run ahead of a machine that is
-    too slow. ``now_us`` is the machine's clock.
+    Its position is the time up to which all entries were played. ``due_us`` returns the time up to
+    which entries are due, and ``reached`` sets the position, so that the play head waits for a slow
+    machine. ``now_us`` is the machine's clock.
     """
 
     def __init__(self, begin_us: int, end_us: int, speed: Speed = 1.0) -> None:
@@ -55,11 +55,11 @@ class PlayHead:
 
     @property
     def ended(self) -> bool:
-        """Whether it is at the end, where it pauses automatically."""
+        """Whether the play head is at the end, where it pauses automatically."""
         return self.at_us >= self.end_us
 
     def due_us(self, now_us: int) -> int:
-        """The log time up to which entries are due."""
+        """Return the log time up to which entries are due."""
         if self.seek_to_us is not None:
             return self.seek_to_us
         if self.paused:
@@ -72,7 +72,7 @@ class PlayHead:
         return min(self.at_us + round(passed_us * self.speed), self.end_us)
 
     def reached(self, at_us: int, now_us: int) -> None:
-        """Confirm that all entries up to a time were played; ends a seek, pauses at the end."""
+        """Set the position to a time up to which all entries were played; pause at the end."""
         self.at_us = min(max(at_us, self.begin_us), self.end_us)
         self._since_us = now_us
         if self.seek_to_us is not None and self.at_us == self.seek_to_us:
@@ -81,11 +81,11 @@ class PlayHead:
             self.paused = True
 
     def pause(self) -> None:
-        """Stay here."""
+        """Stop at the present position."""
         self.paused = True
 
     def resume(self, now_us: int) -> None:
-        """Go on; at the end, start again from the beginning."""
+        """Continue; at the end, start again from the beginning."""
         if not self.paused:
             return
         self.paused = False
@@ -98,5 +98,5 @@ class PlayHead:
         self.speed = checked_speed(speed)
 
     def seek(self, to_us: int) -> None:
-        """Go to another time as soon as all entries up to it were played."""
+        """Set the time up to which all entries are due at once."""
         self.seek_to_us = min(max(to_us, self.begin_us), self.end_us)

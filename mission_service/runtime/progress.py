@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console
@@ -15,27 +14,28 @@ from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 
 STATUS_EVERY_US = 120_000_000
+SIM_STATUS_EVERY_US = 1_800_000_000
 
 
 def clock_text(at_us: int) -> str:
-    """Mission time as h:mm:ss."""
+    """Return a mission time as h:mm:ss."""
     seconds = at_us // 1_000_000
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
 def status_lines(statistics: RunStatistics, world: SimulatedFire) -> list[str]:
-    """One line per vehicle: fire size, direction, reversals, uploads."""
+    """Return one line per vehicle: fire size, direction, reversals, uploads."""
     fire = f"fire {world.fire.burned_ha:6.0f} ha"
     lines = []
     for name, vehicle in statistics.vehicles.items():
         accepted = vehicle.uploads["accepted"]
         other = vehicle.uploads.total() - accepted
-        way = vehicle.direction or ("in formation" if vehicle.orders else "under way")
+        direction = vehicle.direction or ("in formation" if vehicle.orders else "under way")
         done = f"{vehicle.reversal_count:3d} reversals"
         if vehicle.orders:
             done = f"{vehicle.orders['Orbit']:3d} orbits"
         lines.append(
-            f"{fire}  {name}: {way:<13} {done}  {accepted:4d} uploads accepted"
+            f"{fire}  {name}: {direction:<13} {done}  {accepted:4d} uploads accepted"
             + (f", {other} not" if other else "")
         )
     return lines
@@ -72,7 +72,6 @@ class SimProgress:
 
     def __init__(self, name: str, duration_s: float, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
-        self._every_us = 1_800_000_000
         self._next_us = self._last_id = 0
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -88,16 +87,11 @@ class SimProgress:
         self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._bar.stop()
 
     def __call__(self, state_view: StateView, world: SimulatedFire) -> None:
-        """Print new warnings, and move the bar or print a line."""
+        """Print new warnings; update the bar, or print a line if one is due."""
         for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
             if line.level == "warning":
@@ -106,14 +100,14 @@ class SimProgress:
         if self._console.is_terminal:
             self._bar.update(self._task, completed=at_us / 1e6, status=lines[0])
         elif at_us >= self._next_us:
-            self._next_us = at_us + self._every_us
+            self._next_us = at_us + SIM_STATUS_EVERY_US
             for status in lines:
                 self._console.print(f"{clock_text(at_us)}  {status}", markup=False)
 
 
 @contextmanager
 def fire_progress(name: str, from_s: float, to_s: float) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal for a fire simulation; call it with the time simulated so far."""
+    """Show a bar on a terminal; yields a function that receives the simulated time in s."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:

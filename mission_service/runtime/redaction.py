@@ -1,9 +1,9 @@
-"""Removes secrets from text: registered ones, and text that looks like one. Pure."""
+"""Removes secrets from text: registered secrets, and text in the form of a secret. Pure."""
 
 import re
 
 HIDDEN = "[hidden]"
-MIN_SECRET = 6  # characters: a shorter one would also remove ordinary words
+MIN_SECRET = 6  # characters; a shorter secret would match ordinary words
 _LOOKS_SECRET = re.compile(
     r"((?:bearer|basic)\s+|[\w-]*(?:token|passw(?:or)?d|secret|signing[ _-]?key|api[ _-]?key)"
     r"[\"']?\s*[=:]\s*[\"']?)(?!file:|env:)[^\s\"',;&]+",
@@ -20,7 +20,7 @@ def hide(secret: str | bytes) -> None:
 
 
 def clean(text: str) -> str:
-    """The text without secrets."""
+    """Return the text with each secret replaced by ``HIDDEN``."""
     for secret in _secrets:
         text = text.replace(secret, HIDDEN)
     return _LOOKS_SECRET.sub(rf"\g<1>{HIDDEN}", text)

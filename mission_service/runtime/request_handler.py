@@ -14,7 +14,7 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, 
 
 Answer = dict[str, Any]
 CHANGES_AREA = (Corrected, Erased, Undone, Redone)
-KNOWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
+OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
 class RequestHandler:
@@ -28,10 +28,10 @@ class RequestHandler:
         scope: RequestScope = ANYWHERE,
         burned_ha: Callable[[], float] | None = None,
     ) -> None:
-        """``tell`` handles an event and returns the announcements it caused.
+        """``submit`` handles an event and returns the announcements it caused.
 
-        ``scope``: the data that requests are checked against. ``burned_ha``: returns the area
-        burned now, if corrections change it; their replies contain the old and the new area.
+        ``scope`` contains the data for checks of requests. ``burned_ha`` returns the burned area if
+        corrections change it; replies to corrections then contain the old and the new area.
         """
         self._submit = submit
         self._status = status
@@ -40,11 +40,11 @@ class RequestHandler:
         self._burned_ha = burned_ha
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """Handle one request and return the reply; never raises for its content.
+        """Handle one request and return the reply; no content of a request raises an exception.
 
-        ``may_approve``: whether its user has the role approve (``requests.event_of``).
-        ``confirm`` in the reply: the order was not carried out, since it would end a mode that
-        autopilot or pilot selected; the same request with ``confirmed`` is carried out.
+        ``may_approve``: whether its user has the role approve (``request_events.event_of``).
+        ``confirm`` in the reply means that the order was not executed, because it would end a mode
+        that autopilot or pilot selected; the same request with ``confirmed`` is executed.
         """
         if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
@@ -52,19 +52,19 @@ class RequestHandler:
             event = event_of(request, self._now_us(), self.scope, may_approve)
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
             before_ha = None if burned_ha is None else burned_ha()
-            said = self._submit(event)
-        except KNOWN_ERRORS as error:
+            messages = self._submit(event)
+        except OWN_ERRORS as error:
             return wrong(str(error))
         answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
         if burned_ha is not None:
             answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
-        answer["messages"] = said
-        if any(line.startswith(CONFIRM) for line in said):
+        answer["messages"] = messages
+        if any(line.startswith(CONFIRM) for line in messages):
             answer["confirm"] = True
         return answer
 
     def answer(self, line: bytes) -> Answer:
-        """The answer to one line; no content of a line makes it raise."""
+        """Return the reply to one line of JSON; no content of a line raises an exception."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -73,5 +73,5 @@ class RequestHandler:
 
 
 def wrong(text: str) -> Answer:
-    """The answer to a refused request, with the reason."""
+    """Return the reply to a refused request, with the reason."""
     return {"ok": False, "error": text}

@@ -1,4 +1,4 @@
-"""The context of a live run: all that HTTP, MQTT, metrics and Cursor on Target may use."""
+"""The context of a live run: the objects that HTTP, MQTT, metrics and Cursor on Target may use."""
 
 import asyncio
 from collections.abc import Callable
@@ -44,11 +44,9 @@ class RunContext:
         self.clock = clock
         self.links = links
         self.journal_path = journal_path
-        self.not_ready: dict[str, str] = {}  # what the service lacks, and why
+        self.not_ready: dict[str, str] = {}  # missing conditions, by name, with the reasons
         self.stopping = False
-        self.gauges: dict[
-            str, Callable[[], float]
-        ] = {}  # of single interfaces, for interfaces/metrics.py
+        self.gauges: dict[str, Callable[[], float]] = {}  # further metrics, by name
         self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
         self._bell = asyncio.Event()
 
@@ -78,10 +76,10 @@ class RunContext:
         return self.service.state_view
 
     def ready(self) -> list[str]:
-        """What the service lacks for its work, a line each; empty if it is ready."""
-        lacks = [f"{what}: {why}" for what, why in self.not_ready.items()]
+        """Return the missing conditions of operation, one line each; empty if all are met."""
+        missing = [f"{name}: {why}" for name, why in self.not_ready.items()]
         trouble = self.service.recording.trouble
-        return [*lacks, f"journal: {trouble}"] if trouble else lacks
+        return [*missing, f"journal: {trouble}"] if trouble else missing
 
     def ring(self) -> None:
         """Wake the tasks that wait for changes."""
@@ -94,7 +92,7 @@ class RunContext:
             await self._bell.wait()
 
     def fire(self) -> dict[str, Any]:
-        """The figures of the fire."""
+        """Return the figures of the fire."""
         return self.state_view.fire(self.world.fire.burned_ha, self.world.corrections())
 
     @property
@@ -103,28 +101,28 @@ class RunContext:
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
-        """The weather now, of the scenario or as operators set it."""
-        at_s, believed = self.clock.now_us / 1e6, self.estimated_fire
-        return self.world.fire.weather.at(at_s) if believed is None else believed.weather_at(at_s)
+        """Return the present weather: that of the scenario, or as operators have set it."""
+        at_s, estimate = self.clock.now_us / 1e6, self.estimated_fire
+        return self.world.fire.weather.at(at_s) if estimate is None else estimate.weather_at(at_s)
 
     def preview(self, vehicle: str) -> Items | None:
-        """The mission that the vehicle would be sent now, without any effect.
+        """Return the mission that the service would send to the vehicle now, without sending it.
 
-        None before the vehicle is connected, and where its rule makes no missions.
+        None before the first position of the vehicle, and if its rule makes no missions.
         """
-        known = self.core.vehicles[vehicle]
-        fix = known.availability.fix
-        return None if fix is None else self.core.guidance.preview(known, fix)
+        state = self.core.vehicles[vehicle]
+        fix = state.availability.fix
+        return None if fix is None else self.core.guidance.preview(state, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
-        """The figures of a mission, flown from the vehicle's present position."""
-        known = self.core.vehicles[vehicle]
-        fix = known.availability.fix if known.availability.airborne else None
+        """Return the figures of a mission, flown from the vehicle's present position."""
+        state = self.core.vehicles[vehicle]
+        fix = state.availability.fix if state.availability.airborne else None
         start_m = None if fix is None else (fix.x_m, fix.y_m)
-        return figures_of(items, self.landscape, known.section, start_m)
+        return figures_of(items, self.landscape, state.section, start_m)
 
     def burn(self) -> dict[str, Any] | None:
-        """The state of a burn: guidance, interlock, unit, plan and drops; None without a burn."""
+        """Return the state of a burn: guidance, interlock, plan and drops; None without a burn."""
         burn = self.scenario.burn_flown
         if burn is None:
             return None

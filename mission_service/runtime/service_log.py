@@ -1,6 +1,6 @@
 """The service's log on stderr: plain text, or one JSON object per line.
 
-Every line, including tracebacks, passes one final filter that removes secrets (``redaction.py``).
+A filter removes secrets from every line, including tracebacks (``redaction.py``).
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from mission_service.runtime.run_context import RunContext
 
 Form = Literal["text", "json"]
 LOG_EVERY_S = 0.2
-# The attributes of every record; all others were given as ``extra``.
+# The attributes of every record; a record's other attributes come from ``extra``.
 _USUAL = {*logging.makeLogRecord({}).__dict__, "message", "asctime", "taskName", "color_message"}
 
 
@@ -42,7 +42,7 @@ class _Formatter(logging.Formatter):
                 line[name] = clean(value) if isinstance(value, str) else value
         if record.exc_info:
             line["traceback"] = clean(self.formatException(record.exc_info))
-        return msgspec.json.encode(line, enc_hook=lambda thing: clean(str(thing))).decode()
+        return msgspec.json.encode(line, enc_hook=lambda value: clean(str(value))).decode()
 
 
 def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = None) -> None:
@@ -55,24 +55,24 @@ def set_up(form: Form = "text", level: str = "info", stream: TextIO | None = Non
 
 
 async def log_announcements(context: RunContext) -> None:
-    """Copies announcements and alarms to the log; a service task of the daemon."""
-    told = LogFollower()
+    """Copy announcements and alarms to the log until cancelled."""
+    follower = LogFollower()
     try:
         while True:
-            told.catch_up(context)
+            follower.catch_up(context)
             await context.changed(context.state_view.version)
             await asyncio.sleep(LOG_EVERY_S)  # collects lines of the same time
     finally:
-        told.catch_up(context)
+        follower.catch_up(context)
 
 
 class LogFollower:
-    """The last announcement and alarm of the state view that the log has."""
+    """Logs announcements and alarms of the state view; each one once."""
 
     def __init__(self) -> None:
         self._log = logging.getLogger("mission_service.announcements")
         self._last_id = 0
-        self._alarms: dict[str, str] = {}
+        self._alarms: set[str] = set()
 
     def catch_up(self, context: RunContext) -> None:
         """Log new announcements and changed alarms."""
@@ -80,17 +80,15 @@ class LogFollower:
         for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
             level = logging.WARNING if line.level == "warning" else logging.INFO
-            said = {"vehicle": line.vehicle, "at_us": line.at_us}
-            self._log.log(level, "%s: %s", line.vehicle, line.text, extra=said)
-        alarms = {key: alarm.text for key, alarm in state_view.alarms.items()}
-        for key, text in alarms.items():
+            extra = {"vehicle": line.vehicle, "at_us": line.at_us}
+            self._log.log(level, "%s: %s", line.vehicle, line.text, extra=extra)
+        alarms = state_view.alarms
+        for key, alarm in alarms.items():
             if key not in self._alarms:
-                alarm = state_view.alarms[key]
                 level = logging.ERROR if alarm.severity == "severe" else logging.WARNING
-                said = {"alarm": key, "vehicle": alarm.vehicle, "at_us": alarm.at_us}
-                self._log.log(level, "alarm %s: %s", key, text, extra=said)
-        for key in self._alarms.keys() - alarms.keys():
-            self._log.info(
-                "alarm %s: cleared", key, extra={"alarm": key, "at_us": state_view.at_us}
-            )
-        self._alarms = alarms
+                extra = {"alarm": key, "vehicle": alarm.vehicle, "at_us": alarm.at_us}
+                self._log.log(level, "alarm %s: %s", key, alarm.text, extra=extra)
+        for key in self._alarms - alarms.keys():
+            extra = {"alarm": key, "at_us": state_view.at_us}
+            self._log.info("alarm %s: cleared", key, extra=extra)
+        self._alarms = set(alarms)

@@ -8,10 +8,10 @@ from mission_service.events import AirspeedMeasured, ThrustStatusChanged
 
 AIRSPEED_OVER_US = 10_000_000  # gusts and turns average out
 AIRSPEED_CHANGED_M_S = 0.5
-# Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both go on in their mission at full
+# Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both continue their mission at full
 # throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
 FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
-SLOWER_THAN_US = 10_000_000  # duration of the mean to compare with
+SLOWER_THAN_US = 10_000_000  # an airspeed is compared with the mean of this time before it
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
@@ -25,17 +25,17 @@ class SpeedReports:
         self._reported_m_s = math.nan
         self._newest: deque[tuple[int, float]] = deque()  # mission time, airspeed
         self._thrust_sufficient = True
-        self._otherwise_since_us: int | None = None  # since when it differs from the report
+        self._otherwise_since_us: int | None = None  # time since which thrust differs from it
 
     def of(
         self, speed: Speed, name: str, now_us: int
     ) -> list[AirspeedMeasured | ThrustStatusChanged]:
-        """The changes found in a VFR_HUD of a vehicle at mission time ``now_us``."""
+        """Return the changes found in a VFR_HUD of a vehicle at mission time ``now_us``."""
         found = (self._airspeed(speed, name, now_us), self._thrust(speed, name, now_us))
         return [each for each in found if each is not None]
 
     def _airspeed(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """The mean of ``AIRSPEED_OVER_US`` if it has changed."""
+        """Return the mean of ``AIRSPEED_OVER_US`` if it has changed."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:
@@ -51,7 +51,7 @@ class SpeedReports:
         return AirspeedMeasured(now_us, name, mean_m_s)
 
     def _is_slower(self, airspeed_m_s: float | None, now_us: int) -> bool:
-        """Whether it has lost airspeed; True also if none is measured."""
+        """Return whether the vehicle has lost airspeed; True if no airspeed is measured."""
         if airspeed_m_s is None:
             return True
         while self._newest and self._newest[0][0] < now_us - SLOWER_THAN_US:
@@ -63,12 +63,12 @@ class SpeedReports:
         return airspeed_m_s <= math.fsum(before_m_s) / len(before_m_s) - SLOWER_M_S
 
     def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
-        """Whether thrust is sufficient (no sinking at full throttle), if that has changed."""
+        """Return the new thrust status if it has changed: sinking at full throttle, or not."""
         sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
         slower = self._is_slower(speed.airspeed_m_s, now_us)
         if self._thrust_sufficient and not slower:
             sinks = False
-        if sinks != self._thrust_sufficient:  # as reported
+        if sinks != self._thrust_sufficient:  # the last report is still correct
             self._otherwise_since_us = None
             return None
         if self._otherwise_since_us is None:

@@ -16,11 +16,11 @@ LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
 def notify_systemd(state: str) -> bool:
-    """Send lines such as READY=1; returns whether that succeeded. Never raises."""
+    """Send lines such as READY=1; returns whether they were sent. Raises no exception."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
-    if address.startswith("@"):  # an abstract socket
+    if address.startswith("@"):  # abstract socket
         address = "\0" + address[1:]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
         sock.setblocking(False)
@@ -32,7 +32,7 @@ def notify_systemd(state: str) -> bool:
 
 
 def watchdog_s() -> float | None:
-    """The interval of notifications that systemd requires; None without a watchdog."""
+    """Return the interval of notifications that systemd requires; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     pid = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or int(microseconds) == 0 or pid != str(os.getpid()):
@@ -41,7 +41,7 @@ def watchdog_s() -> float | None:
 
 
 def status_of(context: RunContext) -> str:
-    """One line for ``systemctl status``."""
+    """Return one line for ``systemctl status``."""
     vehicles = context.state_view.vehicles.values()
     online = sum(state.link == "online" for state in vehicles)
     words = f"{context.scenario.name}: {online} of {len(vehicles)} vehicles online"

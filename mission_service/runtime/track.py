@@ -12,10 +12,10 @@ Point = tuple[int, float, float, float]
 
 
 class Track(Sequence[Point]):
-    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m), one second apart, later two, four ..."""
+    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m); their interval of 1 s may double."""
 
     def __init__(self) -> None:
-        self._points = np.empty((64, 4))  # microseconds are exact in it for centuries
+        self._points = np.empty((64, 4))  # float64 is exact for 285 years in microseconds
         self._count = 0
         self._every_us = EVERY_US
 
@@ -28,9 +28,9 @@ class Track(Sequence[Point]):
             self._points[: self._count] = self._points[::2].copy()
             self._every_us *= 2
         elif self._count == len(self._points):
-            room = np.empty((min(2 * self._count, MAX_POINTS), 4))
-            room[: self._count] = self._points
-            self._points = room
+            larger = np.empty((min(2 * self._count, MAX_POINTS), 4))
+            larger[: self._count] = self._points
+            self._points = larger
         self._points[self._count] = point
         self._count += 1
 
@@ -49,8 +49,14 @@ class Track(Sequence[Point]):
         return map(_point, self._points[: self._count])
 
 
+def feature(geometry: str, coordinates: Any, /, **properties: Any) -> dict[str, Any]:
+    """Return a GeoJSON Feature with a geometry of this type."""
+    shape = {"type": geometry, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": shape}
+
+
 def track_geojson(name: str, points: Sequence[Point]) -> dict[str, Any]:
-    """A track as a GeoJSON Feature; no geometry with less than two points."""
+    """Return a track as a GeoJSON Feature, without a geometry for fewer than two points."""
     line = [[lon_deg, lat_deg, altitude_m] for _, lat_deg, lon_deg, altitude_m in points]
     return {
         "type": "Feature",

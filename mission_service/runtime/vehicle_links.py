@@ -1,7 +1,7 @@
 """The links of a live run: each is opened once, with a client for each of its vehicles.
 
-Vehicles with the same link share it and differ by their system ids. Each vehicle is bound to the
-remote on which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
+Vehicles with the same link share it and differ in their system ids. Each vehicle is bound to the
+remote address at which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from mission_service.runtime.link_signing import SigningRefusals, refusal, signi
 REPORT_SILENCE_AFTER_US = 4_000_000
 # Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # for flights; a scenario may have stronger wind
+STRONGEST_WIND_M_S = 30.0  # assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",
@@ -39,12 +39,12 @@ SEVERITIES: dict[str, Severity] = {
 }
 
 Clock = Callable[[], int]
-Report = Callable[[str, str], None]  # a vehicle, or "service", and a warning
+Report = Callable[[str, str], None]  # receives a vehicle, or "service", and a warning
 
 
 @dataclass
 class Link:
-    """One vehicle's link: gateway, connection, and frames that were refused."""
+    """One vehicle's link: its gateway, its connection and its refused frames."""
 
     section: VehicleSection
     gateway: Gateway
@@ -53,12 +53,12 @@ class Link:
 
     @property
     def connected(self) -> bool:
-        """Whether its autopilot has been connected."""
+        """Whether the autopilot has been connected since the service began."""
         return self.gateway.client.stack is not None
 
 
 def max_speed_m_s(section: VehicleSection, scenario: Scenario) -> float:
-    """The upper bound of a vehicle's ground speed, in m/s."""
+    """Return the upper bound of a vehicle's ground speed, in m/s."""
     fastest_m_s = section.airspeed_m_s
     if way_of(scenario).changes_airspeed:
         fastest_m_s = max(fastest_m_s, section.max_airspeed_m_s)
@@ -76,19 +76,20 @@ async def open_links(
     tlog_path: Path | None,
     report: Report,
 ) -> dict[str, Link]:
-    """Open the links of all vehicles that are flown here; ``stack`` closes them.
+    """Open the links of all vehicles that this process controls; ``stack`` closes them.
 
     Raises ScenarioError for vehicles that cannot share their link, and BridgeError for a link or a
     key that cannot be used.
     """
-    together = sharing(scenario.flown)
+    groups = sharing(scenario.flown)
     if any(section.backend == "mavsdk" for section in scenario.flown):
-        # A transfer and a command of each vehicle may run at once, in a thread each.
+        # A transfer and a command of each vehicle may run at once, in separate threads.
         threads = ThreadPoolExecutor(2 * len(scenario.flown) + 2)
         asyncio.get_running_loop().set_default_executor(threads)
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
-    if tlog is not None and not _all_differ(scenario):
-        words = "vehicles with one system id cannot be told apart in it; give them different ones"
+    system_ids = {section.system_id for section in scenario.flown}
+    if tlog is not None and len(system_ids) < len(scenario.flown):
+        words = "vehicles with the same system id cannot be distinguished in it; give them others"
         report("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
     signing_of = stack.enter_context(
@@ -96,7 +97,7 @@ async def open_links(
     )
     places = {section.name: place for place, section in enumerate(scenario.flown)}
     links: dict[str, Link] = {}
-    for sections in together:
+    for sections in groups:
         first = sections[0]
         signing = signing_of.get(first.signing_key)
         link_id = first.signing_link_id
@@ -117,11 +118,6 @@ async def open_links(
     return {name: links[name] for name in places}
 
 
-def _all_differ(scenario: Scenario) -> bool:
-    ids = [section.system_id for section in scenario.flown]
-    return len(set(ids)) == len(ids)
-
-
 def _clients_of(
     sections: list[VehicleSection],
     scenario: Scenario,
@@ -130,32 +126,25 @@ def _clients_of(
     signing: Signing | None,
     link_id: int,
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """The clients of the vehicles of one link, and that link, to be opened."""
+    """Return the clients of the vehicles of one link, and its connection, not opened yet."""
     first = sections[0]
     if first.backend == "mavsdk":
+        fastest_m_s = max_speed_m_s(first, scenario)
         vehicle = MavsdkClient(
-            first.link,
-            first.system_id,
-            clock_us,
-            tlog,
-            signing,
-            link_id,
-            max_speed_m_s(first, scenario),
+            first.link, first.system_id, clock_us, tlog, signing, link_id, fastest_m_s
         )
         return [vehicle], vehicle
-    link = SharedLink(
-        first.link, rates_hz=rates_hz(scenario), expects=True, signed=signing is not None
-    )
+    signed = signing is not None
+    link = SharedLink(first.link, rates_hz=rates_hz(scenario), expects=True, signed=signed)
     clients = [
         link.expect(section.system_id, max_speed_m_s(section, scenario)) for section in sections
     ]
-    return clients, Connection(
-        first.link, link, clock_us, tlog=tlog, signing=signing, link_id=link_id
-    )
+    connection = Connection(first.link, link, clock_us, tlog=tlog, signing=signing, link_id=link_id)
+    return clients, connection
 
 
 def connected(links: dict[str, Link]) -> list[list[Link]]:
-    """The vehicles of each connection."""
+    """Group vehicles by their connection."""
     found: dict[int, list[Link]] = {}
     for link in links.values():
         found.setdefault(id(link.connection), []).append(link)
@@ -163,7 +152,7 @@ def connected(links: dict[str, Link]) -> list[list[Link]]:
 
 
 def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
-    """Vehicle, kind and text of link alarms since the last call; an empty text ends one."""
+    """Return vehicle, kind and text of link alarms since the last call; an empty text ends one."""
     found = []
     for name, link in links.items():
         while link.gateway.link_alarms:
@@ -172,24 +161,24 @@ def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
 
 
 class LinkMonitor:
-    """Reports once each vehicle that has not been connected since the service began."""
+    """Reports vehicles without a heartbeat once, some seconds after the service began."""
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
-        self._unheard = dict(links)
+        self._unreported = dict(links)
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
     def announcements(self, now_us: int) -> list[tuple[str, str]]:
-        """The vehicles without a heartbeat and possible reasons; once, when it is due."""
+        """Return the vehicles without a heartbeat with possible causes, when the report is due."""
         if now_us < self._report_at_us:
             return []
         found = []
-        for name, link in self._unheard.items():
-            where = link.section.link
-            refused = refusal(link.connection.counts, where)
+        for name, link in self._unreported.items():
+            address = link.section.link
+            refused = refusal(link.connection.counts, address)
             if not link.connected and refused is not None:
-                found.append((name, f"nothing believed yet: {refused}"))
+                found.append((name, f"no frame accepted yet: {refused}"))
             elif not link.connected:
-                words = "is its autopilot running, and is this its port?"
-                found.append((name, f"nothing heard on {where} yet; {words}"))
-        self._unheard.clear()
+                remedy = "check that the autopilot is running and that this is its port"
+                found.append((name, f"no heartbeat on {address} yet; {remedy}"))
+        self._unreported.clear()
         return found

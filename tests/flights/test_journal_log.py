@@ -32,16 +32,16 @@ def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
     assert log.names == {1: "hawk", 2: "kite"}
     entries = list(log.entries())
     assert log.damage == []
-    things = list(log.things())
+    contents = list(log.contents())
     for number, name in log.names.items():
         mine = [entry.event for entry in entries if entry.system_id == number]
-        theirs = [t for t in things if isinstance(t, Telemetry) and t.vehicle == name]
+        theirs = [t for t in contents if isinstance(t, Telemetry) and t.vehicle == name]
         flown = [event for event in mine if isinstance(event, Position)]
         assert [(e.at_us, e.lat_deg, e.altitude_amsl_m) for e in flown] == [
             (t.at_us, t.lat_deg, t.altitude_amsl_m) for t in theirs
         ]
         loaded = [event for event in mine if isinstance(event, MissionLoaded)]
-        accepted = [t for t in things if isinstance(t, UploadFinished) and t.vehicle == name]
+        accepted = [t for t in contents if isinstance(t, UploadFinished) and t.vehicle == name]
         assert len(loaded) == len(accepted) > 0
         assert any(isinstance(event, ModeChanged) and event.armed for event in mine)
         (connected,) = [event for event in mine if isinstance(event, Connected)]
@@ -70,7 +70,7 @@ def test_a_changed_byte_costs_its_line_and_is_reported(
     path = tmp_path / "journal.jsonl"
     path.write_bytes(data)
     log = JournalLog(path)
-    count = sum(1 for _ in log.things())
+    count = sum(1 for _ in log.contents())
     lines = whole.count(b"\n")
     assert len(log.damage) >= 1
     assert log.damage[0].at_byte <= at < log.damage[0].at_byte + log.damage[0].skipped_bytes
@@ -91,5 +91,5 @@ def test_a_journal_cut_at_any_byte_is_read_up_to_the_cut(
             JournalLog(path)
         return
     log = JournalLog(path)
-    assert sum(1 for _ in log.things()) == data.count(b"\n") - 1
+    assert sum(1 for _ in log.contents()) == data.count(b"\n") - 1
     assert bool(log.damage) == (not data.endswith(b"\n"))

@@ -23,15 +23,15 @@ from mission_service.events import (
     UploadFinished,
     WindMeasured,
 )
-from mission_service.replay.flights.batch import story_of, story_with_fire
+from mission_service.replay.flights.batch import analysis_of, analysis_with_fire
 from mission_service.replay.flights.flight_logs import Flight, flight_of, survey
 from mission_service.replay.flights.journal_log import JournalLog, open_flight
 from mission_service.replay.flights.run_analysis import RunAnalysis
 from mission_service.replay.flights.run_figures import figures_of
 from mission_service.replay.flights.scenario_pairing import (
-    Replaying,
+    Pairing,
     mission_time,
-    replaying,
+    pair,
     scenario_for,
 )
 from mission_service.replay.verification import verify
@@ -82,11 +82,11 @@ def log(tmp_path: Path) -> Path:
 
 def replayed(log: Path | str, out: Path, **changes: Any) -> tuple[RunAnalysis, JournalLog]:
     what = level_pairing(flight_of([str(log)]), **changes)
-    return story_with_fire("round", what, out, "today"), JournalLog(out / "journal.jsonl")
+    return analysis_with_fire("round", what, out, "today"), JournalLog(out / "journal.jsonl")
 
 
-def level_pairing(flight: Flight, **changes: Any) -> Replaying:
-    return replaying(flight, survey(flight), scenario(**changes))
+def level_pairing(flight: Flight, **changes: Any) -> Pairing:
+    return pair(flight, survey(flight), scenario(**changes))
 
 
 def positions(path: Path) -> list[Position]:
@@ -95,7 +95,7 @@ def positions(path: Path) -> list[Position]:
 
 
 def telemetry(journal: JournalLog) -> list[Telemetry]:
-    return [thing for thing in journal.things() if isinstance(thing, Telemetry)]
+    return [thing for thing in journal.contents() if isinstance(thing, Telemetry)]
 
 
 def same_track(flown: list[Position], reported: list[Telemetry], first_us: int) -> None:
@@ -119,23 +119,25 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert found.commands > 5
     assert journal.open_loop
     assert journal.scenario.vehicles[0].stack == "ardupilot"  # by the log, not the scenario
-    things = list(journal.things())
-    assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in things)
-    assert {thing.outcome for thing in things if isinstance(thing, UploadFinished)} == {"accepted"}
+    contents = list(journal.contents())
+    assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in contents)
+    assert {thing.outcome for thing in contents if isinstance(thing, UploadFinished)} == {
+        "accepted"
+    }
     # Items are those of the missions that the core would have sent, not of the flown one.
-    assert {t.current_seq for t in things if isinstance(t, MissionProgress)} <= {0, 1}
+    assert {t.current_seq for t in contents if isinstance(t, MissionProgress)} <= {0, 1}
 
 
 def test_other_events_of_a_log_reach_the_core(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
     path.write_bytes(bin_flight())
     what = level_pairing(flight_of([str(path)]), lat_deg=36.3, lon_deg=-84.2)
-    story_with_fire("hawk", what, tmp_path, "today")
-    things = list(JournalLog(tmp_path / "journal.jsonl").things())
-    winds = [thing for thing in things if isinstance(thing, WindMeasured)]
+    analysis_with_fire("hawk", what, tmp_path, "today")
+    contents = list(JournalLog(tmp_path / "journal.jsonl").contents())
+    winds = [thing for thing in contents if isinstance(thing, WindMeasured)]
     assert {(wind.speed_m_s, wind.from_deg) for wind in winds} == {(5.0, 126.9)}
-    assert [t.mode for t in things if isinstance(t, ModeChanged)][:1] == ["mission"]
-    assert any(isinstance(thing, BatteryUpdated) for thing in things)
+    assert [t.mode for t in contents if isinstance(t, ModeChanged)][:1] == ["mission"]
+    assert any(isinstance(thing, BatteryUpdated) for thing in contents)
 
 
 def test_two_replays_are_the_same_to_the_byte(log: Path, tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_drops_are_reported_relative_to_the_mission(log: Path, tmp_path: Path) -
     assert drop.off_m == pytest.approx(400.0, abs=2.0)
     path = tmp_path / "gripper.ulg"
     path.write_bytes(ulg_flight())
-    since_release = story_of("gripper", flight_of([str(path)]))
+    since_release = analysis_of("gripper", flight_of([str(path)]))
     (kite,) = since_release.vehicles.values()
     (drop,) = kite.drops
     assert drop.planned is None
@@ -186,7 +188,7 @@ def test_drops_are_reported_relative_to_the_mission(log: Path, tmp_path: Path) -
 
 def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Path) -> None:
     flight = flight_of([str(log)])._replace(from_s=60.0, to_s=90.0)
-    story = story_with_fire("part", level_pairing(flight), tmp_path, "today")
+    story = analysis_with_fire("part", level_pairing(flight), tmp_path, "today")
     reported = telemetry(JournalLog(tmp_path / "journal.jsonl"))
     assert len(reported) == 4 * 30 + 1
     (hawk,) = story.vehicles.values()
@@ -194,7 +196,7 @@ def test_a_part_of_a_flight_begins_with_what_holds_then(log: Path, tmp_path: Pat
     assert hawk.flown.modes[0][0] == story.begin_us
     assert len(hawk.flown.missions) == 1
     nothing = flight_of([str(log)])._replace(from_s=1e6)
-    with pytest.raises(FlightError, match="nothing flew in this part"):
+    with pytest.raises(FlightError, match="no vehicle in this part"):
         survey(nothing)
 
 
@@ -256,14 +258,14 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     flight = flight_of([str(run)])
     own = flight.logs[0]
     assert isinstance(own, JournalLog)
-    story_with_fire("again", replaying(flight, survey(flight), own.scenario), out, "today")
+    analysis_with_fire("again", pair(flight, survey(flight), own.scenario), out, "today")
     first_decisions, again = (decided(JournalLog(each / "journal.jsonl")) for each in (run, out))
     assert len(first_decisions) > 50
     assert again == first_decisions
 
 
 def decided(journal: JournalLog) -> list[DirectionDecision]:
-    return [thing for thing in journal.things() if isinstance(thing, DirectionDecision)]
+    return [thing for thing in journal.contents() if isinstance(thing, DirectionDecision)]
 
 
 def test_a_part_begins_with_the_latest_of_what_held(tmp_path: Path) -> None:
@@ -353,7 +355,7 @@ def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None
     ground = {"source": "flat", "rows": 150, "cols": 150, "elevation_m": 300.0}
     place = {"lat_deg": 36.303, "lon_deg": -84.197}
     what = level_pairing(flight_of([str(path)]), **place, landscape={**ground, **place})
-    story = story_with_fire(path.stem, what, tmp_path, "today")
+    story = analysis_with_fire(path.stem, what, tmp_path, "today")
     flown = positions(path)
     first_us = 3_600_000_000 + flown[0].at_us - story.zero_us
     same_track(flown, telemetry(JournalLog(tmp_path / "journal.jsonl")), first_us)

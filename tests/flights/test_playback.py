@@ -26,7 +26,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """States each five seconds, so that a short flight has many."""
-    monkeypatch.setattr(playing, "KEPT_EVERY_US", 5_000_000)
+    monkeypatch.setattr(playing, "STATE_EVERY_US", 5_000_000)
 
 
 def shown(player: Playback) -> Any:
@@ -69,7 +69,7 @@ def test_seeking_shows_the_same_as_playing_and_writes_the_same_journal(
             versions.append(player.state_view.version)
         assert versions == sorted(set(versions))
         assert player.jumps == 7
-        assert len(player._kept) > 5
+        assert len(player._states) > 5
     journals = [(tmp_path / name / "journal.jsonl").read_bytes() for name in ("straight", "sought")]
     assert journals[0] == journals[1]  # each line once
     for name in ("straight", "sought"):
@@ -109,7 +109,7 @@ def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_pa
         assert set(now.alarms) == {"broker"}
         assert now.fire_version > state_view.fire_version
         assert now.announcements_after(0) == []
-        assert player.state().at_us == player.what.mission.of(player.head.begin_us + 3_000_000)
+        assert player.state().at_us == player.pairing.mission.of(player.head.begin_us + 3_000_000)
 
 
 def test_a_seek_can_change_its_mind(flown: Path, tmp_path: Path) -> None:
@@ -128,13 +128,13 @@ def test_a_seek_can_change_its_mind(flown: Path, tmp_path: Path) -> None:
 def test_states_stay_few_and_small(
     flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(playing, "MAX_KEPT_BYTES", 4_000_000)
+    monkeypatch.setattr(playing, "MAX_STATES_BYTES", 4_000_000)
     with player_of(flown, tmp_path) as player:
         run(player)
-        assert sum(each.size for each in player._kept) <= 4_000_000
-        assert player._kept[0].number == 0
+        assert sum(each.size for each in player._states) <= 4_000_000
+        assert player._states[0].number == 0
         sought(player, 0.02)  # before the second
-        assert player.state_view.at_us <= player.what.mission.of(player.head.at_us)
+        assert player.state_view.at_us <= player.pairing.mission.of(player.head.at_us)
 
 
 def test_a_journal_that_is_no_replays_is_not_written_over(flown: Path, tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     ("words", "code", "expected"),
     [
         (("LOG", "--planner", "circling"), 1, "give one with --scenario"),
-        (("LOG", "--from", "1e6"), 1, "nothing flew in this part of it"),
+        (("LOG", "--from", "1e6"), 1, "no vehicle in this part of it"),
         (("LOG", "--scenario", "demo", "--planner", "sideways"), 1, "no such rule"),
         (("LOG", "--verify"), 1, "not a journal"),
         (("LOG", "LOG", "--verify"), 2, "one journal"),

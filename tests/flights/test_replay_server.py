@@ -18,7 +18,7 @@ from tests.flights.worlds import journal_in
 from tests.patience import wait_until
 from tests.service.test_cli import call
 
-NOTHING = "this is a replay: nothing can be ordered"
+NOTHING = "this is a replay, which refuses orders"
 
 
 @pytest.fixture(scope="module")
@@ -167,8 +167,8 @@ def test_to_its_end_as_fast_as_can_be(tmp_path: Path) -> None:
     ("words", "why"),
     [
         (("--speed", "0"), "from 0.1 to 100, or max"),
-        (("--from", "4", "--to", "2"), "nothing flew in this part of it"),
-        (("--from", "1000"), "nothing flew in this part of it"),
+        (("--from", "4", "--to", "2"), "no vehicle in this part of it"),
+        (("--from", "1000"), "no vehicle in this part of it"),
         (("--speed", "1", "--listen", "nowhere"), "write it as HOST:PORT"),
         (("--speed", "1", "--listen", "0.0.0.0:1"), "beyond loopback"),
         (("--scenario", "default"), "no position is on the landscape of default"),

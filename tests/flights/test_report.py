@@ -11,7 +11,7 @@ import pytest
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import DirectionDecision
 from mission_service.events import Telemetry
-from mission_service.replay.flights.batch import story_of, story_with_fire
+from mission_service.replay.flights.batch import analysis_of, analysis_with_fire
 from mission_service.replay.flights.direction_of_travel import Span, differing, turns
 from mission_service.replay.flights.drop_comparison import Done, Planned, compared, planned_in
 from mission_service.replay.flights.fire_analysis import fire_analysis
@@ -41,13 +41,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
-    story = story_of("run", flight_of([str(run)]))
+    story = analysis_of("run", flight_of([str(run)]))
     figures = figures_of(story)
-    things = list(JournalLog(run / "journal.jsonl").things())
+    contents = list(JournalLog(run / "journal.jsonl").contents())
     (hawk,) = figures["vehicles"]
-    reversals = [each for each in things if isinstance(each, DirectionDecision) and each.reversed]
+    reversals = [each for each in contents if isinstance(each, DirectionDecision) and each.reversed]
     assert hawk["decided_reversals"] == len(reversals)
-    assert hawk["positions"] == sum(isinstance(each, Telemetry) for each in things)
+    assert hawk["positions"] == sum(isinstance(each, Telemetry) for each in contents)
     assert hawk["missions_sent"] == hawk["accepted"] == len(hawk["missions"]) > 3
     assert 0.0 <= hawk["mission_latency_median_s"] < 2.0
     assert 0.0 < hawk["distance_error_mean_m"] < 100.0
@@ -70,7 +70,7 @@ def test_estimated_and_true_front_are_compared_as_in_the_paper(run: Path) -> Non
 def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) -> None:
     log = tmp_path / "round.bin"
     log.write_bytes(round_flight())
-    flown = story_with_fire("round", level_pairing(flight_of([str(log)])), None, "today")
+    flown = analysis_with_fire("round", level_pairing(flight_of([str(log)])), None, "today")
     files = write_report(tmp_path, [flown])
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!data:)", page)
@@ -87,7 +87,7 @@ def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) ->
 
 
 def test_several_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
-    stories = [story_of(name, flight_of([str(run)])) for name in ("one", "other")]
+    stories = [analysis_of(name, flight_of([str(run)])) for name in ("one", "other")]
     files = write_report(tmp_path, stories)
     assert {"map-one.png", "map-other.png", "knowledge.png"} <= set(files)
     sections = table([figures_of(story) for story in stories])
@@ -101,7 +101,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         out = tmp_path / name
         out.mkdir()
-        write_report(out, [story_of("run", flight_of([str(run)]))])
+        write_report(out, [analysis_of("run", flight_of([str(run)]))])
         pages.append((out / "report.html").read_bytes())
     assert pages[0] == pages[1]
 
@@ -109,7 +109,7 @@ def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
 def test_text_of_logs_is_escaped_in_html(tmp_path: Path) -> None:
     log = tmp_path / "<b>x&.bin"
     log.write_bytes(round_flight(end_s=20.0))
-    story = story_of("<script>alert(1)</script>", flight_of([str(log)]))
+    story = analysis_of("<script>alert(1)</script>", flight_of([str(log)]))
     write_report(tmp_path, [story])
     page = (tmp_path / "report.html").read_text()
     assert "<script" not in page

@@ -10,7 +10,7 @@ from mission_service.events import Corrected
 from mission_service.journal.journal_file import header_of
 from mission_service.replay.flights.flight_logs import flight_of
 from mission_service.replay.flights.playback import Playback
-from mission_service.replay.flights.scenario_pairing import Asked
+from mission_service.replay.flights.scenario_pairing import ScenarioChoice
 from mission_service.replay.flights.write_once_journal import WriteOnceJournal
 from mission_service.runtime.play_head import PlayHead, Speed
 from tests.api.worlds import scenario_of, world_in
@@ -34,7 +34,7 @@ def journal_in(folder: Path, seconds: float = 160.0) -> Path:
 @contextmanager
 def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Playback]:
     """A log that is played, its journal in ``out``."""
-    what, _ = played(flight_of([str(log)]), Asked())
+    what, _ = played(flight_of([str(log)]), ScenarioChoice())
     header = header_of(what.scenario, what.landscape.digest(), "2026-11-22")
     out.mkdir(exist_ok=True)
     journal = WriteOnceJournal(out / "journal.jsonl", header, what.logs)

@@ -12,7 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from mission_service.config.service import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
-from mission_service.runtime.journal_retention import Keeping
+from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.runtime.run_context import RunContext
 from tests.ops.contexts import context_after_a_flight, upload_failed
 
@@ -112,9 +112,11 @@ def test_the_dashboard_shows_every_figure() -> None:
 
 
 def test_the_duration_of_a_state_is_reported(context: RunContext) -> None:
-    keeping = Keeping(context.service, Known(context.scenario, context.landscape), JournalSection())
+    keeping = JournalRetention(
+        context.service, Known(context.scenario, context.landscape), JournalSection()
+    )
     asyncio.run(keeping.write_state())
-    context.gauges["state_seconds"] = lambda: keeping.took_s
+    context.gauges["state_seconds"] = lambda: keeping.write_s
     found = figures(context)
     assert 0.0 < found[f"{PREFIX}state_seconds"][()] < 5.0
     assert 0.0 <= found[f"{PREFIX}state_age_seconds"][()] < 60.0

@@ -186,8 +186,8 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     ("arguments", "words"),
     [
         (("approve", HASH[:7], "--yes"), "give at least the first 8 digits"),
-        (("approve", "ffffffff", "--yes"), f"no plan proposed begins so; there are: {HASH[:12]}"),
-        (("go", "nothing"), "which item of the list? 1 weather; 2 payload"),
+        (("approve", "ffffffff", "--yes"), f"with these first digits; proposed: {HASH[:12]}"),
+        (("go", "nothing"), "does not select one item of the list: 1 weather; 2 payload"),
         (("wind", "nan", "0"), "wind: "),
         (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
         (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
@@ -209,13 +209,13 @@ def test_a_forged_plan_is_not_approved(run: Run, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(run, "status", lambda: honest)
     result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
     assert (result.exit_code, run.submitted) == (1, [])
-    assert "is not the one of this hash" in result.stderr
+    assert "the plan does not match its hash" in result.stderr
 
 
 def test_the_station_must_be_given_if_there_are_several(run: Run) -> None:
     result = run.call("undo", "--by", "ann")
     assert result.exit_code == 1
-    assert "say where you are with --station: alpha, bravo" in result.stderr
+    assert "give your station with --station: alpha, bravo" in result.stderr
     assert run.call("abort", "--by", "ann").exit_code == 0
     assert run.submitted == [Aborted(AT_US, "ann", "unknown")]
 

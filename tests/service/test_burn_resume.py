@@ -19,7 +19,7 @@ from mission_service.events import (
 )
 from mission_service.guidance.burn.interlock import Interlock
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
-from mission_service.journal.recovery import Unfinished, resumed, set_aside
+from mission_service.journal.recovery import InterruptedRun, rename_old, resumed
 from mission_service.journal.recovery import unfinished as unfinished_by
 from mission_service.journal.snapshot import Known
 from tests.service.burn_history import (
@@ -71,7 +71,7 @@ LAND = Landscape(
 )
 
 
-def unfinished(path: Path, begun: Scenario, digest: str) -> Unfinished | None:
+def unfinished(path: Path, begun: Scenario, digest: str) -> InterruptedRun | None:
     shared = Known(begun, LAND)
     shared.landscape = digest
     return unfinished_by(path, shared, begun)
@@ -223,7 +223,7 @@ def test_a_damaged_journal_is_not_continued(
     path.write_bytes(damaged)
     with pytest.raises(JournalError, match=words) as caught:
         went_on(path)
-    assert "; to begin a new run, start with --fresh (the journal is kept" in str(caught.value)
+    assert "; to begin a new run, start with --fresh (the journal is then" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == damaged
 
@@ -233,7 +233,7 @@ def test_a_journal_that_another_version_would_not_write_is_not_continued(tmp_pat
     written(path)
     cut_off = unfinished(path, SCENARIO, DIGEST)
     assert cut_off is not None
-    with pytest.raises(JournalError, match=r"does not give .*; was it written by another"):
+    with pytest.raises(JournalError, match=r"does not issue .*; another version may have"):
         list(cut_off.turns(lambda event: []))
 
 
@@ -266,22 +266,22 @@ def test_the_end_stands_in_the_journal_and_nothing_after_it(tmp_path: Path) -> N
     assert sum(entry.is_event for entry in reader) == len(EVENTS)
     assert reader.ended
     path.write_bytes(whole + whole.splitlines(keepends=True)[-1])
-    with pytest.raises(JournalError, match="stands after the end"):
+    with pytest.raises(JournalError, match="follows the end of the run"):
         list(SegmentReader(path))
 
 
 def test_journals_are_kept_and_what_holds_nothing_is_not(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    assert set_aside(path) is None
+    assert rename_old(path) is None
     for number in (1, 2):
         whole = written(path, end=True)
-        kept = set_aside(path)
+        kept = rename_old(path)
         assert kept == tmp_path / f"journal-{number}.jsonl"
         assert kept.read_bytes() == whole
         assert not path.exists()
     path.write_bytes(b"")
-    assert set_aside(path) is None
+    assert rename_old(path) is None
     path.write_bytes(whole[:40])  # killed while it wrote its header
-    assert set_aside(path) is None
+    assert rename_old(path) is None
     path.write_bytes(b"notes")
-    assert set_aside(path) == tmp_path / "journal-3.jsonl"
+    assert rename_old(path) == tmp_path / "journal-3.jsonl"

@@ -184,7 +184,7 @@ def test_start_up_is_quick() -> None:
     ("address", "words"),
     [
         ("http://127.0.0.1:1/#token=secret", "(its token is in out/token)"),
-        ("http://127.0.0.1:1/", "(with a token of the tokens file)"),
+        ("http://127.0.0.1:1/", "(use a token of the tokens file)"),
     ],
 )
 def test_the_path_of_the_token_is_printed_unchanged(

@@ -87,7 +87,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
             OrderGiven(clock.now_us, "ann", "", "hawk", "hold"),
             Corrected(clock.now_us, "ann", "", "burned", "point", (PLACE,), clock.now_us),
         ):
-            with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; nothing was"):
+            with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; the request"):
                 service.submit(asked, simulation.link_us)
         assert service.core.vehicles["hawk"].ordered == ""
         assert service.world.fire is fire

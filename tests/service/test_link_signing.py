@@ -146,13 +146,14 @@ def test_the_same_key_from_two_places_is_one_signing_with_lasting_timestamps(
 
 def test_the_most_frequent_refusal_is_reported_once() -> None:
     assert refusal(Counts(good=9, wrong=265, unsigned=2), "udpin:h:1") == (
-        "refused 265 frames with a wrong signature on udpin:h:1; is the key the vehicle's?"
+        "refused 265 frames with a wrong signature on udpin:h:1; "
+        "check that the vehicle has this key"
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
     refusals = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
     assert refusals.announcements(Counts(unsigned=3), False) == []
     (line,) = refusals.announcements(Counts(unsigned=12), False)
-    assert line.startswith("refused 12 frames without a signature on udpin:h:1; has the vehicle")
+    assert line.startswith("refused 12 frames without a signature on udpin:h:1; set the vehicle")
     assert refusals.announcements(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
     assert "no signing key is given" in silent.announcements(Counts(), True)[0]
@@ -231,12 +232,12 @@ def test_a_vehicle_that_ignores_its_commands_is_named(
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
-    assert "vehicle 1 does not sign though it was sent the key" in result.stderr
+    assert "vehicle 1 received the key but does not sign" in result.stderr
     port = free_port()
     link = ("--link", f"udpin:127.0.0.1:{port}")
     with mock_on(port, tmp_path, "--signing-key", "env:THE_KEY"):
         again = call("signing", "set-up", *link, "--signing-key", "env:OTHER_KEY")
-        assert "signs with another key; give that one as --old-key" in again.stderr
+        assert "signs with another key; give that key with --old-key" in again.stderr
         off = call("signing", "off", *link, "--signing-key", "env:OTHER_KEY", "--timeout", "0.8")
         assert "no autopilot was accepted" in off.stderr
 
@@ -274,7 +275,7 @@ def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
         wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
-    assert logged("with a wrong signature on udpin", "is the key the vehicle's?")
+    assert logged("with a wrong signature on udpin", "check that the vehicle has this key")
     assert not logged("v3: connected")
     journal = tmp_path / "journal.jsonl"
     assert '"env:THE_KEY"' in journal.read_text(encoding="utf-8")

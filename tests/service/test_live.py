@@ -129,7 +129,7 @@ def test_a_vehicle_that_never_answers_is_named(
     port, arguments = daemon_arguments
     log = tmp_path / "daemon.log"
     with process(arguments, log) as daemon:
-        wait_for(lambda: f"nothing heard on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 60)
+        wait_for(lambda: f"no heartbeat on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 60)
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0
 
@@ -159,6 +159,6 @@ def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) ->
     changes = [word for change in (*links, *ids, http) for word in ("--set", change)]
     arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
     with process(arguments, log) as daemon:
-        wait_for(lambda: "cannot be told apart in it" in log.read_text("utf-8"), 60)
+        wait_for(lambda: "cannot be distinguished in it" in log.read_text("utf-8"), 60)
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0

@@ -269,7 +269,7 @@ def continued(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
         service.resume(cut_off.missing, resumed(last_us, 5.0), 0, cut_off.skips(last_us))
     finally:
         journal.close()
-    return tuple(cut_off.skips_now.values()), service
+    return tuple(cut_off.newly_skipped.values()), service
 
 
 def with_line(path: Path, number: int, body: Callable[[bytes], bytes]) -> None:

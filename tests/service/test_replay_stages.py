@@ -332,7 +332,7 @@ def test_every_field_that_differs_is_named_and_nested_ones_too() -> None:
         "UploadMission.items[4]",
     ]
     words = compare(journal, replay)
-    assert "UploadMission.items[3].x: journal has 3, replay gives 7; " in words
+    assert "UploadMission.items[3].x: journal has 3, replay has 7; " in words
     moved = tuple(replace(item, x=50, y=60) for item in items)
     words = compare(journal, UploadMission("hawk", 1, "begin", moved))
     assert words.endswith("; and more")

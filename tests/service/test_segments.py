@@ -20,7 +20,7 @@ from mission_service.journal.journal_file import (
     next_path,
     segment_path,
 )
-from mission_service.journal.recovery import set_aside, unfinished
+from mission_service.journal.recovery import rename_old, unfinished
 from mission_service.journal.segments import (
     Chain,
     begin_state,
@@ -146,7 +146,7 @@ def continued(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
     event_count = sum(1 for _ in cut_off.turns(core.handle))
     assert rest == kept.last
     assert not cut_off.missing
-    return core, event_count, cut_off.passed_over
+    return core, event_count, cut_off.unusable
 
 
 def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: Path) -> None:
@@ -253,18 +253,18 @@ def test_the_files_of_a_journal_are_kept_together(kept: Kept, tmp_path: Path) ->
     for number in (1, 2):
         path = kept.again(tmp_path)
         to = tmp_path / f"journal-{number}.jsonl"
-        assert set_aside(path) == to
+        assert rename_old(path) == to
         assert not any(each.name in kept.files for each in tmp_path.iterdir())
         assert verify(to).difference is None
         assert verify(segment_path(to, 2)).difference is None
-    assert set_aside(path) is None
+    assert rename_old(path) is None
     # Its last segment was moved away, by hand.
     path = kept.again(tmp_path)
     path.unlink()
-    assert set_aside(path) == tmp_path / "journal-3.jsonl"
+    assert rename_old(path) == tmp_path / "journal-3.jsonl"
     assert segment_path(tmp_path / "journal-3.jsonl", 2).exists()
     path = kept.again(tmp_path)
-    assert set_aside(path) == tmp_path / "journal-4.jsonl"
+    assert rename_old(path) == tmp_path / "journal-4.jsonl"
 
 
 def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:

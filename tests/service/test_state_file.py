@@ -14,7 +14,7 @@ from mission_service.events import AnyEvent
 from mission_service.fire.setup import landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
-from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.journal.snapshot import Frozen, Known, restore
 from mission_service.simulation.sim import Simulation
 from tests.service.test_formation_sim import at_once
 
@@ -75,7 +75,7 @@ def test_a_core_goes_on_from_a_state_as_if_nothing_had_been(
     command_count = 0
     for number, event in enumerate(run.events):
         if number in stops:
-            cores = [cores[0], thawed(Frozen({"core": cores[-1]}, shared))["core"]]
+            cores = [cores[0], restore(Frozen({"core": cores[-1]}, shared))["core"]]
         commands = [core.handle(event) for core in cores]
         assert all(each == commands[0] for each in commands), f"event {number}: {event}"
         command_count += len(commands[0])
@@ -96,7 +96,7 @@ def test_a_fire_burns_on_from_a_state_as_if_nothing_had_been(
     run = flown[name]
     shared = Known(run.scenario, run.landscape)
     world = run.simulation.world
-    again = thawed(Frozen({"world": world}, shared))["world"]
+    again = restore(Frozen({"world": world}, shared))["world"]
     assert again.landscape is run.landscape
     later_us = round(world.fire.time_s * 1e6) + 900_000_000
     before = np.isfinite(world.fire.arrival_time_s).sum()
@@ -122,7 +122,7 @@ def test_arrays_that_share_memory_share_it_again(flown: dict[str, Flown]) -> Non
         "words": np.array(["a", None], dtype=object)[:1],
     }
     for _ in range(2):  # what was read can be written again
-        objects = thawed(Frozen(objects, shared))
+        objects = restore(Frozen(objects, shared))
     assert np.array_equal(objects["part"], whole[::-2, 1:4])
     assert np.array_equal(objects["across"], whole.T)
     assert not objects["read_only"].flags.writeable

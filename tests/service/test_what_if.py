@@ -25,7 +25,13 @@ from mission_service.events import (
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.verification import verify
-from mission_service.replay.what_if import Script, figures_of, past_run, told_again, what_if
+from mission_service.replay.what_if import (
+    Script,
+    figures_of,
+    past_run,
+    repeatable_requests,
+    what_if,
+)
 from mission_service.runtime.outputs import summary_of
 from mission_service.simulation.sim import simulate
 
@@ -123,7 +129,7 @@ def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> 
     assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
         scenario, record, world.fire
     )
-    assert [type(each) for each in past.people] == [
+    assert [type(each) for each in past.requests] == [
         OperatorHeartbeat, WindSet, SettingsChanged, OrderGiven, OrderGiven,
     ]  # fmt: skip
 
@@ -136,7 +142,7 @@ def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
     out.mkdir()
     found = what_if(path, ["alpha=2"], out, "")
     assert lines(out / "journal.jsonl") == lines(path)
-    assert "a simulated crew says GO, watches and approves the plans" in found.notes
+    assert "a simulated crew confirms the GO list, is present and approves the plans" in found.notes
 
 
 def test_approvals_and_restarts_are_not_submitted_again() -> None:
@@ -153,7 +159,7 @@ def test_approvals_and_restarts_are_not_submitted_again() -> None:
         SettingsChanged(*source, alpha=2.0),
         *kept,
     ]
-    assert told_again(people, {"alpha": 1.0}) == kept
+    assert repeatable_requests(people, {"alpha": 1.0}) == kept
     filtered = Script(kept)
     core: Core = None  # type: ignore[assignment]
     assert [filtered.due(0, core), filtered.due(1, core), filtered.due(2, core)] == [[], kept, []]

@@ -24,7 +24,7 @@ from mission_service.events import (
 )
 from mission_service.guidance.formation.way import FORMATION
 from mission_service.guidance.registry import way_of
-from mission_service.journal.snapshot import Frozen, thawed
+from mission_service.journal.snapshot import Frozen, restore
 from tests.service.autopilot_model import NAMES, Bridge
 from tests.service.vehicle_oracle import Violation
 from tests.service.vehicle_turns import Turns
@@ -280,4 +280,4 @@ class Flights(Turns):
     def restore(self) -> None:
         """The core goes on from a state on the disk, next to the one that was never stopped."""
         self.met["restored from a state"] += 1
-        self.twin = thawed(Frozen({"core": self.core}, self.site.shared))["core"]
+        self.twin = restore(Frozen({"core": self.core}, self.site.shared))["core"]

@@ -1,4 +1,4 @@
-"""The direction in which a vehicle flew around a fire, and where it turned back. Pure."""
+"""The direction in which a vehicle flew around a fire, and its reversals. Pure."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,41 +9,41 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# A vehicle that has flown back through this angle has turned back: around a fire, and around the
-# middle of a track (larger, because loiters may lie anywhere).
+# A reversal is a flight back through this angle: around a fire, or around the middle of a track.
+# The second angle is larger, because a track may contain loiters at any position.
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
-LEAP_DEG = 90.0  # between two points: it flew across the middle, not around it
+LEAP_DEG = 90.0  # a larger angle between two points is a flight across the middle
 
 
 class Turn(NamedTuple):
-    """From the track point of this index on, the vehicle flies in this direction."""
+    """A change of direction at the track point with this index."""
 
     point: int
     clockwise: bool
 
 
 def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
-    """Directions of travel around a middle, in order, from positions (n,) in metres from it.
+    """Return the directions of travel around a middle, from positions (n,) in metres from it.
 
-    A turn back is dated to the point farthest along the old direction, which is determined when
+    A reversal is dated to the point farthest along the old direction, which is determined when
     the vehicle has flown back by ``min_deg``. Points nearer to the middle than ``near_m`` are
-    ignored: their bearing is too uncertain. Movements of less than ``min_deg`` are not found.
+    ignored, because their bearing is uncertain. Movements of less than ``min_deg`` are not found.
     """
-    counts = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
-    angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[counts], north_m[counts])))
+    used = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
+    angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[used], north_m[used])))
     found: list[Turn] = []
-    least = most = 0  # the points with the least and the greatest angle so far
+    low = high = 0  # the points with the smallest and the largest angle so far
     for place, angle in enumerate(angle_deg):
         if place and abs(angle - angle_deg[place - 1]) > LEAP_DEG:
-            least = most = place
-        least = place if angle < angle_deg[least] else least
-        most = place if angle > angle_deg[most] else most
-        if (not found or not found[-1].clockwise) and angle - angle_deg[least] >= min_deg:
-            found.append(Turn(int(counts[least]), True))
-            most = place
-        elif (not found or found[-1].clockwise) and angle_deg[most] - angle >= min_deg:
-            found.append(Turn(int(counts[most]), False))
-            least = place
+            low = high = place
+        low = place if angle < angle_deg[low] else low
+        high = place if angle > angle_deg[high] else high
+        if (not found or not found[-1].clockwise) and angle - angle_deg[low] >= min_deg:
+            found.append(Turn(int(used[low]), True))
+            high = place
+        elif (not found or found[-1].clockwise) and angle_deg[high] - angle >= min_deg:
+            found.append(Turn(int(used[high]), False))
+            low = place
     return found
 
 
@@ -59,12 +59,15 @@ def differing(
     decided: Sequence[tuple[int, bool | None]],
     end_us: int,
 ) -> list[Span]:
-    """The spans in which two directions differ; each is valid from its time. None never differs."""
+    """Return the spans in which two directions differ; None (unknown) never differs.
+
+    Each direction (time, clockwise) is valid from its time until the next one.
+    """
     times = sorted({at_us for at_us, _ in (*flown, *decided)} | {end_us})
     spans: list[Span] = []
     for from_us, to_us in pairwise(times):
-        ours, theirs = _at(flown, from_us), _at(decided, from_us)
-        if ours is None or theirs is None or ours == theirs:
+        one, other = _at(flown, from_us), _at(decided, from_us)
+        if one is None or other is None or one == other:
             continue
         if spans and spans[-1].to_us == from_us:
             spans[-1] = Span(spans[-1].from_us, to_us)
@@ -73,6 +76,6 @@ def differing(
     return spans
 
 
-def _at(ways: Sequence[tuple[int, bool | None]], at_us: int) -> bool | None:
-    told = [way for since_us, way in ways if since_us <= at_us]
-    return told[-1] if told else None
+def _at(directions: Sequence[tuple[int, bool | None]], at_us: int) -> bool | None:
+    found = [clockwise for since_us, clockwise in directions if since_us <= at_us]
+    return found[-1] if found else None

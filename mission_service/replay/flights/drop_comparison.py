@@ -33,7 +33,7 @@ class Done(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A planned drop, the drop done and their distance; either drop may be missing."""
+    """A planned drop, the actual drop and their distance; either drop may be missing."""
 
     planned: Planned | None
     done: Done | None
@@ -41,7 +41,7 @@ class Compared(NamedTuple):
 
 
 def planned_in(items: Items) -> list[Planned]:
-    """The drops of a mission, in the order of its items."""
+    """Return the drops of a mission, in the order of its items."""
     found: list[Planned] = []
     place: tuple[float, float] | None = None
     for item in items:
@@ -56,22 +56,25 @@ def planned_in(items: Items) -> list[Planned]:
 
 
 def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
-    """Each planned drop with the first drop of its output not yet assigned; then the others."""
-    left = list(done)
+    """Match each planned drop with the first unmatched actual drop of the same output.
+
+    Unmatched actual drops are returned only without any planned drop.
+    """
+    unmatched = list(done)
     found: list[Compared] = []
     for each in planned:
-        match = next((one for one in left if _is(one, each)), None)
+        match = next((one for one in unmatched if _same_output(one, each)), None)
         if match is None:
             found.append(Compared(each, None, None))
             continue
-        left.remove(match)
+        unmatched.remove(match)
         off_m = distance_m((each.lat_deg, each.lon_deg), (match.lat_deg, match.lon_deg))
         found.append(Compared(each, match, off_m))
-    # Without a plan the purpose of a pulse is unknown: it is reported all the same.
-    return found + [Compared(None, each, None) for each in left if not planned]
+    # Without a plan, every pulse is reported, because its purpose is unknown.
+    return found + [Compared(None, each, None) for each in unmatched if not planned]
 
 
-def _is(done: Done, planned: Planned) -> bool:
+def _same_output(done: Done, planned: Planned) -> bool:
     if done.output != planned.output:
         return False
     return planned.output == GRIPPER or abs(done.pulse_us - planned.pulse_us) <= SERVO_MATCHES_US

@@ -1,4 +1,4 @@
-"""A stream that can be read again from any position; entries read are kept in a file."""
+"""A stream that can be read again from any position; entries are cached in a file."""
 
 import pickle
 from collections.abc import Iterator
@@ -7,29 +7,32 @@ from typing import Generic, TypeVar
 
 BLOCK = 500  # entries in one block of the file
 
-Thing = TypeVar("Thing")
+Entry = TypeVar("Entry")
 
 
-class EntryCache(Generic[Thing]):
+class EntryCache(Generic[Entry]):
     """Entries of a stream by index from 0; the stream is read only as far as needed."""
 
-    def __init__(self, stream: Iterator[Thing]) -> None:
+    def __init__(self, stream: Iterator[Entry]) -> None:
         self._stream = stream
         self._file = TemporaryFile()  # noqa: SIM115 -- closed by ``close``
         self._begins: list[int] = []  # file offsets of blocks
-        self._last: list[Thing] = []  # the incomplete block
-        self._again: tuple[int, list[Thing]] = (-1, [])  # the block that was read last
+        self._last: list[Entry] = []  # the incomplete block
+        self._reread: tuple[int, list[Entry]] = (-1, [])  # number and content of a block
 
-    def get(self, number: int) -> Thing | None:
-        """The entry of an index; None behind the end. An index rises by one, or goes back."""
+    def get(self, number: int) -> Entry | None:
+        """Return the entry with an index, or None after the end.
+
+        The index must not exceed the largest index so far by more than one.
+        """
         block, place = divmod(number, BLOCK)
         if block < len(self._begins):
             return self._read(block)[place]
         while place >= len(self._last):
-            thing = next(self._stream, None)
-            if thing is None:
+            entry = next(self._stream, None)
+            if entry is None:
                 return None
-            self._last.append(thing)
+            self._last.append(entry)
         found = self._last[place]
         if place == BLOCK - 1:
             self._write()
@@ -44,8 +47,8 @@ class EntryCache(Generic[Thing]):
         pickle.dump(self._last, self._file, pickle.HIGHEST_PROTOCOL)
         self._last = []
 
-    def _read(self, block: int) -> list[Thing]:
-        if self._again[0] != block:
+    def _read(self, block: int) -> list[Entry]:
+        if self._reread[0] != block:
             self._file.seek(self._begins[block])
-            self._again = (block, pickle.load(self._file))
-        return self._again[1]
+            self._reread = (block, pickle.load(self._file))
+        return self._reread[1]

@@ -1,7 +1,8 @@
 """Exports logs as files for other programs."""
 
 import json
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
+from functools import partial
 from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
@@ -42,8 +43,8 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
         for number, log in enumerate(logs):
             rows = Rows(file_of(log), log.unix_offset_us())
-            for each in flown_in(log, [_adding(tables, rows)]).values():
-                each.name = _untaken(each.name, log.path.suffix, names.values())
+            for each in flown_in(log, partial(_add_rows, tables, rows)).values():
+                each.name = _unique(each.name, log.path.suffix, names.values())
                 names[number, each.system_id] = each.name
                 flown.append(each)
     files = tables.names
@@ -62,18 +63,15 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
     return files + _plans(flown, out) if "plan" in formats else files
 
 
-def _adding(tables: TableFiles, rows: Rows) -> Callable[[int, LogEvent], None]:
-    def add(system_id: int, event: LogEvent) -> None:
-        for table, row in rows.of(system_id, event):
-            tables.add(table, row)
-
-    return add
+def _add_rows(tables: TableFiles, rows: Rows, system_id: int, event: LogEvent) -> None:
+    for table, row in rows.of(system_id, event):
+        tables.add(table, row)
 
 
-def _untaken(name: str, suffix: str, taken: Collection[str]) -> str:
-    """A .tlog and a .bin of one flight may have one name."""
+def _unique(name: str, suffix: str, used: Collection[str]) -> str:
+    """Return the name, extended if another log of the flight has the same name."""
     others = (f"{name}{suffix}-{number}" for number in count(2))
-    return next(each for each in chain((name, name + suffix), others) if each not in taken)
+    return next(each for each in chain((name, name + suffix), others) if each not in used)
 
 
 def _plans(flown: list[Flown], out: Path) -> list[str]:
@@ -88,7 +86,7 @@ def _plans(flown: list[Flown], out: Path) -> list[str]:
 
 
 def _kml(flown: list[Flown]) -> Iterator[str]:
-    """One gx:Track per vehicle (KML 2.2 with Google's extensions), altitudes above sea level."""
+    """Yield KML 2.2 with a gx:Track (Google's extension) per vehicle; altitudes above sea level."""
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
         'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'

@@ -1,10 +1,9 @@
 """Analyses the fire of a journal and its observation by replaying the run.
 
-The events pass through a fresh core, so that the planners' estimates at each time are available,
-and the fire is simulated again.
+A new core processes the events, so that the planners' estimates at each time are available, and the
+fire is simulated again.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,8 +31,8 @@ from mission_service.runtime.run_statistics import RunStatistics
 Floats = NDArray[np.float64]
 
 SAMPLE_US = 30_000_000
-RECENT_S = 600.0  # a part of the front observed within ten minutes is covered
-VISIT_S = 30.0  # observations with shorter gaps are one visit
+RECENT_S = 600.0  # a part of the front that was observed within this time is covered
+VISIT_S = 30.0  # observations with shorter gaps belong to the same visit
 
 
 @dataclass(slots=True)
@@ -50,7 +49,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The front observed by a time; ages of the observations on 360 bearings."""
+    """The observation of the front at a time: shares of 360 bearings and ages."""
 
     at_us: int
     area_ha: float
@@ -67,31 +66,31 @@ class FireAnalysis:
     scenario: Scenario
     landscape: Landscape
     record: RunStatistics
-    open_loop: bool  # of a logged flight: no mission was sent, none flown
-    centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the fire that was reported
+    open_loop: bool  # replay of a logged flight: no mission was sent or flown
+    centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the reported fire
     area_ha: float = 0.0  # burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
     samples: list[Sample] = field(default_factory=list)
     errors_m: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
     revisits_s: list[float] = field(default_factory=list)
-    ways: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
+    directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
 
     @property
     def follows_front(self) -> bool:
-        """Whether its planners fly along a front."""
+        """Whether the scenario's planners fly along a front."""
         return way_of(self.scenario).along_front
 
 
 def fire_analysis(log: JournalLog) -> FireAnalysis:
-    """Replay a journal. Raises JournalError if its landscape is not available here.
+    """Replay a journal. Raises JournalError if its landscape is not available.
 
-    Damaged parts of the journal are left out; the log's ``damage`` lists them.
+    Damaged parts of the journal are skipped; the log's ``damage`` lists them.
     """
-    return _Telling(log, JournalReader(log.path)).story()
+    return _Analyser(log, JournalReader(log.path)).analyse()
 
 
-class _Telling:
+class _Analyser:
     """One pass over a journal."""
 
     def __init__(self, log: JournalLog, recorded: JournalReader) -> None:
@@ -105,7 +104,7 @@ class _Telling:
         self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
         self._due_us = start_us
         self._sent: dict[tuple[str, int], Upload] = {}
-        self._believed: list[tuple[int, str, Floats]] = []
+        self._estimates: list[tuple[int, str, Floats]] = []
         self._centre: tuple[float, float] | None = None
         self._map: FireMap | None = None
         if scenario.burn_flown is None:
@@ -116,10 +115,12 @@ class _Telling:
             self._map = FireMap(landscape.shape, *self._centre, 0.0, 0.0)
         self._seen_s = np.full(BEARINGS, np.nan)
 
-    def story(self) -> FireAnalysis:
-        """The analysis of the whole journal."""
+    def analyse(self) -> FireAnalysis:
+        """Return the analysis of the whole journal."""
         at_us = self._due_us
-        for event in self._events():
+        for event in self._log.contents():
+            if not isinstance(event, AnyEvent):
+                continue
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
             self._fire.apply_history(event, commands)
@@ -133,15 +134,12 @@ class _Telling:
         self._compare()
         return self._analysis
 
-    def _events(self) -> Iterator[AnyEvent]:
-        return (each for each in self._log.things() if isinstance(each, AnyEvent))
-
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         match event:
             case Observed() if self._map is not None:
-                self._look(event)
+                self._note_observation(event)
             case Telemetry() | LinkLost():
-                self._way(event.vehicle, event.at_us)
+                self._note_direction(event.vehicle, event.at_us)
             case UploadFinished():
                 sent = self._sent.pop((event.vehicle, event.mission_id), None)
                 if sent is not None:
@@ -155,27 +153,27 @@ class _Telling:
                 self._sent[name, command.mission_id] = sent
                 self._analysis.uploads.append(sent)
 
-    def _look(self, seen: Observed) -> None:
-        """Note the bearings of the front in view; a bearing seen again after a gap is a visit."""
+    def _note_observation(self, observed: Observed) -> None:
+        """Record the bearings of the front in view; an observation after a gap is a visit."""
         assert self._map is not None
-        window, at_s = window_codes(seen.cells), seen.at_us / 1e6
-        if seen.corrects:
-            self._map.correct(seen.row, seen.col, window, at_s)
+        window, at_s = window_codes(observed.cells), observed.at_us / 1e6
+        if observed.corrects:
+            self._map.correct(observed.row, observed.col, window, at_s)
             return
-        in_view = self._map.observe(seen.row, seen.col, window, at_s)
-        away_s = at_s - self._seen_s[in_view]
-        self._analysis.revisits_s += away_s[away_s >= VISIT_S].tolist()
+        in_view = self._map.observe(observed.row, observed.col, window, at_s)
+        gap_s = at_s - self._seen_s[in_view]
+        self._analysis.revisits_s += gap_s[gap_s >= VISIT_S].tolist()
         self._seen_s[in_view] = at_s
 
-    def _way(self, name: str, at_us: int) -> None:
-        """Note the direction decided by the vehicle's planner whenever it changes."""
+    def _note_direction(self, name: str, at_us: int) -> None:
+        """Record the direction that the vehicle's planner decided, whenever it changes."""
         planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
         flies = self._core.decision_engine.availability[name].flies
-        way = planner.clockwise if flies and phase != "approach" else None
-        ways = self._analysis.ways.setdefault(name, [])
-        if (ways[-1][1] if ways else None) is not way:
-            ways.append((at_us, way))
+        clockwise = planner.clockwise if flies and phase != "approach" else None
+        directions = self._analysis.directions.setdefault(name, [])
+        if (directions[-1][1] if directions else None) is not clockwise:
+            directions.append((at_us, clockwise))
 
     def _sample(self, at_us: int) -> None:
         self._fire.world.advance(at_us)
@@ -183,8 +181,10 @@ class _Telling:
         if age_s.size:
             seen = age_s.size / BEARINGS
             recent = np.count_nonzero(age_s <= RECENT_S) / BEARINGS
-            known = (seen, float(recent), float(age_s.mean()), float(age_s.max()))
-            self._analysis.samples.append(Sample(at_us, self._fire.world.fire.burned_ha, *known))
+            shares = (seen, float(recent))
+            ages_s = (float(age_s.mean()), float(age_s.max()))
+            area_ha = self._fire.world.fire.burned_ha
+            self._analysis.samples.append(Sample(at_us, area_ha, *shares, *ages_s))
         if not self._analysis.follows_front:
             return
         for name, availability in self._core.decision_engine.availability.items():
@@ -194,18 +194,18 @@ class _Telling:
                 continue
             shape = planner.shape(fix.row, fix.col)
             if np.isfinite(shape).all():
-                self._believed.append((at_us, name, shape.copy()))
+                self._estimates.append((at_us, name, shape.copy()))
 
     def _compare(self) -> None:
-        """Compare estimated and true front: mean and greatest distance, in metres."""
-        story = self._analysis
+        """Compute mean and maximum distance of the estimated fronts from the true front, in m."""
+        analysis = self._analysis
         fire = self._fire.world.fire
-        story.area_ha = fire.burned_ha
-        story.arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-        if self._centre is None or not self._believed:
+        analysis.area_ha = fire.burned_ha
+        analysis.arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+        if self._centre is None or not self._estimates:
             return
-        truth = TrueShape(story.arrival_s, (round(self._centre[0]), round(self._centre[1])))
-        for at_us, name, shape in self._believed:
+        truth = TrueShape(analysis.arrival_s, (round(self._centre[0]), round(self._centre[1])))
+        for at_us, name, shape in self._estimates:
             off_m = np.abs(shape - truth.at(at_us / 1e6)) * self._landscape.cell_size_m
-            told = (at_us, float(off_m.mean()), float(off_m.max()))
-            story.errors_m.setdefault(name, []).append(told)
+            error = (at_us, float(off_m.mean()), float(off_m.max()))
+            analysis.errors_m.setdefault(name, []).append(error)

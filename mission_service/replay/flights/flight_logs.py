@@ -1,4 +1,4 @@
-"""Merges several logs of several vehicles into one stream of entries, each with its vehicle."""
+"""Merges logs of several vehicles into one stream of entries, each with its vehicle."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from mission_service.replay.flights.journal_log import open_flight
 
 
 class VehicleLog(NamedTuple):
-    """An entry of a vehicle's log, on the clock that all logs share."""
+    """An entry of a vehicle's log, on the common clock of all logs."""
 
     at_us: int
     vehicle: str
@@ -28,7 +28,8 @@ class VehicleLog(NamedTuple):
     event: LogEvent
 
 
-# Entries that hold until the next one of their kind: the last one before a part of a flight counts.
+# Entries that remain valid until the next one of their kind. A part of a flight begins with the
+# last entry of each kind before it.
 LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
     ((Connected,), "stack"),
     ((LinkLost, LinkRestored), "link"),
@@ -39,9 +40,9 @@ LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
 
 
 class Flight(NamedTuple):
-    """Logs that are analysed together; ``names`` are the names given to the vehicles of each log.
+    """Logs that are analysed together; ``names`` are the given names of each log's vehicle.
 
-    Only the part between two times is used, in seconds from the beginning of the logs.
+    Only the part from ``from_s`` to ``to_s`` after the beginning of the logs is used.
     """
 
     logs: tuple[Log, ...]
@@ -51,7 +52,7 @@ class Flight(NamedTuple):
 
     @property
     def offset_us(self) -> int | None:
-        """Offset of the shared clock to microseconds since 1970; None: unknown."""
+        """Offset of the common clock to microseconds since 1970; None if unknown."""
         offsets = [log.unix_offset_us() for log in self.logs]
         if len(offsets) == 1:
             return offsets[0]
@@ -63,10 +64,10 @@ class Flight(NamedTuple):
         return self.from_s > 0.0 or self.to_s < math.inf
 
     def zero_us(self) -> int:
-        """Begin of the whole flight on its clock. Raises FlightError if the logs are empty."""
+        """Return the begin of the whole flight on its clock. Raises FlightError for empty logs."""
         first = next(self._whole(), None)
         if first is None:
-            raise FlightError(f"{self.paths}: nothing flew in it")
+            raise FlightError(f"{self.paths}: no vehicle in it")
         return first.at_us
 
     @property
@@ -75,75 +76,75 @@ class Flight(NamedTuple):
         return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[VehicleLog]:
-        """All entries in order of time; lasting entries from before the part come at its begin.
+        """Yield all entries of the part in order of time, after the lasting entries before it.
 
-        Two logs of one vehicle (from the link and from on board) do not yield an entry twice: of
-        each kind of event only the log is used that has it first.
+        If a vehicle has two logs (of the link and from on board), each kind of event is read from
+        the log that contains it first.
         """
         from_us, to_us = None, math.inf
-        holds: dict[tuple[str, str], VehicleLog] = {}
-        for told in self._whole():
+        lasting: dict[tuple[str, str], VehicleLog] = {}
+        for entry in self._whole():
             if from_us is None:
-                from_us = told.at_us + round(self.from_s * 1e6)
-                to_us = told.at_us + self.to_s * 1e6
-            if told.at_us > to_us:
+                from_us = entry.at_us + round(self.from_s * 1e6)
+                to_us = entry.at_us + self.to_s * 1e6
+            if entry.at_us > to_us:
                 return
-            if told.at_us < from_us:
-                _hold(holds, told, from_us)
+            if entry.at_us < from_us:
+                _replace(lasting, entry, from_us)
                 continue
-            yield from holds.values()
-            holds.clear()
-            yield told
+            yield from lasting.values()
+            lasting.clear()
+            yield entry
 
     def _whole(self) -> Iterator[VehicleLog]:
         names: dict[tuple[int, int], str] = {}
-        tells: dict[tuple[str, type], tuple[int, int]] = {}
+        source_of: dict[tuple[str, type], tuple[int, int]] = {}
         for at_us, log, entry in merged(self.logs):
             key = (log, entry.system_id)
             if key not in names:
                 names[key] = self._name(names, key)
             name = names[key]
-            if tells.setdefault((name, type(entry.event)), key) == key:
+            if source_of.setdefault((name, type(entry.event)), key) == key:
                 yield VehicleLog(at_us, name, *entry)
 
     def _name(self, names: dict[tuple[int, int], str], key: tuple[int, int]) -> str:
         given, log = self.names[key[0]], self.logs[key[0]]
         if given is not None and any(each[0] == key[0] for each in names):
             raise FlightError(
-                f"{log.path}: has several vehicles, so they cannot all be {given}; leave "
-                f"{given}= out"
+                f"{log.path}: has several vehicles, which cannot share the name {given}; remove "
+                f"{given}="
             )
         return given or name_of(log, key[1])
 
 
-def _hold(holds: dict[tuple[str, str], VehicleLog], told: VehicleLog, at_us: int) -> None:
-    """Replace the lasting entry of this kind by this one, in the order of the entries."""
-    kind = next((word for kinds, word in LASTING if isinstance(told.event, kinds)), None)
+def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_us: int) -> None:
+    """Replace the lasting entry of this kind; it becomes the last of all lasting entries."""
+    kind = next((word for kinds, word in LASTING if isinstance(entry.event, kinds)), None)
     if kind is None:
         return
     if kind == "mission":  # the progress was that of the previous mission
-        holds.pop((told.vehicle, "progress"), None)
-    holds.pop((told.vehicle, kind), None)
-    holds[told.vehicle, kind] = told._replace(at_us=at_us)
+        lasting.pop((entry.vehicle, "progress"), None)
+    lasting.pop((entry.vehicle, kind), None)
+    lasting[entry.vehicle, kind] = entry._replace(at_us=at_us)
 
 
 def flight_of(words: Sequence[str]) -> Flight:
-    """Logs by their paths, or as NAME=PATH: logs of the same name belong to one vehicle.
+    """Open logs, given as PATH or NAME=PATH; logs with the same NAME are of one vehicle.
 
     Raises FlightError and BridgeError in one line.
     """
     given = [_split(word) for word in words]
     logs = tuple(open_flight(path) for _, path in given)
-    # A single log keeps its own clock; the search for its date might read the whole file.
+    # A single log keeps its clock; the search for its date could read the whole file.
     dated = [len(logs) == 1 or log.unix_offset_us() is not None for log in logs]
     if any(dated) and not all(dated):
         path = logs[dated.index(False)].path
-        raise FlightError(f"{path}: has no UTC time, so it cannot be merged with logs that have")
+        raise FlightError(f"{path}: has no UTC time and cannot be merged with logs that have it")
     return Flight(logs, tuple(name for name, _ in given))
 
 
 def path_of(word: str) -> Path:
-    """The path in PATH or NAME=PATH."""
+    """Return the path in a word PATH or NAME=PATH."""
     return _split(word)[1]
 
 
@@ -155,7 +156,7 @@ def _split(word: str) -> tuple[str | None, Path]:
 
 
 class Survey(NamedTuple):
-    """The vehicles of a flight and its times on its clock; the whole began at ``zero_us``."""
+    """The vehicles and times of a flight, on its clock; the whole flight begins at ``zero_us``."""
 
     flown: dict[str, Flown]
     zero_us: int
@@ -166,19 +167,19 @@ class Survey(NamedTuple):
 
 
 def survey(flight: Flight) -> Survey:
-    """Read a flight to its end. Raises FlightError if nothing flew in it."""
+    """Read a flight to its end. Raises FlightError if it contains no vehicle."""
     zero_us, offset_us = flight.zero_us(), flight.offset_us
     flown: dict[str, Flown] = {}
     begin_us = end_us = 0
-    for told in flight.played():
+    for entry in flight.played():
         if not flown:
-            begin_us = told.at_us
-        if told.vehicle not in flown:
-            flown[told.vehicle] = Flown(told.vehicle, told.system_id, offset_us)
-        flown[told.vehicle].apply(told.event, told.at_us)
-        end_us = max(end_us, told.at_us)
+            begin_us = entry.at_us
+        if entry.vehicle not in flown:
+            flown[entry.vehicle] = Flown(entry.vehicle, entry.system_id, offset_us)
+        flown[entry.vehicle].apply(entry.event, entry.at_us)
+        end_us = max(end_us, entry.at_us)
     if not flown:
-        where = "in this part of it" if flight.is_part else "in it"
-        raise FlightError(f"{flight.paths}: nothing flew {where}")
+        part = "this part of it" if flight.is_part else "it"
+        raise FlightError(f"{flight.paths}: no vehicle in {part}")
     damage = tuple(f"{log.path}: {each}" for log in flight.logs for each in log.damage)
     return Survey(flown, zero_us, begin_us, end_us, offset_us, damage)

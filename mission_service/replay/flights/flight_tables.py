@@ -1,4 +1,4 @@
-"""Log entries as rows of tables, with one description of the columns for all formats."""
+"""Log entries as rows of tables; all file formats have the same columns."""
 
 import math
 from collections import Counter
@@ -6,13 +6,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from autopilot_bridge.items import (
-    Items,
-    command_name,
-    has_degrees,
-    params_of,
-    place_of,
-)
+from autopilot_bridge.items import Items, command_name, has_degrees, params_of, place_of
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
@@ -41,7 +35,7 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.command_sequence import RESULTS
 
-Columns = dict[str, type]  # a datetime is given as microseconds since 1970
+Columns = dict[str, type]  # the value of a datetime is in microseconds since 1970
 Row = tuple[Any, ...]
 
 SERVOS = 16
@@ -87,7 +81,7 @@ OWN: dict[str, Columns] = {
     "events": {"kind": str, "severity": int, "text": str},
 }
 TABLES: dict[str, Columns] = {name: {**HEAD, **own} for name, own in OWN.items()}
-SAME_FIELDS: dict[type, str] = {  # events whose fields are columns
+SAME_FIELDS: dict[type, str] = {  # tables whose columns are the fields of an event
     Position: "positions",
     Attitude: "attitudes",
     Speed: "speeds",
@@ -107,17 +101,17 @@ class Rows:
         self._pulses: dict[int, tuple[int, ...]] = {}
 
     def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """The tables and the rows that the event adds; none if its time is impossible."""
+        """Yield the tables and rows of an event; nothing for an event at an impossible time."""
         at_us = event.at_us
         if not 0 <= at_us < LATEST_US:
             return
         unix_us = None if self._offset_us is None else at_us + self._offset_us
         for table, values in self._own(system_id, event):
-            own = map(_known, OWN[table].values(), values)
+            own = map(_converted, OWN[table].values(), values)
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Tables and rows of the events in ``OWN``."""
+        """Yield the tables of an event with the values of their own columns."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])
@@ -135,31 +129,31 @@ class Rows:
                     yield "missions", (self._missions[system_id], *row)
             case Outputs() if event.pulse_us != self._pulses.get(system_id):
                 self._pulses[system_id] = event.pulse_us
-                silent = (None,) * (SERVOS - len(event.pulse_us))
-                yield "outputs", (*event.pulse_us[:SERVOS], *silent)
+                missing = (None,) * (SERVOS - len(event.pulse_us))
+                yield "outputs", (*event.pulse_us[:SERVOS], *missing)
             case Outputs():
                 pass
             case _:
                 severity = event.severity if isinstance(event, Text) else None
-                kind, text = told_by(event)
+                kind, text = description_of(event)
                 yield "events", (kind, severity, text)
 
 
-def told_by(event: LogEvent) -> tuple[str, str]:
-    """The kind of an event and its description."""
+def description_of(event: LogEvent) -> tuple[str, str]:
+    """Return the kind of an event and its description."""
     match event:
         case Text():
             return "text", event.text
         case Connected():
             return "connected", f"{event.stack.name} {event.stack.vehicle}"
         case LinkLost():
-            return "link_lost", f"silent for {event.silent_us / 1e6:.1f} s"
+            return "link_lost", f"no heartbeat for {event.silent_us / 1e6:.1f} s"
         case LinkRestored():
-            return "link_restored", "heard again"
+            return "link_restored", "the link is restored"
         case Rebooted():
-            return "rebooted", "the autopilot began anew"
+            return "rebooted", "the autopilot has rebooted"
         case MissionReplaced():
-            return "mission_replaced", "another mission, whose items the log does not have"
+            return "mission_replaced", "another mission, without its items in the log"
         case GripperMoved():
             return "gripper", "release" if event.releases else "grab"
         case Acknowledged():
@@ -167,7 +161,7 @@ def told_by(event: LogEvent) -> tuple[str, str]:
             return "acknowledged", f"{command_name(event.command)}: {words}"
         case Health():
             unhealthy = ", ".join(event.unhealthy)
-            return "health", f"unhealthy: {unhealthy}" if unhealthy else "all well"
+            return "health", f"unhealthy: {unhealthy}" if unhealthy else "healthy"
         case _:
             return type(event).__name__, ""
 
@@ -181,10 +175,10 @@ def _items(items: Items) -> Iterator[Row]:
         yield seq, *command, *params_of(item), *place, item.autocontinue
 
 
-def _known(kind: type, value: Any) -> Any:
-    """A value converted to its column's type: a ULog declares the types of its fields itself.
+def _converted(kind: type, value: Any) -> Any:
+    """Convert a value to its column's type, because the field types of ULog files vary.
 
-    None for NaN and infinity, which JSON lacks and a plot cannot show.
+    Returns None for NaN and infinity, which JSON and plots cannot represent.
     """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return None

@@ -1,7 +1,7 @@
 """Figures of the flights in logs."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import Any
 
 from autopilot_bridge.items import Items
@@ -27,13 +27,13 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # slower vehicles stand still; their positions drift
+MOVES_M_S = 1.0  # a slower vehicle stands still, and its positions drift
 SETTLES_US = 3_000_000
-FIRST_AUXILIARY, STEP_US = 5, 300  # the first four servos steer
+FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 
 
 class Flown:
-    """One vehicle in one log."""
+    """The flight of one vehicle in a log."""
 
     def __init__(self, name: str, system_id: int, offset_us: int | None) -> None:
         self.name = name
@@ -48,7 +48,7 @@ class Flown:
         self._begin_us: int | None = None
         self._end_us = 0
         self._fix: Position | None = None
-        self._here_us: int | None = None
+        self._fix_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
         self.highest_m: float | None = None  # above its first position
@@ -76,10 +76,10 @@ class Flown:
             case MissionLoaded():
                 self.missions.append((at_us, event.items))
                 self._dropping |= {drop.output for drop in planned_in(event.items)}
-                self._renewed(at_us)
+                self._begin_mission(at_us)
             case MissionReplaced():
                 self.replaced_us.append(at_us)
-                self._renewed(at_us)
+                self._begin_mission(at_us)
             case MissionProgress():
                 if self._current is not None and event.current_seq < self._current:
                     self.turned_back_us.append(at_us)
@@ -89,20 +89,20 @@ class Flown:
             case GripperMoved() if event.releases:
                 self.releases_us.append(at_us)
             case Outputs():
-                self._put_out(event, at_us)
+                self._note_outputs(event, at_us)
             case LinkLost():
                 self.silences.append((at_us, event.silent_us))
             case _:
                 pass
 
-    def _renewed(self, at_us: int) -> None:
-        """Start a new mission; a turn back found shortly before belonged to it and is dropped."""
+    def _begin_mission(self, at_us: int) -> None:
+        """Begin a new mission; a jump back shortly before it was its first item and is removed."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
 
-    def _put_out(self, now: Outputs, at_us: int) -> None:
-        """Note steps of servos that do not steer or that a mission names: release mechanisms."""
+    def _note_outputs(self, now: Outputs, at_us: int) -> None:
+        """Record steps of auxiliary servos, and of servos with which a mission drops."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
             if number < FIRST_AUXILIARY and number not in self._dropping:
@@ -118,15 +118,15 @@ class Flown:
         speed_m_s = math.hypot(fix.velocity_north_m_s, fix.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
         if self.home is None or self._max_m_s < MOVES_M_S:
-            # The last position on the ground: an autopilot's first positions may lack the altitude.
+            # The last position on the ground, because the first ones may lack the altitude.
             self.home = (fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             self.highest_m = None
         above_m = fix.altitude_amsl_m - self.home[2]
         self.highest_m = above_m if self.highest_m is None else max(self.highest_m, above_m)
         before, self._fix = self._fix, fix
-        if self._here_us is not None:
-            self.longest_gap_s = max(self.longest_gap_s, (at_us - self._here_us) / 1e6)
-        self._here_us = at_us
+        if self._fix_us is not None:
+            self.longest_gap_s = max(self.longest_gap_s, (at_us - self._fix_us) / 1e6)
+        self._fix_us = at_us
         if before is not None and speed_m_s >= MOVES_M_S:
             self.flown_m += distance_m((before.lat_deg, before.lon_deg), (fix.lat_deg, fix.lon_deg))
 
@@ -134,15 +134,14 @@ class Flown:
         return round((at_us - (self._begin_us or 0)) / 1e6, 3)
 
     def figures(self) -> dict[str, Any]:
-        """The figures; times in seconds since the log's first entry of this vehicle."""
+        """Return the figures; times are in seconds since the log's first entry of this vehicle."""
         begin_us = self._begin_us or 0
-        begun = utc(begin_us + self.offset_us) if self._dated else None
         stack = self.stack
         return {
             "vehicle": self.system_id,
             "name": self.name,
             "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
-            "begin_utc": begun,
+            "begin_utc": utc(begin_us + self.offset_us) if self._dated else None,
             "duration_s": round((self._end_us - begin_us) / 1e6, 1),
             "positions": self.positions,
             "flown_m": round(self.flown_m),
@@ -171,30 +170,34 @@ class Flown:
 
 
 def file_of(log: Log) -> str:
-    """A log's file name; for a journal with its folder, because all journals have one name."""
+    """Return a log's file name; that of a journal contains its folder."""
     return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
 
 
 def name_of(log: Log, system_id: int) -> str:
-    """The name of a vehicle in a log."""
+    """Return the name of a vehicle in a log."""
     return log.names.get(system_id) or f"{log.path.stem}-{system_id}"
 
 
-def flown_in(log: Log, listen: Iterable[Any] = ()) -> dict[int, Flown]:
-    """All vehicles of a log, by system id. Raises BridgeError if it cannot be read."""
+def flown_in(
+    log: Log, on_event: Callable[[int, LogEvent], None] = lambda system_id, event: None
+) -> dict[int, Flown]:
+    """Return all vehicles of a log by system id. Raises BridgeError if it cannot be read.
+
+    ``on_event`` receives the system id and the event of each entry.
+    """
     found: dict[int, Flown] = {}
     offset_us = log.unix_offset_us()
     for system_id, event in log.entries():
         if system_id not in found:
             found[system_id] = Flown(name_of(log, system_id), system_id, offset_us)
         found[system_id].apply(event, event.at_us)
-        for each in listen:
-            each(system_id, event)
+        on_event(system_id, event)
     return found
 
 
 def info_of(log: Log) -> dict[str, Any]:
-    """The figures of a log, with its damaged parts."""
+    """Return the figures of a log, with its damaged parts."""
     flown = flown_in(log)
     return {
         "log": str(log.path),

@@ -1,8 +1,8 @@
 """Log entries as JSON messages with Foxglove's schemas.
 
-The fields are those of foxglove-sdk's ``schemas/jsonschema``. The plot panels get rows of the
-tables in ``flight_tables.py`` without time and vehicle, and without unknown values: Foxglove
-rejects null.
+The fields are those of foxglove-sdk's ``schemas/jsonschema``. Plot panels receive rows of the
+tables in ``flight_tables.py`` without time and vehicle, and without unknown values, because
+Foxglove rejects null.
 """
 
 import json
@@ -17,6 +17,7 @@ from autopilot_bridge.items import Items, command_name, place_of
 from autopilot_bridge.logs.entries import LogEvent, MissionLoaded
 from autopilot_bridge.vehicle.client_events import Attitude, Position
 from mission_service.replay.flights.flight_tables import HEAD, OWN, Columns, Row
+from mission_service.runtime.track import feature
 
 
 class Message(NamedTuple):
@@ -40,8 +41,8 @@ JSON_KINDS = {str: STRING, int: INTEGER, float: NUMBER, bool: {"type": "boolean"
 UNKNOWN_COVARIANCE = 0  # foxglove.PositionCovarianceType
 DEBUG, INFO, WARNING, ERROR, FATAL = range(1, 6)  # foxglove.LogLevel
 LEVELS = (FATAL, FATAL, FATAL, ERROR, WARNING, INFO, INFO, DEBUG)  # by MAV_SEVERITY
-WARNED_OF = ("link_lost", "rebooted")
-WITH_WORDS = ("events", "missions")  # they are on /log and /mission
+WARNINGS = ("link_lost", "rebooted")  # kinds of events
+WITH_WORDS = ("events", "missions")  # tables whose rows are not plotted: see /log and /mission
 
 
 def _plotted(table: str, columns: Columns) -> dict[str, Any]:
@@ -78,7 +79,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 def messages_of(
     name: str, at_ns: int, event: LogEvent, rows: list[tuple[str, Row]]
 ) -> Iterator[Message]:
-    """The messages of an event of the vehicle ``name``; ``rows`` are the table rows it adds."""
+    """Yield the messages of an event of the vehicle ``name``; ``rows`` are its table rows."""
     time = {"sec": at_ns // 1_000_000_000, "nsec": at_ns % 1_000_000_000}
     match event:
         case Position() if math.isfinite(event.lat_deg + event.lon_deg + event.altitude_amsl_m):
@@ -95,8 +96,8 @@ def messages_of(
     for table, row in rows:
         own = dict(zip(OWN[table], row[len(HEAD) :], strict=True))
         if table not in WITH_WORDS:
-            known = {column: value for column, value in own.items() if value is not None}
-            yield Message(table, f"mission_service.{table}", known)
+            values = {column: value for column, value in own.items() if value is not None}
+            yield Message(table, f"mission_service.{table}", values)
         if table in ("events", "modes"):
             level, text = _words(table, own)
             entry = {"timestamp": time, "level": level, "message": text}
@@ -118,18 +119,18 @@ def _location(name: str, time: dict[str, int], fix: Position) -> dict[str, Any]:
 
 
 def _words(table: str, own: dict[str, Any]) -> tuple[int, str]:
-    """Level and text of a row of events or modes."""
+    """Return level and text of a row of events or modes."""
     if table == "modes":
         armed = "armed" if own["armed"] else "disarmed"
         return INFO, f"mode {own['mode'] or own['custom_mode']}, {armed}"
     if own["kind"] == "text":
         return LEVELS[min(own["severity"], len(LEVELS) - 1)], own["text"]
-    level = WARNING if own["kind"] in WARNED_OF else INFO
+    level = WARNING if own["kind"] in WARNINGS else INFO
     return level, f"{own['kind']}: {own['text']}"
 
 
 def quaternion(attitude: Attitude) -> dict[str, float]:
-    """The rotation from the vehicle's axes (forward, left, up) to Foxglove's (east, north, up)."""
+    """Return the rotation from a vehicle's axes (forward, left, up) to east, north, up."""
     roll, pitch, yaw = (
         math.radians(angle_deg) / 2
         for angle_deg in (attitude.roll_deg, -attitude.pitch_deg, 90.0 - attitude.yaw_deg)
@@ -146,19 +147,14 @@ def quaternion(attitude: Attitude) -> dict[str, float]:
 
 
 def mission_geojson(items: Items) -> dict[str, Any]:
-    """Items with a position as named points, and a line through the navigation items."""
+    """Return items with a position as named points, and a line through the navigation items."""
     features, line = [], []
     for seq, item in enumerate(items):
         if place := place_of(item):
             point = [place[1], place[0]]
-            features.append(_feature(f"{seq} {command_name(item.command)}", "Point", point))
+            features.append(feature("Point", point, name=f"{seq} {command_name(item.command)}"))
             if item.command < mavlink.MAV_CMD_NAV_LAST and item.command != mavlink.MAV_CMD_NAV_ROI:
                 line.append(point)
     if len(line) > 1:
-        features.insert(0, _feature("mission", "LineString", line))
+        features.insert(0, feature("LineString", line, name="mission"))
     return {"type": "FeatureCollection", "features": features}
-
-
-def _feature(name: str, kind: str, coordinates: Any) -> dict[str, Any]:
-    geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", "properties": {"name": name}, "geometry": geometry}

@@ -1,4 +1,4 @@
-"""A journal as a log: the events of its vehicles in the form of log entries, on mission time."""
+"""A journal as a log: the events of its vehicles as log entries in mission time."""
 
 import math
 from collections.abc import Iterator
@@ -41,11 +41,11 @@ JOURNAL = "journal.jsonl"
 class JournalLog:
     """A journal's vehicles, numbered from 1 in the order of its scenario.
 
-    System ids are not used, because vehicles on separate links may have the same one.
+    System ids are not used, because vehicles on separate links may have equal ids.
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises JournalError if there is no journal, or if it lacks its header."""
+        """Open the journal at ``path``. Raises JournalError if it or its header is missing."""
         self.path = path
         self.messages = 0
         self.damage: list[Damage] = []
@@ -57,40 +57,40 @@ class JournalLog:
         self._numbers = {name: number for number, name in self.names.items()}
 
     def unix_offset_us(self) -> int | None:
-        """Offset to microseconds since 1970 by the scenario's ``time_zero``, if it has one."""
+        """Return the offset to microseconds since 1970, if the scenario has ``time_zero``."""
         zero: datetime | None = self.scenario.time_zero
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:
-        """The vehicles' events as log entries; a mission counts once its upload was accepted.
+        """Yield the vehicles' events as log entries; an accepted upload is a loaded mission.
 
-        In a replay no upload is accepted, so its journal has no missions as entries.
+        The journal of a replay yields no missions, because no vehicle received them.
         """
         sent: dict[tuple[str, int], Items] = {}
         at_us = 0
-        for thing in self.things():
-            if isinstance(thing, UploadMission):
-                sent[thing.vehicle, thing.mission_id] = thing.items
-            elif isinstance(thing, Announce) and thing.vehicle in self._numbers:
-                text = bridge.Text(at_us, SEVERITY[thing.level], thing.text)
-                yield Entry(self._numbers[thing.vehicle], text)
-            if not isinstance(thing, AnyEvent):
+        for content in self.contents():
+            if isinstance(content, UploadMission):
+                sent[content.vehicle, content.mission_id] = content.items
+            elif isinstance(content, Announce) and content.vehicle in self._numbers:
+                text = bridge.Text(at_us, SEVERITY[content.level], content.text)
+                yield Entry(self._numbers[content.vehicle], text)
+            if not isinstance(content, AnyEvent):
                 continue
-            at_us = thing.at_us
-            if isinstance(thing, OperatorEvent):
+            at_us = content.at_us
+            if isinstance(content, OperatorEvent):
                 continue
-            told = _told(thing)
-            if isinstance(thing, UploadFinished):
-                items = sent.pop((thing.vehicle, thing.mission_id), None)
-                if items is not None and thing.outcome == "accepted" and not self.open_loop:
-                    told = MissionLoaded(at_us, items)
-            if self.open_loop and isinstance(told, bridge.MissionProgress):
+            event = _log_event(content)
+            if isinstance(content, UploadFinished):
+                items = sent.pop((content.vehicle, content.mission_id), None)
+                if items is not None and content.outcome == "accepted" and not self.open_loop:
+                    event = MissionLoaded(at_us, items)
+            if self.open_loop and isinstance(event, bridge.MissionProgress):
                 continue
-            if told is not None:
-                yield Entry(self._numbers[thing.vehicle], told)
+            if event is not None:
+                yield Entry(self._numbers[content.vehicle], event)
 
-    def things(self) -> Iterator[AnyEvent | AnyCommand]:
-        """Events and commands in order; damaged lines are left out and noted in ``damage``."""
+    def contents(self) -> Iterator[AnyEvent | AnyCommand]:
+        """Yield events and commands in order; damaged lines are only listed in ``damage``."""
         self.messages, self.damage = 0, []
         for reader in self._chain.readers:
             at_byte = reader.begin.at_byte
@@ -103,20 +103,20 @@ class JournalLog:
                         why = f"{reader.path.name}, line {number}: its checksum does not match"
                         self.damage.append(Damage(at_byte, reader.rest.at_byte - at_byte, why))
                     at_byte = reader.rest.at_byte
-            except JournalError as error:  # behind its end, or of an unknown kind
+            except JournalError as error:  # a line after the end, or of an unknown kind
                 self._rest_is_damaged(reader.path, at_byte, str(error))
             if reader.cut_at_line is not None:
-                self._rest_is_damaged(reader.path, at_byte, "the last line is cut off")
+                self._rest_is_damaged(reader.path, at_byte, "the last line is incomplete")
 
-    def crew(self) -> Iterator[AnyOperatorEvent]:
-        """The operators' requests."""
-        return (thing for thing in self.things() if isinstance(thing, OperatorEvent))
+    def requests(self) -> Iterator[AnyOperatorEvent]:
+        """Return an iterator over the operators' requests."""
+        return (each for each in self.contents() if isinstance(each, OperatorEvent))
 
     def _rest_is_damaged(self, path: Path, at_byte: int, why: str) -> None:
         self.damage.append(Damage(at_byte, path.stat().st_size - at_byte, why))
 
 
-def _told(event: AnyEvent) -> LogEvent | None:
+def _log_event(event: AnyEvent) -> LogEvent | None:
     match event:
         case Telemetry():
             return bridge.Position(
@@ -128,7 +128,7 @@ def _told(event: AnyEvent) -> LogEvent | None:
                 event.altitude_relative_m,
                 event.velocity_north_m_s,
                 event.velocity_east_m_s,
-                math.nan,  # not in a journal
+                math.nan,  # a journal does not contain the vertical speed
                 event.heading_deg,
             )
         case VehicleConnected():
@@ -154,11 +154,14 @@ def _told(event: AnyEvent) -> LogEvent | None:
 
 
 def journal_in(path: Path) -> Path:
-    """The path itself if it is a file, else that of the journal in the folder of a run."""
+    """Return the path of the journal in the folder of a run; the path itself if it is a file."""
     return path / JOURNAL if path.is_dir() else path
 
 
 def open_flight(path: Path) -> Log:
-    """Open a log, a journal, or the journal in a run's folder. Raises BridgeError and others."""
+    """Open a log, a journal, or the journal in a run's folder.
+
+    Raises BridgeError, JournalError and ScenarioError.
+    """
     path = journal_in(path)
     return JournalLog(path) if begins_journal(path) else open_log(path)

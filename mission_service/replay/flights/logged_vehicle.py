@@ -1,4 +1,4 @@
-"""A logged vehicle in the place of one on a link: commands do not change its flight."""
+"""The client of a logged vehicle: commands do not change its flight."""
 
 from collections import deque
 
@@ -11,9 +11,9 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-# The log events that the core uses as input. Mission progress is left out: its items are those of
-# the flown mission, not of the missions that the core would have sent.
-HANDED_ON = (
+# The log events that the core uses as input. Mission progress is not one of them: its items are
+# those of the flown mission, not of the missions that the core would have sent.
+INPUT_EVENTS = (
     bridge.Connected
     | bridge.LinkLost
     | bridge.LinkRestored
@@ -29,9 +29,9 @@ HANDED_ON = (
 
 
 class LoggedVehicle:
-    """Acknowledges every command at once, so that the core goes on to its next command.
+    """Acknowledges every command at once, so that the core continues with its next command.
 
-    Only drops are refused: nothing was released.
+    Only drops are refused, because the logged vehicle did not release them.
     """
 
     def __init__(self) -> None:
@@ -40,23 +40,23 @@ class LoggedVehicle:
         self._number = 0
 
     def apply(self, event: LogEvent) -> None:
-        """Take the next event of the log."""
+        """Process the next event of the log."""
         if isinstance(event, bridge.Connected):
             self.stack = event.stack
-        if isinstance(event, HANDED_ON):
+        if isinstance(event, INPUT_EVENTS):
             self._events.append(event)
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not returned yet."""
+        """Return the oldest unread event, or None."""
         return self._events.popleft() if self._events else None
 
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
         """Accept the mission and report it as begun."""
-        done = self._transferred("upload", items, now_us)
+        transfer_id = self._transferred("upload", items, now_us)
         self._events.append(bridge.MissionProgress(now_us, min(1, len(items) - 1)))
-        return done
+        return transfer_id
 
     def download(self, now_us: int) -> int:
         """Report a download without items: the mission on board is unknown."""
@@ -68,20 +68,21 @@ class LoggedVehicle:
 
     def _transferred(self, action: str, items: Items | None, now_us: int) -> int:
         self._number += 1
-        outcome = TransferResult("failed", "a log") if items is None else None
-        result = outcome or TransferResult("accepted", "", items=items, holds="the new one")
+        result = TransferResult("failed", "a log")
+        if items is not None:
+            result = TransferResult("accepted", "", items=items, holds="the new one")
         self._events.append(bridge.TransferFinished(now_us, self._number, action, result))
         return self._number
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Taken."""
+        """Acknowledge the command."""
         self._number += 1
         self._events.append(bridge.CommandFinished(now_us, name, True, "", self._number))
         return self._number
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Refused."""
+        """Refuse the drop."""
         self._number += 1
-        told = bridge.DropFinished(now_us, self._number, "refused", "a log drops nothing")
-        self._events.append(told)
+        reason = "logged vehicles make no drops"
+        self._events.append(bridge.DropFinished(now_us, self._number, "refused", reason))
         return self._number

@@ -1,4 +1,4 @@
-"""Logs as one MCAP file for Foxglove. The same logs make the same bytes."""
+"""Writes logs as one MCAP file for Foxglove. Equal logs give equal bytes."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,16 +11,16 @@ from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
 
-LIBRARY = "mission-service"  # mcap's default has its version, which would change the bytes
+LIBRARY = "mission-service"  # the default contains the version of mcap, which changes the bytes
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
-    """Write all logs on UTC if all of them have it, else each on its own clock.
+    """Write all logs with UTC times if all of them have UTC, else with the times of their clocks.
 
-    ``names`` are the vehicles' names, by the index of the log and the system id.
+    ``names`` are the vehicles' names by the index of the log and the system id.
     """
-    known = [offset for log in logs if (offset := log.unix_offset_us()) is not None]
-    offsets = known if len(known) == len(logs) else [0] * len(logs)
+    found = [offset for log in logs if (offset := log.unix_offset_us()) is not None]
+    offsets = found if len(found) == len(logs) else [0] * len(logs)
     rows = [Rows(file_of(log), None) for log in logs]
     with path.open("wb") as file:
         channels = _Channels(file)
@@ -29,14 +29,14 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
                 continue
             at_ns = (event.at_us + offsets[number]) * 1000
             name = names[number, system_id]
-            found = list(rows[number].of(system_id, event))
-            for message in messages_of(name, at_ns, event, found):
+            event_rows = list(rows[number].of(system_id, event))
+            for message in messages_of(name, at_ns, event, event_rows):
                 channels.add(name, at_ns, message)
         channels.finish()
 
 
 class _Channels:
-    """A channel for each topic of each vehicle, added with its first message."""
+    """The channels of an MCAP file: one for each topic of each vehicle."""
 
     def __init__(self, file: Any) -> None:
         from mcap.writer import Writer

@@ -1,8 +1,8 @@
 """Open-loop replay: the core processes a logged flight; its commands do not change the flight.
 
-The log's vehicles take the place of the vehicles on links (``logged_vehicle.py``). All else is the
-same as in a live run: simulated camera, core, journal, state view. The replay of a flight therefore
-leaves a journal that can be verified, and the interfaces show it like a run.
+The log's vehicles replace the vehicles on links (``logged_vehicle.py``). Simulated camera, core,
+journal and state view are those of a live run. The replay of a flight therefore writes a journal
+that can be verified, and the interfaces show it like a run.
 """
 
 import heapq
@@ -18,68 +18,69 @@ from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
-from mission_service.replay.flights.scenario_pairing import Replaying
+from mission_service.replay.flights.scenario_pairing import Pairing
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.state_view import StateView
 
-Told = VehicleLog | AnyOperatorEvent
-EVERY_US = 50_000  # least interval between positions of a vehicle
-NEVER_LATE_US = 1 << 62  # a log has no deadlines
+FlightEntry = VehicleLog | AnyOperatorEvent
+EVERY_US = 50_000  # minimum interval between positions of a vehicle
+NEVER_LATE_US = 1 << 62  # disables the alarm for delays of the event loop
 
 
-def told_in(what: Replaying) -> Iterator[Told]:
-    """The entries of a flight and the operators' requests about the fire, in order of time.
+def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
+    """Yield the entries of a flight and the operators' requests about the fire, in order of time.
 
-    Logs may have hundreds of positions a second: some are dropped, none is changed.
+    Of logs with hundreds of positions a second, some positions are omitted.
     """
-    log, mission = what.flight.logs[0], what.mission
-    people: list[AnyOperatorEvent] = []
+    log, mission = pairing.flight.logs[0], pairing.mission
+    of_fire: list[AnyOperatorEvent] = []
     if isinstance(log, JournalLog):
-        people = [each for each in log.crew() if isinstance(each, (*OF_FIRE, IgnitionReported))]
-    on_clock = ((mission.log_us(each.at_us), each) for each in people)
-    vehicles = ((each.at_us, each) for each in what.flight.played())
-    passed_us: dict[str, int] = {}
-    streams: list[Iterable[tuple[int, Told]]] = [on_clock, vehicles]
-    for at_us, told in heapq.merge(*streams, key=lambda each: each[0]):
-        if at_us > what.end_us:
+        kinds = (*OF_FIRE, IgnitionReported)
+        of_fire = [each for each in log.requests() if isinstance(each, kinds)]
+    requests = ((mission.log_us(each.at_us), each) for each in of_fire)
+    vehicles = ((each.at_us, each) for each in pairing.flight.played())
+    last_us: dict[str, int] = {}
+    streams: list[Iterable[tuple[int, FlightEntry]]] = [requests, vehicles]
+    for at_us, entry in heapq.merge(*streams, key=lambda each: each[0]):
+        if at_us > pairing.end_us:
             return
-        if isinstance(told, VehicleLog) and isinstance(told.event, Position):
-            if at_us - passed_us.get(told.vehicle, -EVERY_US) < EVERY_US:
+        if isinstance(entry, VehicleLog) and isinstance(entry.event, Position):
+            if at_us - last_us.get(entry.vehicle, -EVERY_US) < EVERY_US:
                 continue
-            passed_us[told.vehicle] = at_us
-        yield told
+            last_us[entry.vehicle] = at_us
+        yield entry
 
 
 class OpenLoopReplay:
-    """The service of a scenario whose vehicles are those of a flight."""
+    """The service of a scenario with the vehicles of a flight."""
 
     def __init__(
         self,
-        what: Replaying,
+        pairing: Pairing,
         journal: Journal,
-        kept: dict[str, Any] | None = None,
+        saved: dict[str, Any] | None = None,
     ) -> None:
-        """``kept``: the state of another replay to continue from; this one then owns it."""
-        begun = kept or _begun(what)
-        self.clock: MissionClock = begun["clock"]
-        self.vehicles: dict[str, LoggedVehicle] = begun["vehicles"]
-        self.gateways: dict[str, Gateway] = begun["gateways"]
-        self._health_monitor: HealthMonitor = begun["health_monitor"]
+        """Begin a replay, or continue from the ``saved`` state, which is not copied."""
+        state = saved or _initial_state(pairing)
+        self.clock: MissionClock = state["clock"]
+        self.vehicles: dict[str, LoggedVehicle] = state["vehicles"]
+        self.gateways: dict[str, Gateway] = state["gateways"]
+        self._health_monitor: HealthMonitor = state["health_monitor"]
         self.service = Engine(
-            what.scenario,
-            begun["core"],
-            begun["fire"].world,
+            pairing.scenario,
+            state["core"],
+            state["fire"].world,
             journal,
-            begun["state_view"],
+            state["state_view"],
             self.gateways,
         )
-        if kept is not None:
-            self.service.restore(kept)
+        if saved is not None:
+            self.service.restore(saved)
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """The whole state besides the scenario, for copying."""
+        """Return all fields of the state except the scenario, for a copy."""
         return {
             "clock": self.clock,
             "vehicles": self.vehicles,
@@ -88,21 +89,21 @@ class OpenLoopReplay:
             **self.service.snapshot_fields(),
         }
 
-    def apply(self, told: Told) -> None:
+    def apply(self, entry: FlightEntry) -> None:
         """Process the flight's next entry."""
-        if not isinstance(told, VehicleLog):
-            self.service.submit(told, told.at_us)
+        if not isinstance(entry, VehicleLog):
+            self.service.submit(entry, entry.at_us)
             return
-        self.vehicles[told.vehicle].apply(told.event)
-        self.service.handle_events(self.gateways[told.vehicle].events(told.at_us), told.at_us)
-        self._health_monitor.check(told.at_us)
+        self.vehicles[entry.vehicle].apply(entry.event)
+        self.service.handle_events(self.gateways[entry.vehicle].events(entry.at_us), entry.at_us)
+        self._health_monitor.check(entry.at_us)
 
 
-def _begun(what: Replaying) -> dict[str, Any]:
-    scenario, landscape, mission = what.scenario, what.landscape, what.mission
+def _initial_state(pairing: Pairing) -> dict[str, Any]:
+    scenario, landscape, mission = pairing.scenario, pairing.landscape, pairing.mission
     clock = MissionClock(mission.start_us, wall=True)
     clock.go_on(mission.start_us, mission.begin_us)
-    if all(isinstance(log, JournalLog) for log in what.flight.logs):
+    if all(isinstance(log, JournalLog) for log in pairing.flight.logs):
         clock.ahead_us = mission.start_us - mission.begin_us
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
     world = world_of(scenario, landscape)

@@ -20,9 +20,9 @@ from mission_service.runtime.outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
 
-MAX_MISSIONS = 6  # more would hide the map and are not drawn
-SILENT_US = 10_000_000
-MAX_LABELS = 8  # of positions where a vehicle turned back; further ones are only marked
+MAX_MISSIONS = 6  # with more missions none is drawn, because they would hide the map
+GAP_US = 10_000_000
+MAX_LABELS = 8  # with more reversals, their positions have no labels
 DIFFERS, PLANNED = "#d500f9", "#004d40"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
 MODE_COLOURS = (
@@ -31,7 +31,7 @@ MODE_COLOURS = (
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as a PNG file; equal figures give equal bytes."""
+    """Return a figure as a PNG file; equal figures give equal bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -44,7 +44,7 @@ def _new(rows: int, height: float, width: float = 11.0) -> tuple[Figure, list[An
 
 
 def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
-    """Each vehicle with its colour, the same in all figures."""
+    """Return each vehicle with its colour, the same in all figures."""
     count = len(run.vehicles)
     return list(zip(VEHICLE_COLOURS * count, run.vehicles.values(), strict=False))
 
@@ -53,24 +53,24 @@ def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
 
 
 def draw_map(run: RunAnalysis) -> Figure:
-    """Fire, tracks, missions, turns back, drops, and flight against the planner's direction."""
+    """Draw fire, tracks, missions, reversals, drops, and flight against the planner's direction."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
     for colour, vehicle in coloured(run):
         if len(vehicle.track):
             handles += _draw_vehicle(axes, run, vehicle, colour, places)
-    seen: dict[str, Any] = {handle.get_label(): handle for handle in handles}
+    by_label: dict[str, Any] = {handle.get_label(): handle for handle in handles}
     axes.set_title(run.name, parse_math=False)
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.98))  # the title whole
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.98))  # room for the title
     axes.legend(
-        handles=list(seen.values()), ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07),
+        handles=list(by_label.values()), ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07),
         fontsize=9,
     )  # fmt: skip
     return figure
 
 
 def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
-    """Axes in km with the fire, if there is one, and the transform from lat, lon to them."""
+    """Return axes in km, with the fire if the run has one, and the transform from lat, lon."""
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
@@ -113,12 +113,14 @@ def _draw_vehicle(
         )  # fmt: skip
     if vehicle.differs:
         handles.append(
-            Line2D([], [], color=DIFFERS, linewidth=6, alpha=0.3, label="planner: the other way")
+            Line2D([], [], color=DIFFERS, linewidth=6, alpha=0.3, label="against the planner")
         )
     missions = vehicle.flown.missions
     for _, items in missions if len(missions) <= MAX_MISSIONS else ():
-        led = np.array(places_of(items)).reshape(-1, 2)
-        axes.plot(*places(led[:, 0], led[:, 1]), color=colour, linestyle=":", marker=".", alpha=0.6)
+        path = np.array(places_of(items)).reshape(-1, 2)
+        axes.plot(
+            *places(path[:, 0], path[:, 1]), color=colour, linestyle=":", marker=".", alpha=0.6
+        )
         handles.append(
             Line2D([], [], color=colour, linestyle=":", marker=".", label=f"{name}: missions")
         )
@@ -155,7 +157,7 @@ def _draw_decided(
 
 
 def _label(axes: Any, text: str, place: tuple[Any, Any], number: int) -> None:
-    """Label a position on the side with room; labels of neighbours are stacked."""
+    """Label a position on the side with more space, at two alternating heights."""
     west, east = axes.get_xlim()
     left = place[0] > west + 0.7 * (east - west)
     axes.annotate(
@@ -202,7 +204,7 @@ def _mark(marker: str, colour: str, label: str) -> Line2D:
 
 
 def draw_timeline(run: RunAnalysis) -> Figure:
-    """Modes, new missions, link losses and directions of travel, one strip per vehicle."""
+    """Draw modes, new missions, link losses and directions of travel, one strip per vehicle."""
     count = len(run.vehicles)
     figure, panels = _new(count, 1.2 + 1.5 * count)
     scale, unit = _scale(run.since_s(run.end_us))
@@ -222,22 +224,22 @@ def _scale(duration_s: float) -> tuple[float, str]:
 def _draw_strip(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, scale: float) -> None:
     flown, end_us = vehicle.flown, run.end_us
 
-    def bars(row: int, ways: Sequence[tuple[int, Any]], colour_of: Callable[[Any], Any]) -> None:
-        ends = [at_us for at_us, _ in ways[1:]] + [end_us]
-        for (at_us, way), until_us in zip(ways, ends, strict=False):
-            if (colour := colour_of(way)) is not None:
+    def bars(row: int, states: Sequence[tuple[int, Any]], colours: dict[Any, Any]) -> None:
+        ends = [at_us for at_us, _ in states[1:]] + [end_us]
+        for (at_us, state), until_us in zip(states, ends, strict=False):
+            if (colour := colours[state]) is not None:
                 width = run.since_s(until_us) - run.since_s(at_us)
                 span = [(run.since_s(at_us) / scale, width / scale)]
                 axes.broken_barh(span, (row - 0.4, 0.8), facecolors=colour)
 
     modes = list(dict.fromkeys(name or "unknown" for _, name, _ in flown.modes))
     colours = dict(zip(modes, MODE_COLOURS * len(modes), strict=False))
-    bars(0, [(at, name or "unknown") for at, name, _ in flown.modes], lambda mode: colours[mode])
-    ways = {True: CLOCKWISE, False: ANTICLOCKWISE, None: None}
-    bars(1, vehicle.ways, lambda way: ways[way])
+    bars(0, [(at, name or "unknown") for at, name, _ in flown.modes], colours)
+    colour_of = {True: CLOCKWISE, False: ANTICLOCKWISE, None: None}
+    bars(1, vehicle.directions, colour_of)
     rows = ["mode", "flown"]
     if run.fire is not None and run.fire.follows_front:
-        bars(2, vehicle.decided, lambda way: ways[way])
+        bars(2, vehicle.decided, colour_of)
         rows.append("planner")
     axes.set_yticks(range(len(rows)), rows)
     axes.set_ylim(len(rows) - 0.5, -0.9)
@@ -262,14 +264,14 @@ def _draw_strip(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, scale: fl
 
 
 def draw_heights(run: RunAnalysis) -> Figure:
-    """Altitude above sea level and the terrain under it; without a landscape only the altitude."""
+    """Draw altitude above sea level and, if the run has a landscape, the terrain below."""
     count = len(run.vehicles)
     figure, panels = _new(count, 0.8 + 2.0 * count)
     scale, unit = _scale(run.since_s(run.end_us))
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
         since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
         altitude = vehicle.track[:, 3].copy()
-        altitude[1:][np.diff(vehicle.track[:, 0]) > SILENT_US] = np.nan  # no data: leave a gap
+        altitude[1:][np.diff(vehicle.track[:, 0]) > GAP_US] = np.nan  # interrupts the line
         axes.plot(since, altitude, color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0
@@ -294,16 +296,16 @@ def _title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
 
 
 def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Error of the estimated front, share and age of its observation; None without a fire."""
-    told = [run for run in runs if run.fire is not None and run.fire.samples]
-    if not told:
+    """Draw the error of the estimated front and its observation; None without a fire."""
+    drawn = [run for run in runs if run.fire is not None and run.fire.samples]
+    if not drawn:
         return None
-    errors = any(run.fire is not None and run.fire.errors_m for run in told)
+    errors = any(run.fire is not None and run.fire.errors_m for run in drawn)
     figure, panels = _new(2 + errors, 2.4 * (2 + errors) + 0.4)
-    scale, unit = _scale(max(run.since_s(run.end_us) for run in told))
+    scale, unit = _scale(max(run.since_s(run.end_us) for run in drawn))
     lines = [
-        (f"{run.name}: {name}" if len(told) > 1 else name, run, name)
-        for run in told
+        (f"{run.name}: {name}" if len(drawn) > 1 else name, run, name)
+        for run in drawn
         for name in run.vehicles
     ]
     if errors:
@@ -315,7 +317,7 @@ def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
             )
         panels[0].set_ylabel("distance error (m)\nmean over bearings")
         panels[0].legend(fontsize=8)
-    for run, colour in zip(told, VEHICLE_COLOURS * len(told), strict=False):
+    for run, colour in zip(drawn, VEHICLE_COLOURS * len(drawn), strict=False):
         assert run.fire is not None
         samples = run.fire.samples
         since = _since(run, np.array([each.at_us for each in samples])) / scale
@@ -325,7 +327,7 @@ def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
         ages = np.array([[each.age_mean_s, each.age_worst_s] for each in samples]) / 60.0
         panels[-1].plot(since, ages[:, 0], color=colour, label=f"{label}: mean")
         panels[-1].plot(since, ages[:, 1], color=colour, linestyle=":", label=f"{label}: worst")
-    panels[-2].set(ylabel="front seen within\n10 min (%)", ylim=(-3, 103))
+    panels[-2].set(ylabel="front observed\nin 10 min (%)", ylim=(-3, 103))
     panels[-1].set(ylabel="age of\nfront (min)", xlabel=f"since the flight began ({unit})")
     for axes in panels:
         axes.grid(alpha=0.3)
@@ -340,7 +342,7 @@ def _since(run: RunAnalysis, mission_us: Floats) -> Floats:
 
 
 def draw_changes(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Distributions of the times between visits and of mission uploads; None without data."""
+    """Draw distributions of times between visits and of upload times; None without data."""
     visits = [(run.name, run.fire.revisits_s) for run in runs if run.fire and run.fire.revisits_s]
     sent = [
         (run.name, [(each.finished_us - each.at_us) / 1e6 for each in run.fire.uploads

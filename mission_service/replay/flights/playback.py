@@ -1,30 +1,32 @@
-"""Plays a flight with pause and seek; keeps states from which a seek can continue.
+"""Plays a flight with pause and seek; stores states from which a seek can continue.
 
-A seek computes a second replay from the nearest earlier state, while the replay shown stays
-unchanged; when the second one has arrived, it replaces the first. The work is divided into short
-turns, so that it does not block the event loop. Pure: the caller passes the time.
+A seek computes a second replay from the nearest earlier state, while the interfaces still show the
+first. When the second replay has reached the requested time, it replaces the first. The work is
+divided into short turns, so that it does not block the event loop. Pure: the caller passes the
+time.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from mission_service.journal.journal_file import Rest
-from mission_service.journal.snapshot import Frozen, Known, thawed
+from mission_service.journal.snapshot import Frozen, Known, restore
 from mission_service.replay.flights.entry_cache import EntryCache
 from mission_service.replay.flights.flight_logs import VehicleLog
-from mission_service.replay.flights.open_loop_replay import OpenLoopReplay, Told, told_in
-from mission_service.replay.flights.scenario_pairing import Replaying
+from mission_service.replay.flights.open_loop_replay import FlightEntry, OpenLoopReplay, entries_of
+from mission_service.replay.flights.scenario_pairing import Pairing
 from mission_service.replay.flights.write_once_journal import WriteOnceJournal
 from mission_service.runtime.play_head import PlayHead, ReplayState
 from mission_service.runtime.state_view import StateView
 
-MAX_KEPT = 20
-KEPT_EVERY_US = 30_000_000
-MAX_KEPT_BYTES = 200_000_000
+MAX_STATES = 20
+STATE_EVERY_US = 30_000_000
+MAX_STATES_BYTES = 200_000_000
 
 
-class _Kept(NamedTuple):
-    """A kept state: index of the next entry, time of the last one, position in the journal."""
+class _SavedState(NamedTuple):
+    """A state: index of the next entry, time of the last entry, position in the journal."""
 
     number: int
     at_us: int
@@ -36,72 +38,72 @@ class _Kept(NamedTuple):
         return sum(len(part) for part in self.frozen.parts)
 
 
-class _Telling:
-    """A replay and its position in the flight."""
+@dataclass(eq=False)
+class _Progress:
+    """A replay and its position in the flight, as in ``_SavedState``."""
 
-    def __init__(self, replay: OpenLoopReplay, number: int, at_us: int, rest: Rest) -> None:
-        self.replay = replay
-        self.number = number
-        self.at_us = at_us
-        self.rest = rest
+    replay: OpenLoopReplay
+    number: int
+    at_us: int
+    rest: Rest
 
 
 class Playback:
     """Plays a flight as its play head prescribes."""
 
-    def __init__(self, what: Replaying, journal: WriteOnceJournal, head: PlayHead) -> None:
-        self.what = what
+    def __init__(self, pairing: Pairing, journal: WriteOnceJournal, head: PlayHead) -> None:
+        self.pairing = pairing
         self.head = head
         self.jumps = 0
-        self.complete = False  # whether the flight was ever played to its end
+        self.complete = False  # whether the flight has been played to its end
         self._journal = journal
-        self._known = Known(what.scenario, what.landscape)
-        self._cache: EntryCache[Told] = EntryCache(told_in(what))
-        self._cache.get(0)  # first of all: a journal is read once for its operators' requests
-        self._shown = _Telling(OpenLoopReplay(what, journal), 0, head.begin_us, journal.rest)
-        self._every_us = max(KEPT_EVERY_US, (head.end_us - head.begin_us) // MAX_KEPT)
-        self._kept = [self._state_of(self._shown)]
-        if 4 * self._kept[0].size > MAX_KEPT_BYTES:  # too large: seek from the beginning
+        self._shared_references = Known(pairing.scenario, pairing.landscape)
+        self._cache: EntryCache[FlightEntry] = EntryCache(entries_of(pairing))
+        self._cache.get(0)  # this reads a journal once for its operators' requests
+        replay = OpenLoopReplay(pairing, journal)
+        self._shown = _Progress(replay, 0, head.begin_us, journal.rest)
+        self._every_us = max(STATE_EVERY_US, (head.end_us - head.begin_us) // MAX_STATES)
+        self._states = [self._state_of(self._shown)]
+        if 4 * self._states[0].size > MAX_STATES_BYTES:  # too large: seeks begin at the first entry
             self._every_us = 1 << 62
-        self._work = self._shown  # the replay that is played or sought in
+        self._work = self._shown  # the replay that a seek computes
         self._seeks_us: int | None = None
 
     @property
     def replay(self) -> OpenLoopReplay:
-        """The replay that is shown."""
+        """The replay that the interfaces show."""
         return self._shown.replay
 
     @property
     def state_view(self) -> StateView:
-        """The state view of the replay that is shown."""
+        """The state view of the replay that the interfaces show."""
         return self.replay.service.state_view
 
     def state(self) -> ReplayState:
-        """The state of the playback, for interfaces."""
-        head, mission = self.head, self.what.mission
-        sought = head.seek_to_us
-        at_us = head.at_us if sought is None else sought
+        """Return the state of the playback, for interfaces."""
+        head, mission = self.head, self.pairing.mission
+        seeking = head.seek_to_us is not None
         return ReplayState(
-            mission.of(head.at_us),
-            self.what.logs,
-            head.begin_us,
-            head.end_us,
-            at_us,
-            mission.of(head.begin_us),
-            head.speed,
-            head.paused,
-            sought is not None,
-            head.ended,
-            self.jumps,
+            at_us=mission.of(head.at_us),
+            logs=self.pairing.logs,
+            log_begin_us=head.begin_us,
+            log_end_us=head.end_us,
+            log_at_us=head.at_us if head.seek_to_us is None else head.seek_to_us,
+            begin_us=mission.of(head.begin_us),
+            speed=head.speed,
+            paused=head.paused,
+            seeking=seeking,
+            ended=head.ended,
+            jumps=self.jumps,
         )
 
     def close(self) -> None:
-        """The end."""
+        """Close the journal and the cache."""
         self._journal.finish(self.complete)
         self._cache.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play the entries that are due until the turn is over; returns whether more are due."""
+        """Play due entries until ``is_over`` returns True; returns whether more are due."""
         head = self.head
         due_us = head.due_us(now_us)
         if head.seek_to_us is None:
@@ -130,51 +132,52 @@ class Playback:
         self.jumps += 1
         self._seeks_us = None
 
-    def _nearest(self, to_us: int) -> _Telling:
-        """The start of a seek: a current replay, or else a kept state."""
-        kept = max(
-            (each for each in self._kept if each.at_us <= to_us),
+    def _nearest(self, to_us: int) -> _Progress:
+        """Return the start of a seek: one of the two replays, or a replay from a saved state."""
+        saved = max(
+            (each for each in self._states if each.at_us <= to_us),
             key=lambda each: each.number,
-            default=self._kept[0],
+            default=self._states[0],
         )
-        there = [each for each in (self._work, self._shown) if each.at_us <= to_us]
-        best = max(there, key=lambda each: each.number, default=None)
-        if best is not None and best.number >= kept.number:
+        earlier = [each for each in (self._work, self._shown) if each.at_us <= to_us]
+        best = max(earlier, key=lambda each: each.number, default=None)
+        if best is not None and best.number >= saved.number:
             return best
-        what = self.what
-        replay = OpenLoopReplay(what, self._journal, kept=thawed(kept.frozen))
-        return _Telling(replay, kept.number, kept.at_us, kept.rest)
+        replay = OpenLoopReplay(self.pairing, self._journal, saved=restore(saved.frozen))
+        return _Progress(replay, saved.number, saved.at_us, saved.rest)
 
-    def _play(self, telling: _Telling, until_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play up to a time; returns whether it was reached before the turn was over."""
-        self._journal.rest = telling.rest
+    def _play(self, progress: _Progress, until_us: int, is_over: Callable[[], bool]) -> bool:
+        """Play up to a time; returns whether it was reached before the end of the turn."""
+        self._journal.rest = progress.rest
         try:
             while True:
-                told = self._cache.get(telling.number)
-                if told is None or self._log_us(told) > until_us:
+                entry = self._cache.get(progress.number)
+                if entry is None or self._log_us(entry) > until_us:
                     return True
-                telling.replay.apply(told)
-                telling.number += 1
-                telling.at_us = max(telling.at_us, self._log_us(told))
-                telling.rest = self._journal.rest
-                self._keep(telling)
+                progress.replay.apply(entry)
+                progress.number += 1
+                progress.at_us = max(progress.at_us, self._log_us(entry))
+                progress.rest = self._journal.rest
+                self._save(progress)
                 if is_over():
                     return False
         finally:
-            telling.rest = self._journal.rest
+            progress.rest = self._journal.rest
 
-    def _log_us(self, told: Told) -> int:
-        return told.at_us if isinstance(told, VehicleLog) else self.what.mission.log_us(told.at_us)
+    def _log_us(self, entry: FlightEntry) -> int:
+        if isinstance(entry, VehicleLog):
+            return entry.at_us
+        return self.pairing.mission.log_us(entry.at_us)
 
-    def _keep(self, telling: _Telling) -> None:
-        """Keep a state if the last one is old enough; number and total size are limited."""
-        if telling.at_us < self._kept[-1].at_us + self._every_us:
+    def _save(self, progress: _Progress) -> None:
+        """Save a state if the last one is old enough; number and total size are limited."""
+        if progress.at_us < self._states[-1].at_us + self._every_us:
             return
-        self._kept.append(self._state_of(telling))
-        if sum(each.size for each in self._kept) > MAX_KEPT_BYTES:
-            self._kept = self._kept[::2]  # the first one stays
+        self._states.append(self._state_of(progress))
+        if sum(each.size for each in self._states) > MAX_STATES_BYTES:
+            self._states = self._states[::2]  # the first state remains
             self._every_us *= 2
 
-    def _state_of(self, telling: _Telling) -> _Kept:
-        frozen = Frozen(telling.replay.snapshot_fields(), self._known)
-        return _Kept(telling.number, telling.at_us, telling.rest, frozen)
+    def _state_of(self, progress: _Progress) -> _SavedState:
+        frozen = Frozen(progress.replay.snapshot_fields(), self._shared_references)
+        return _SavedState(progress.number, progress.at_us, progress.rest, frozen)

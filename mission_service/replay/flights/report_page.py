@@ -1,4 +1,4 @@
-"""Writes the report of runs as one self-contained page, and its figures as files."""
+"""Writes the report of runs as one page with embedded pictures, and its figures as files."""
 
 import base64
 import json
@@ -13,29 +13,27 @@ from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnal
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.replay.flights.utc_time import utc
 
-LONG_US = 30_000_000  # a shorter flight against the planner's direction is part of a turn
-FEW_MISSIONS = 8  # up to this number each mission has a line
-MAX_HAPPENED = 400  # lines; for a long flight the page states the number left out
+LONG_US = 30_000_000  # a shorter flight against the planner's direction belongs to a reversal
+FEW_MISSIONS = 8  # up to this number, missions are main events
+MAX_EVENTS = 400  # lines; the page states the number of omitted lines
 
 
-class Happened(NamedTuple):
-    """A line of the report's list of events, in seconds since the flight began."""
+class ReportLine(NamedTuple):
+    """A line of the report's list of events; ``at_s`` is the time since the flight began."""
 
     at_s: float
     vehicle: str
     text: str
-    matters: bool = False
+    is_main: bool = False
 
 
 def write_report(out: Path, runs: Sequence[RunAnalysis]) -> list[str]:
-    """Write report.html, its pictures and figures.json into ``out``; returns the files' names.
-
-    The first run is reported in full; the others are columns of the table and curves in figures.
-    """
+    """Write report.html, its pictures and figures.json to ``out``; returns the files' names."""
     figures = [figures_of(run) for run in runs]
     images: dict[str, bytes] = {}
-    for name, drawn in _drawn(runs):  # one by one: a figure takes megabytes
-        images |= {} if drawn is None else {name: pictures.png(drawn)}
+    for name, drawn in _drawn(runs):  # only one figure is in memory, because each takes megabytes
+        if drawn is not None:
+            images[name] = pictures.png(drawn)
     for name, data in images.items():
         (out / f"{name}.png").write_bytes(data)
     (out / "figures.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -64,13 +62,13 @@ def _page(
         lstrip_blocks=True,
     )
     embedded = {name: base64.b64encode(data).decode("ascii") for name, data in images.items()}
-    told = [_told(run, len(runs) > 1) for run in runs]
+    shown = [_values(run, len(runs) > 1) for run in runs]
     page = environment.get_template("report.html")
-    return page.render(runs=told, figures=figures, table=table(figures), images=embedded)
+    return page.render(runs=shown, table=table(figures), images=embedded)
 
 
-def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
-    happened = sorted(_happened(run))
+def _values(run: RunAnalysis, several: bool) -> dict[str, Any]:
+    events = sorted(_events(run))
     fire = run.fire
     begun = None if run.offset_us is None else utc(run.zero_us + run.offset_us)
     return {
@@ -84,84 +82,63 @@ def _told(run: RunAnalysis, several: bool) -> dict[str, Any]:
         "rule": None if fire is None else fire.scenario.planner.rule,
         "scenario": None if fire is None else fire.scenario.name,
         "open_loop": fire is not None and fire.open_loop,
-        "headlines": [each for each in happened if each.matters][:MAX_HAPPENED],
-        "happened": happened[:MAX_HAPPENED],
-        "more": max(len(happened) - MAX_HAPPENED, 0),
+        "main_events": [each for each in events if each.is_main][:MAX_EVENTS],
+        "events": events[:MAX_EVENTS],
+        "more": max(len(events) - MAX_EVENTS, 0),
         "suffix": f"-{run.name}" if several else "",
     }
 
 
-def _happened(run: RunAnalysis) -> list[Happened]:
-    """The lines of the list of events, in order of time."""
-    lines: list[Happened] = []
+def _events(run: RunAnalysis) -> list[ReportLine]:
+    """Return the lines of the list of events."""
+    lines: list[ReportLine] = []
     for vehicle in run.vehicles.values():
-        lines += _of_vehicle(run, vehicle)
+        lines += _events_of(run, vehicle)
     fire = run.fire
     if fire is None:
         return lines
+
+    def add(mission_us: int, name: str, text: str, is_main: bool) -> None:
+        lines.append(ReportLine(run.since_s(run.log_us(mission_us)), name, text, is_main))
+
     for name, record in fire.record.vehicles.items():
         for at_us, lat, lon in record.reversals:
-            text = f"planner decides to turn back at {lat:.5f}, {lon:.5f}"
-            lines.append(Happened(run.since_s(run.log_us(at_us)), name, text))
-        lines += [
-            Happened(
-                run.since_s(run.log_us(drop.at_us)),
-                name,
-                f"drop {drop.number + 1} ordered at {drop.lat_deg:.6f}, {drop.lon_deg:.6f}: "
-                f"{drop.outcome}",
-                drop.outcome != "done",
-            )
-            for drop in record.drops
-        ]
+            add(at_us, name, f"planner decides to turn back at {lat:.5f}, {lon:.5f}", False)
+        for drop in record.drops:
+            text = f"drop {drop.number + 1} ordered at {drop.lat_deg:.6f}, {drop.lon_deg:.6f}: "
+            add(drop.at_us, name, text + drop.outcome, drop.outcome != "done")
     for sent in fire.uploads:
         if sent.outcome not in ("accepted", "under way"):
-            at_s = run.since_s(run.log_us(sent.at_us))
             text = f"mission of {sent.items} items {sent.outcome} ({sent.why})"
-            lines.append(Happened(at_s, sent.vehicle, text, True))
+            add(sent.at_us, sent.vehicle, text, True)
     return lines
 
 
-def _of_vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> list[Happened]:
-    flown, name = vehicle.flown, vehicle.name
-    lines = [
-        Happened(run.since_s(at_us), name, f"{mode or 'unknown mode'}{', armed' if armed else ''}")
-        for at_us, mode, armed in flown.modes
-    ]
-    lines += [
-        Happened(
-            run.since_s(at_us),
-            name,
-            f"has a new mission of {len(items)} items",
-            len(flown.missions) <= FEW_MISSIONS,
-        )
-        for at_us, items in flown.missions
-    ]
-    lines += [
-        Happened(
-            run.since_s(turn.at_us),
-            name,
-            f"turns back: {turn.how} (at {turn.lat_deg:.5f}, {turn.lon_deg:.5f})",
-            True,
-        )
-        for turn in vehicle.turned_back
-    ]
-    lines += [
-        Happened(run.since_s(at_us), name, f"link lost for {silent_us / 1e6:.1f} s", True)
-        for at_us, silent_us in flown.silences
-    ]
+def _events_of(run: RunAnalysis, vehicle: VehicleAnalysis) -> list[ReportLine]:
+    flown = vehicle.flown
+    lines: list[ReportLine] = []
+
+    def add(at_us: int, text: str, is_main: bool) -> None:
+        lines.append(ReportLine(run.since_s(at_us), vehicle.name, text, is_main))
+
+    for at_us, mode, armed in flown.modes:
+        add(at_us, f"{mode or 'unknown mode'}{', armed' if armed else ''}", False)
+    for at_us, items in flown.missions:
+        is_main = len(flown.missions) <= FEW_MISSIONS
+        add(at_us, f"has a new mission of {len(items)} items", is_main)
+    for turn in vehicle.turned_back:
+        text = f"turns back: {turn.how} (at {turn.lat_deg:.5f}, {turn.lon_deg:.5f})"
+        add(turn.at_us, text, True)
+    for at_us, silent_us in flown.silences:
+        add(at_us, f"link lost for {silent_us / 1e6:.1f} s", True)
     for each in vehicle.drops:
         if each.done is not None:
             off = "" if each.off_m is None else f", {each.off_m:.1f} m from its planned place"
-            what = "gripper" if each.done.output == 0 else f"servo {each.done.output}"
-            text = f"{what} opens at {each.done.lat_deg:.6f}, {each.done.lon_deg:.6f}{off}"
-            lines.append(Happened(run.since_s(each.done.at_us), name, text, True))
-    lines += [
-        Happened(
-            run.since_s(span.from_us),
-            name,
-            f"flies against the planner's direction for {(span.to_us - span.from_us) / 1e6:.0f} s",
-            span.to_us - span.from_us >= LONG_US,
-        )
-        for span in vehicle.differs
-    ]
+            output = "gripper" if each.done.output == 0 else f"servo {each.done.output}"
+            text = f"{output} opens at {each.done.lat_deg:.6f}, {each.done.lon_deg:.6f}{off}"
+            add(each.done.at_us, text, True)
+    for span in vehicle.differs:
+        length_us = span.to_us - span.from_us
+        text = f"flies against the planner's direction for {length_us / 1e6:.0f} s"
+        add(span.from_us, text, length_us >= LONG_US)
     return lines

@@ -1,7 +1,7 @@
-"""The analysis of one run: the flight as flown, and its fire, if there was one."""
+"""The analysis of one run: its flight, and its fire if the run has one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,13 @@ from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 
-
-FOLLOWS_US = 20_000_000  # a turn of the track so soon after one of the mission is the same turn
-NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # nearer to the middle a bearing is too uncertain
+FOLLOWS_US = 20_000_000  # a reversal of the track within this time after one of the mission
+NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # radius around the middle in which bearings are uncertain
 
 
 @dataclass(frozen=True, slots=True)
 class TurnedBack:
-    """A vehicle turned back; ``how`` names the evidence. ``at_us`` is on the log's clock."""
+    """A reversal of a vehicle; ``how`` describes its evidence. ``at_us``: on the log's clock."""
 
     at_us: int
     lat_deg: float
@@ -53,7 +52,7 @@ class VehicleAnalysis:
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
     terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
-    ways: list[tuple[int, bool]] = field(default_factory=list)  # clockwise from then on
+    directions: list[tuple[int, bool]] = field(default_factory=list)  # from a time on: clockwise
     turned_back: list[TurnedBack] = field(default_factory=list)
     decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
     differs: list[Span] = field(default_factory=list)
@@ -61,11 +60,11 @@ class VehicleAnalysis:
 
     @property
     def name(self) -> str:
-        """The vehicle's."""
+        """The name of the vehicle."""
         return self.flown.name
 
     def place_at(self, at_us: int) -> tuple[float, float]:
-        """The vehicle's position (lat_deg, lon_deg), interpolated along its track."""
+        """Return the vehicle's position (lat_deg, lon_deg), interpolated along its track."""
         times = self.track[:, 0]
         lat = np.interp(at_us, times, self.track[:, 1])
         return float(lat), float(np.interp(at_us, times, self.track[:, 2]))
@@ -75,7 +74,7 @@ class VehicleAnalysis:
 class RunAnalysis:
     """A run. ``mission.of(at_us)`` converts a time of the log's clock to mission time.
 
-    ``zero_us`` is the begin of the flight, ``begin_us`` that of the part which is analysed.
+    ``zero_us`` is the begin of the flight, ``begin_us`` that of the analysed part.
     """
 
     name: str
@@ -90,11 +89,11 @@ class RunAnalysis:
     fire: FireAnalysis | None = None
 
     def since_s(self, at_us: int) -> float:
-        """Seconds from the flight's begin to a time of the log's clock."""
+        """Return the seconds from the flight's begin to a time of the log's clock."""
         return (at_us - self.zero_us) / 1e6
 
     def log_us(self, mission_us: int) -> int:
-        """A mission time on the log's clock."""
+        """Convert a mission time to the log's clock."""
         return self.mission.log_us(mission_us)
 
 
@@ -108,18 +107,9 @@ def run_analysis(
     """Analyse a flight and the journal of its fire: its own, or that of its open-loop replay."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
-    run = RunAnalysis(
-        name,
-        [str(log.path) for log in flight.logs],
-        list(found.damage),
-        found.zero_us,
-        found.begin_us,
-        found.end_us,
-        found.offset_us,
-        {},
-        mission,
-        fire,
-    )
+    times_us = (found.zero_us, found.begin_us, found.end_us, found.offset_us)
+    logs = [str(log.path) for log in flight.logs]
+    run = RunAnalysis(name, logs, list(found.damage), *times_us, {}, mission, fire)
     for each, flown in found.flown.items():
         run.vehicles[each] = _vehicle(flown, run)
     return run
@@ -127,23 +117,20 @@ def run_analysis(
 
 def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
     track = np.array([list(point) for point in flown.track]).reshape(-1, 4)
-    story = VehicleAnalysis(flown, track)
+    analysis = VehicleAnalysis(flown, track)
     if not len(track):
-        return story
+        return analysis
     if run.fire is None or run.fire.follows_front:
-        _went_round(story, run)
-    story.turned_back = _joined(
-        [
-            TurnedBack(at_us, *story.place_at(at_us), "its mission went back to an earlier item")
-            for at_us in flown.turned_back_us
-        ],
-        story.turned_back,
-        run,
-    )
+        _find_directions(analysis, run)
+    by_mission = [
+        TurnedBack(at_us, *analysis.place_at(at_us), "its mission went back to an earlier item")
+        for at_us in flown.turned_back_us
+    ]
+    analysis.turned_back = _merged(by_mission, analysis.turned_back, run)
     planned = [drop for _, items in flown.missions for drop in planned_in(items)]
-    let_go = [*flown.servo_steps, *((at_us, GRIPPER, 0) for at_us in flown.releases_us)]
-    done = [Done(at, *story.place_at(at), servo, pulse) for at, servo, pulse in sorted(let_go)]
-    story.drops = compared(planned, done)
+    outputs = [*flown.servo_steps, *((at_us, GRIPPER, 0) for at_us in flown.releases_us)]
+    done = [Done(at, *analysis.place_at(at), servo, pulse) for at, servo, pulse in sorted(outputs)]
+    analysis.drops = compared(planned, done)
     fire = run.fire
     if fire is not None:
         land = fire.landscape
@@ -151,33 +138,33 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
         rows, cols = land.row_col_of(x_m, y_m)
         inside = (rows > -0.5) & (cols > -0.5)
         inside &= (rows < land.shape[0] - 0.5) & (cols < land.shape[1] - 0.5)
-        story.terrain_amsl_m = np.full(len(track), np.nan)
-        story.terrain_amsl_m[inside] = land.elevation_at(x_m[inside], y_m[inside])
-        ways = fire.ways.get(flown.name, [])
-        story.decided = [(run.log_us(at_us), way) for at_us, way in ways]
-        story.differs = differing(story.ways, story.decided, run.end_us)
-    return story
+        analysis.terrain_amsl_m = np.full(len(track), np.nan)
+        analysis.terrain_amsl_m[inside] = land.elevation_at(x_m[inside], y_m[inside])
+        directions = fire.directions.get(flown.name, [])
+        analysis.decided = [(run.log_us(at_us), clockwise) for at_us, clockwise in directions]
+        analysis.differs = differing(analysis.directions, analysis.decided, run.end_us)
+    return analysis
 
 
-def _joined(
+def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Turns back in order of time; one of a mission and one of the track soon after are merged."""
+    """Return reversals in order of time; one of a mission includes one of the track soon after."""
     found = list(by_track)
-    for told in by_mission:
-        seen = [each for each in found if 0 <= each.at_us - told.at_us <= FOLLOWS_US]
-        if seen:
-            found.remove(seen[0])
-            then = f"; flies {seen[0].how} from {run.since_s(seen[0].at_us):.1f} s on"
-            told = TurnedBack(told.at_us, told.lat_deg, told.lon_deg, told.how + then)
-        found.append(told)
+    for turn in by_mission:
+        after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]
+        if after:
+            found.remove(after[0])
+            then = f"; flies {after[0].how} from {run.since_s(after[0].at_us):.1f} s on"
+            turn = replace(turn, how=turn.how + then)
+        found.append(turn)
     return sorted(found, key=lambda each: each.at_us)
 
 
-def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
-    """Find its directions of travel around the fire, or around the middle of its track."""
-    track = story.track
-    home = story.flown.home
+def _find_directions(analysis: VehicleAnalysis, run: RunAnalysis) -> None:
+    """Find the directions of travel around the fire, or around the middle of the track."""
+    track = analysis.track
+    home = analysis.flown.home
     ground_m = track[0, 3] if home is None else home[2]
     up = np.flatnonzero(track[:, 3] >= ground_m + AIRBORNE_M)
     if not up.size:
@@ -197,12 +184,13 @@ def _went_round(story: VehicleAnalysis, run: RunAnalysis) -> None:
     found = turns(east_m, north_m, *limits)
     for number, turn in enumerate(found):
         at_us, lat, lon = (float(value) for value in air[turn.point, :3])
-        way = "clockwise" if turn.clockwise else "anticlockwise"
-        story.ways.append((int(at_us), turn.clockwise))
+        direction = "clockwise" if turn.clockwise else "anticlockwise"
+        analysis.directions.append((int(at_us), turn.clockwise))
         if number:
-            story.turned_back.append(TurnedBack(int(at_us), lat, lon, f"{way} round {around}"))
+            how = f"{direction} around {around}"
+            analysis.turned_back.append(TurnedBack(int(at_us), lat, lon, how))
 
 
 def places_of(items: Items) -> Sequence[tuple[float, float]]:
-    """The positions of a mission's items (lat_deg, lon_deg)."""
+    """Return the positions of a mission's items (lat_deg, lon_deg)."""
     return [place for place in map(place_of, items) if place is not None]

@@ -49,7 +49,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
-    """All figures of a run. Times in seconds since the flight began; None: unknown."""
+    """Return all figures of a run; times are in seconds since the flight began, None is unknown."""
     return {
         "name": run.name,
         "logs": run.logs,
@@ -83,9 +83,10 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
     fire, name = run.fire, vehicle.name
     flown = vehicle.flown.figures()
     errors = [] if fire is None else fire.errors_m.get(name, [])
-    led = fire is not None and fire.follows_front
-    decided = fire.record.vehicles[name].reversal_count if fire is not None and led else None
+    on_front = fire is not None and fire.follows_front
+    decided = fire.record.vehicles[name].reversal_count if fire is not None and on_front else None
     heights_m = above_terrain_m(vehicle)
+    differs_us = sum(span.to_us - span.from_us for span in vehicle.differs)
     return {
         **flown,
         "positions_hz": round(flown["positions"] / max(flown["duration_s"], 1e-3), 2),
@@ -104,7 +105,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
             [round(run.since_s(span.from_us), 1), round(run.since_s(span.to_us), 1)]
             for span in vehicle.differs
         ],
-        "differs_s": round(_length_s(vehicle), 1) if led else None,
+        "differs_s": round(differs_us / 1e6, 1) if on_front else None,
         "distance_error_mean_m": _mean([mean for _, mean, _ in errors]),
         "distance_error_worst_m": _worst([worst for _, _, worst in errors]),
         **_missions(fire, name),
@@ -113,34 +114,33 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
 
 
 def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
-    """Height above terrain along the track, NaN where it is unknown; None without a landscape."""
+    """Return the height above terrain along the track, or None without a landscape.
+
+    It is NaN for points off the landscape.
+    """
     if vehicle.terrain_amsl_m is None:
         return None
     return vehicle.track[:, 3] - vehicle.terrain_amsl_m
 
 
 def _lowest(heights_m: Any) -> float | None:
-    """Minimum in flight: between the first and the last time at half its maximum height."""
+    """Return the minimum between the first and the last time at half the maximum height."""
     if heights_m is None or not np.isfinite(heights_m).any():
         return None
-    # On the ground the landscape's error may place the terrain above the vehicle.
+    # On the ground, errors of the landscape may place the terrain above the vehicle.
     max_m = float(np.nanmax(heights_m))
     up = np.flatnonzero(heights_m >= min(max_m, max_m / 2.0))
     return round(float(np.nanmin(heights_m[up[0] : up[-1] + 1])), 1)
 
 
-def _length_s(vehicle: VehicleAnalysis) -> float:
-    return sum(span.to_us - span.from_us for span in vehicle.differs) / 1e6
-
-
 def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
-    """Missions that were sent to a vehicle. An open-loop replay sends none."""
+    """Return the numbers of sent and accepted missions, None in an open-loop replay, and times."""
     if fire is None or fire.open_loop:
         sent, latencies_s, accepted = None, [], None
     else:
-        mine = [each for each in fire.uploads if each.vehicle == name]
-        done = [each for each in mine if each.outcome == "accepted"]
-        sent, accepted = len(mine), len(done)
+        uploads = [each for each in fire.uploads if each.vehicle == name]
+        done = [each for each in uploads if each.outcome == "accepted"]
+        sent, accepted = len(uploads), len(done)
         latencies_s = [
             (each.finished_us - each.at_us) / 1e6 for each in done if each.finished_us is not None
         ]
@@ -153,22 +153,22 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """Drops of a burn from its plans; of other flights from missions and outputs."""
+    """Count the drops of a burn by its plans, those of other flights by missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}
-        planned = [(key, number) for key in flown for number in range(len(record.plans[key].drops))]
+        planned_count = sum(len(record.plans[key].drops) for key in flown)
         done = [drop for drop in record.drops if drop.outcome == "done"]
         off_m = []
         for drop in done:
             place = record.plans[drop.plan_hash].drops[drop.number]
             off_m.append(distance_m((place.lat_deg, place.lon_deg), drop.place))
-        return _counted(len(planned), len(done), off_m)
+        return _counted(planned_count, len(done), off_m)
     pairs = vehicle.drops
-    planned_count = sum(each.planned is not None for each in pairs)
-    done_count = sum(each.done is not None for each in pairs)
     if not pairs:
         return _counted(None, None, [])
+    planned_count = sum(each.planned is not None for each in pairs)
+    done_count = sum(each.done is not None for each in pairs)
     return _counted(planned_count, done_count, [each.off_m for each in pairs if each.off_m])
 
 
@@ -189,9 +189,9 @@ def _round(value: Any) -> float:
 
 
 def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str, list[Any]]]]]:
-    """The figures of runs side by side: sections of (label, unit, a value for each run).
+    """Return a table of runs: sections of rows (label, unit, a value for each run).
 
-    Rows without a value for any run are left out.
+    Rows without any value are omitted.
     """
     flight: list[tuple[str, str, list[Any]]] = [
         ("duration", "s", [run["duration_s"] for run in runs]),
@@ -213,7 +213,7 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
 
 
 def in_text(runs: Sequence[dict[str, Any]]) -> str:
-    """The table for a terminal, with damaged parts of logs and the vehicles' turns back."""
+    """Return the table as text, with damaged parts of logs and reversals of the vehicles."""
     lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
     for name, rows in table(runs):
         lines.append(name)

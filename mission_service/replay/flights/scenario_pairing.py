@@ -22,40 +22,42 @@ from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# Margin of the landscape made for a flight without a scenario.
+# The landscape that is made for a flight without a scenario; AROUND_M is its margin.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
 LONG_AFTER_S = 30 * 86_400.0
 
 
-class Asked(NamedTuple):
+class ScenarioChoice(NamedTuple):
     """The user's choice of scenario, rule, begin and settings for a replay."""
 
     scenario: str | None = None
-    rule: str | None = None  # instead of the scenario's
+    rule: str | None = None  # replaces the scenario's rule
     at_s: float | None = None  # mission time at which the flight begins
     overrides: tuple[str, ...] = ()
 
 
-def scenario_asked(flight: Flight, asked: Asked) -> tuple[Scenario, ServiceSection] | None:
-    """A scenario by its name, or a journal's own; None for a log without a scenario.
+def chosen_scenario(
+    flight: Flight, choice: ScenarioChoice
+) -> tuple[Scenario, ServiceSection] | None:
+    """Return the chosen scenario, or that of a journal; None for a log without a scenario.
 
     Raises ScenarioError, and FlightError if settings are given without a scenario.
     """
-    overrides, own = asked.overrides, flight.logs[0]
-    if asked.rule is not None:
-        overrides = (*overrides, f"planner.rule={asked.rule}")
-    if asked.scenario is not None:
-        return load_run(asked.scenario, overrides)
+    overrides, own = choice.overrides, flight.logs[0]
+    if choice.rule is not None:
+        overrides = (*overrides, f"planner.rule={choice.rule}")
+    if choice.scenario is not None:
+        return load_run(choice.scenario, overrides)
     if isinstance(own, JournalLog):
         return run_of(own.scenario.model_dump(mode="json"), own.path, overrides)
     if overrides:
-        raise FlightError(f"{own.path}: has no scenario of its own; give one with --scenario")
+        raise FlightError(f"{own.path}: contains no scenario; give one with --scenario")
     return None
 
 
-class Replaying(NamedTuple):
-    """A flight and the scenario with its vehicles; begin and end are those of the flight."""
+class Pairing(NamedTuple):
+    """A flight, and a scenario with the vehicles of the flight."""
 
     flight: Flight
     survey: Survey
@@ -65,7 +67,7 @@ class Replaying(NamedTuple):
 
     @property
     def logs(self) -> tuple[str, ...]:
-        """Their names."""
+        """The file names of the logs."""
         return tuple(file_of(log) for log in self.flight.logs)
 
     @property
@@ -79,39 +81,38 @@ class Replaying(NamedTuple):
         return self.survey.end_us
 
 
-def replaying(
-    flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
-) -> Replaying:
+def pair(flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None) -> Pairing:
     """Pair a flight with a scenario. Raises FlightError if they do not match."""
     mission = mission_time(flight, found, scenario, at_s)
     flown = flying(scenario_for(scenario, found, mission))
     landscape = landscape_of(flown)
     check_place(found, landscape, flown.name)
-    return Replaying(flight, found, mission, flown, landscape)
+    return Pairing(flight, found, mission, flown, landscape)
 
 
 class Mission(NamedTuple):
     """The relation between the log's clock and mission time."""
 
     begin_us: int  # on the log's clock
-    start_us: int  # the same moment in mission time
+    start_us: int  # the same instant in mission time
 
     def of(self, log_us: int) -> int:
-        """The mission time of a time on the log's clock."""
+        """Convert a time of the log's clock to mission time."""
         return self.start_us + log_us - self.begin_us
 
     def log_us(self, mission_us: int) -> int:
-        """A mission time on the log's clock."""
+        """Convert a mission time to the log's clock."""
         return self.begin_us + mission_us - self.start_us
 
 
 def mission_time(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Mission:
-    """The mission time at which a flight begins: ``at_s``, if it is given; else from UTC, if log
-    and scenario both have it; else the time at which the scenario's vehicles take off.
+    """Return the mission time of a flight's begin.
 
-    Journals are on mission time. Raises FlightError for a flight before the fire's clock starts.
+    It is ``at_s`` if given, else computed from UTC if log and scenario have it, else the time at
+    which the scenario's vehicles take off. The times of journals are mission times. Raises
+    FlightError for a flight outside the time of the scenario.
     """
     begin_us, zero = found.zero_us, scenario.time_zero
     if at_s is not None:
@@ -123,35 +124,35 @@ def mission_time(
     start_us = begin_us + found.offset_us - unix_us(zero)
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
-            f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, and "
-            f"the fire burns for {scenario.duration_s / 3600:.1f} h; give its begin with --at, "
+            f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, "
+            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's begin with --at, "
             "in seconds of mission time"
         )
     return Mission(begin_us, start_us)
 
 
 def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenario:
-    """The scenario with the logged vehicles: their stacks and homes, all else as it prescribes.
+    """Return the scenario with the logged vehicles, with their stacks and homes.
 
-    A logged vehicle takes the section of the same name, else of the same system id, else the next
-    unused one; further vehicles copy the last one. Missions need no acceptance, and no vehicle is
-    recalled.
+    A logged vehicle uses the section of the same name, else of the same system id, else the next
+    unused section; further vehicles copy the first section. Missions need no acceptance, and no
+    vehicle is recalled.
     """
-    left = list(scenario.vehicles)
-    taken: dict[str, VehicleSection] = {}
+    if not scenario.vehicles:
+        raise FlightError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
+    unused = list(scenario.vehicles)
+    sections: list[VehicleSection] = []
     for name, flown in survey.flown.items():
-        same = [each for each in left if each.name == name]
-        same += [each for each in left if each.system_id == flown.system_id]
-        like = (same or left or list(scenario.vehicles))[:1]
-        if not like:
-            raise FlightError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
-        if like[0] in left:
-            left.remove(like[0])
-        taken[name] = like[0]
+        same = [each for each in unused if each.name == name]
+        same += [each for each in unused if each.system_id == flown.system_id]
+        section = (same or unused or scenario.vehicles)[0]
+        if section in unused:
+            unused.remove(section)
+        sections.append(_as_flown(section, flown))
     end_s = mission.of(survey.end_us) / 1e6 + 1.0
     return scenario.model_copy(
         update={
-            "vehicles": tuple(_as_flown(taken[name], survey.flown[name]) for name in taken),
+            "vehicles": tuple(sections),
             "only": None,
             "duration_s": max(scenario.duration_s, end_s),
             "start_s": mission.start_us / 1e6,
@@ -162,12 +163,12 @@ def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenar
 
 
 def _as_flown(section: VehicleSection, flown: Flown) -> VehicleSection:
-    told: dict[str, object] = {"name": flown.name, "endurance_s": None}
+    update: dict[str, object] = {"name": flown.name, "endurance_s": None}
     if flown.stack is not None:
-        told |= {"stack": flown.stack.name, "kind": flown.stack.vehicle}
+        update |= {"stack": flown.stack.name, "kind": flown.stack.vehicle}
     if flown.home is not None:
-        told |= {"home_lat_deg": flown.home[0], "home_lon_deg": flown.home[1]}
-    return section.model_copy(update=told)
+        update |= {"home_lat_deg": flown.home[0], "home_lon_deg": flown.home[1]}
+    return section.model_copy(update=update)
 
 
 def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
@@ -177,22 +178,22 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
             if landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg)):
                 return
     places = [flown.home for flown in survey.flown.values() if flown.home is not None]
-    fix = "the logs have no position"
+    begin = "the logs have no position"
     if places:
-        fix = f"the flight began at lat {places[0][0]:.5f}, lon {places[0][1]:.5f}"
+        begin = f"the flight began at lat {places[0][0]:.5f}, lon {places[0][1]:.5f}"
     rows, cols = landscape.shape
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     raise FlightError(
         f"no position is on the landscape of {name}, which is around lat {float(lat):.5f}, lon "
-        f"{float(lon):.5f}: {fix}"
+        f"{float(lon):.5f}: {begin}"
     )
 
 
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
-    """A scenario with level ground around all tracks, for a flight without a scenario.
+    """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
-    Mission time 0 is the flight's begin. A scenario needs an ignition and deploys its vehicles:
-    both are set to a month after the flight, in a corner, so that there is no fire and no decision.
+    Mission time 0 is the flight's begin. The required ignition, in a corner, and the deployment of
+    vehicles are set to a month after the flight, so that no fire burns and no planner decides.
 
     Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
     """
@@ -203,7 +204,7 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
     west, east = min(place[2] for place in places), max(place[2] for place in places)
     lat_deg, lon_deg = (south + north) / 2.0, (west + east) / 2.0
     if not -80.0 <= lat_deg <= 84.0:
-        raise FlightError(f"no map is made around lat {lat_deg:.3f}; give a --scenario")
+        raise FlightError(f"lat {lat_deg:.3f} is too near to a pole for a map; give a --scenario")
     lon_m = M_PER_DEG * math.cos(math.radians(lat_deg))
     high_m = M_PER_DEG * (north - south) + 2.0 * AROUND_M
     wide_m = lon_m * (east - west) + 2.0 * AROUND_M
@@ -211,12 +212,11 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
     rows, cols = math.ceil(high_m / cell_m), math.ceil(wide_m / cell_m)
     homes = [flown.home[2] for flown in survey.flown.values() if flown.home is not None]
     length_s = (survey.end_us - survey.zero_us) / 1e6
-    # Half a cell inside; the grid may be rotated from north by a few degrees.
+    # At 90 % of the distance to the corner, because the grid may be rotated by a few degrees.
     inside = 0.45
-    corner = (
-        lat_deg + inside * rows * cell_m / M_PER_DEG,
-        lon_deg - inside * cols * cell_m / lon_m,
-    )
+    corner_lat_deg = lat_deg + inside * rows * cell_m / M_PER_DEG
+    corner_lon_deg = lon_deg - inside * cols * cell_m / lon_m
+    never_s = length_s + LONG_AFTER_S
     zero = None
     if survey.offset_us is not None:
         zero = EPOCH + timedelta(microseconds=survey.zero_us + survey.offset_us)
@@ -224,7 +224,7 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
         name=name,
         time_zero=zero,
         duration_s=length_s + 1.0,
-        deploy_at_s=length_s + LONG_AFTER_S,
+        deploy_at_s=never_s,
         landscape=LandscapeSection(
             source="flat",
             rows=rows,
@@ -234,7 +234,7 @@ def fireless_scenario(survey: Survey, name: str) -> Scenario:
             lon_deg=lon_deg,
             elevation_m=min(max(min(homes), -500.0), 9000.0),
         ),
-        ignition=(Ignition(lat_deg=corner[0], lon_deg=corner[1], at_s=length_s + LONG_AFTER_S),),
+        ignition=(Ignition(lat_deg=corner_lat_deg, lon_deg=corner_lon_deg, at_s=never_s),),
         weather=(WeatherEntry(at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0),),
         planner=PlannerSection(),
         vehicles=(VehicleSection(name="any", home_lat_deg=lat_deg, home_lon_deg=lon_deg),),

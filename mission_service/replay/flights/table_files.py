@@ -1,10 +1,9 @@
-"""Writes tables as CSV and Parquet, row by row: only one group of rows is in memory."""
+"""Writes tables as CSV and Parquet, with at most one group of rows in memory."""
 
 import csv
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from mission_service.replay.flights.flight_tables import TABLES, Columns, Row
 from mission_service.replay.flights.utc_time import utc
@@ -16,10 +15,10 @@ class TableFile(Protocol):
     """One table in one file."""
 
     def add(self, row: Row) -> None:
-        """Take in the next row."""
+        """Add the next row."""
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows and close the file."""
 
 
 class CsvFile:
@@ -32,14 +31,14 @@ class CsvFile:
         self._dated = [place for place, kind in enumerate(columns.values()) if kind is datetime]
 
     def add(self, row: Row) -> None:
-        """Take in the next row."""
+        """Add the next row."""
         written = list(row)
         for place in self._dated:
             written[place] = None if row[place] is None else utc(row[place])
         self._table.writerow(written)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows and close the file."""
         self._file.close()
 
 
@@ -64,13 +63,13 @@ class ParquetFile:
         self._rows: list[Row] = []
 
     def add(self, row: Row) -> None:
-        """Take in the next row."""
+        """Add the next row."""
         self._rows.append(row)
         if len(self._rows) == GROUP_ROWS:
             self._write()
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows and close the file."""
         if self._rows:
             self._write()
         self._writer.close()
@@ -96,15 +95,10 @@ class TableFiles:
         self._formats = formats
         self._files: dict[str, list[TableFile]] = {}
 
-    def __enter__(self) -> "TableFiles":
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         for files in self._files.values():
             for file in files:
                 file.close()
@@ -121,5 +115,5 @@ class TableFiles:
 
     @property
     def names(self) -> list[str]:
-        """The names of the files, in order of the tables."""
+        """The names of the files, in the order of the tables."""
         return [f"{table}.{each}" for table in sorted(self._files) for each in self._formats]

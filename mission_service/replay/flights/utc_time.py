@@ -6,10 +6,10 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def utc(unix_us: int) -> str:
-    """A time in ISO 8601 format with milliseconds."""
+    """Return a time in ISO 8601 format with milliseconds."""
     return (EPOCH + timedelta(microseconds=unix_us)).isoformat(timespec="milliseconds")
 
 
 def unix_us(instant: datetime) -> int:
-    """Microseconds since 1970 of an instant with its UTC offset."""
+    """Convert an instant with a UTC offset to microseconds since 1970."""
     return (instant - EPOCH) // timedelta(microseconds=1)

@@ -1,8 +1,8 @@
-"""The journal of a replay that can go back: each line is written only once.
+"""The journal of a replay that can seek backwards: each line is written only once.
 
-A replay accepts no orders, so the same log yields the same lines again. After going back, lines
-are counted and not written until the journal's end is reached. The journal thus contains the
-flight as far as it was ever played, and can be verified.
+A replay accepts no orders, so the same log always yields the same lines. After a seek backwards,
+lines are counted but not written until the journal's end is reached. The journal contains the
+flight up to the latest time played, and can be verified.
 """
 
 from collections.abc import Iterable
@@ -12,25 +12,25 @@ from typing import Any
 from mission_service.errors import FlightError
 from mission_service.journal.journal_file import Journal, Rest, SegmentReader, begins_journal
 
-REPLAY = "replay"  # in the header of such a journal: the logs
+REPLAY = "replay"  # the key of the logs' names in the header of such a journal
 
 
 class WriteOnceJournal(Journal):
-    """A journal that ``take_back`` sets back to an earlier position."""
+    """A journal whose position ``remove_last`` sets back."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
         super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
         self._farthest = self.rest
 
-    def take_back(self, before: Rest) -> None:
-        """Set the journal back; lines after it are removed only if they are its last ones."""
+    def remove_last(self, before: Rest) -> None:
+        """Set the position back; the lines after it are removed only at the journal's end."""
         if self.rest == self._farthest:
-            super().take_back(before)
+            super().remove_last(before)
             self._farthest = before
         self.rest = before
 
     def finish(self, complete: bool) -> None:
-        """Close it; ``complete``: the flight was played to its end."""
+        """Close the journal; with ``complete``, mark the regular end of the run."""
         self.rest = self._farthest
         if complete:
             self.end()
@@ -45,15 +45,15 @@ class WriteOnceJournal(Journal):
             self.rest = Rest(self.rest.at_byte + size, crc, self.rest.segment)
             return
         if self.rest != self._farthest:
-            raise FlightError(f"{self.path}: the log yielded other lines than the first time")
+            raise FlightError(f"{self.path}: the log was changed while it was played")
         super()._put(lines, crc, to_disk)
         self._farthest = self.rest
 
 
 def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
-    """Raise FlightError if a file would be overwritten that no replay has left or that is read."""
+    """Raise FlightError if ``path`` is a file that no replay has written, or one of the logs."""
     if not path.exists():
         return
-    ours = begins_journal(path) and REPLAY in SegmentReader(path).header
-    if not ours or any(path.samefile(each) for each in logs):
+    of_replay = begins_journal(path) and REPLAY in SegmentReader(path).header
+    if not of_replay or any(path.samefile(each) for each in logs):
         raise FlightError(f"{path}: exists already and would be overwritten; choose another --out")
