@@ -136,5 +136,5 @@ OF: dict[type, msgspec.Struct] = {
 
 
 def example_of(kind: type) -> Any:
-    """An example of a message or an answer, as JSON has it."""
+    """Return an example of a message or an answer, as JSON has it."""
     return msgspec.to_builtins(OF[kind])

@@ -72,7 +72,7 @@ def test_who_comes_late_is_told_all_states_and_who_is_there_the_end(broker: Mosq
                 stage.task.cancel()
                 await asyncio.wait([stage.task])
                 await until(lambda: late.last("status")["online"] is False)
-                assert late.last("status")["why"] == "it was ended"
+                assert late.last("status")["why"] == "the service was stopped"
                 assert len(late.of("status")) == 2  # and no last will behind it
             stage.task = asyncio.create_task(stage.publisher.run())
 
@@ -176,7 +176,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_told(
                 command.text for _, command in stage.context.record.announcements
             ]  # and no line for each time within a minute
             assert "no MQTT broker" in lost
-            assert "is back" in back
+            assert "reconnected to the broker" in back
 
     asyncio.run(look())
 
@@ -460,7 +460,7 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
 
     refused("broker a b: write it as HOST", broker="a b")
     refused("prefix /x", prefix="/x")
-    refused("give a user", password="env:NOBODY")
+    refused("set user", password="env:NOBODY")
     refused("no variable NOBODY", user="u", password="env:NOBODY")
     refused("no certificates to trust: No such file", tls_ca=tmp_path / "none.pem")
     (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")

@@ -121,12 +121,12 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:
-    """All routes of the API; the page of the map is none of them."""
+    """Return all routes of the API; the page of the map is none of them."""
     return [each for each in app.routes if isinstance(each, APIRoute)]
 
 
 def role_of(api_route: APIRoute) -> str:
-    """The role that a route requires, or ``nobody`` if it requires no token.
+    """Return the role that a route requires, or ``nobody`` if it requires no token.
 
     Raises MissionServiceError for a route without a role.
     """
@@ -195,7 +195,7 @@ def _say_errors(app: FastAPI) -> None:
 
 
 def _methods(app: FastAPI, path: str) -> list[str]:
-    """All methods of a path; a router returns only those of its first matching route."""
+    """Return all methods of a path; a router returns only those of its first matching route."""
     found = [each.methods or set() for each in routes_of(app) if each.path_regex.match(path)]
     return sorted(set().union(*found))
 

@@ -46,7 +46,7 @@ class ApiContext:
             return await asyncio.to_thread(work)
 
     def vehicle(self, name: str) -> VehicleState:
-        """The state of a vehicle. Raises ApiError 404 for an unknown name."""
+        """Return the state of a vehicle. Raises ApiError 404 for an unknown name."""
         vehicle = self.context.state_view.vehicles.get(name)
         if vehicle is None:
             there = ", ".join(self.context.state_view.vehicles)
@@ -95,7 +95,7 @@ class ApiContext:
         return found
 
     def _requesting_operator(self, user: User, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
+        """Return name and station of a request; a personal token fixes them. Raises ApiError 403."""
         by = wanted.get("by", user.name)
         if self.tokens.named and by != user.name:
             raise ApiError(403, f"this token is valid only with by = {user.name}")
@@ -105,7 +105,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """The burn's only station; empty if it has several, ``http`` in a run without stations."""
+        """Return the burn's only station; empty if it has several, ``http`` in a run without stations."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -118,7 +118,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
 
 async def _shape(api: ApiContext, shape: Any, *args: Any, **keywords: Any) -> Response:
-    """A GeoJSON response, made and encoded in a thread."""
+    """Return a GeoJSON response, made and encoded in a thread."""
     content = await api.run_in_thread(lambda: encode(shape(*args, **keywords)))
     return Response(content, media_type=GEOJSON)
 

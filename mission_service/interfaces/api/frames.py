@@ -18,7 +18,7 @@ class Frames:
 
     @property
     def version(self) -> int:
-        """The version of the state view."""
+        """Return the version of the state view."""
         return self._context.state_view.version
 
     async def changed(self, since: int) -> None:
@@ -26,7 +26,7 @@ class Frames:
         await self._context.changed(since)
 
     def frames(self, since: int) -> bytes:
-        """Events of all states that changed since a version, in the order of their versions.
+        """Return events of all states that changed since a version, in the order of their versions.
 
         A client that was disconnected continues after its last ``id`` and misses nothing.
         """

@@ -18,7 +18,7 @@ class JournalLines:
         self._files: OrderedDict[tuple[int, int], _Begins] = OrderedDict()
 
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
-        """Whole lines after ``line`` (the header is line 1), and the number of the last of them.
+        """Return whole lines after ``line`` (the header is line 1), and the number of the last of them.
 
         At most ``limit`` lines; no further line once they have more than ``max_bytes``.
         """

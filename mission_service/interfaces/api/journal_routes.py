@@ -63,7 +63,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
 
 def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
-    """The number of a segment (None: the newest) and its open file. Raises ApiError 404.
+    """Return the number of a segment (None: the newest) and its open file. Raises ApiError 404.
 
     It does not await, so that the journal cannot begin a new segment meanwhile.
     """
@@ -79,7 +79,7 @@ def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
 
 
 async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
-    """The first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
+    """Return the first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
     with file:
         while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
             size -= len(part)

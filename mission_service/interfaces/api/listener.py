@@ -38,7 +38,7 @@ class HttpListener:
 
 @contextlib.contextmanager
 def http_interface(section: HttpSection, out: Path) -> Iterator[HttpListener]:
-    """The HTTP interface of a run whose files are in ``out``. Raises MissionServiceError."""
+    """Return the HTTP interface of a run whose files are in ``out``. Raises MissionServiceError."""
     tls = tls_of(section)
     with bound(section) as listening:
         address = url_of(section, listening)

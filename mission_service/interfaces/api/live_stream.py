@@ -32,10 +32,10 @@ class Source(Protocol):
 
     @property
     def version(self) -> int:
-        """The version of the whole state; it grows with each change."""
+        """Return the version of the whole state; it grows with each change."""
 
     def frames(self, since: int) -> bytes:
-        """Events of all changes since a version, in the order of their versions; see ``Frames``."""
+        """Return events of all changes since a version, in the order of their versions; see ``Frames``."""
 
     async def changed(self, since: int) -> None:
         """Wait until ``version`` is larger than ``since``."""
@@ -52,7 +52,7 @@ class Streams:
 
     @property
     def full(self) -> bool:
-        """Whether ``MAX_STREAMS`` streams are open."""
+        """Return whether ``MAX_STREAMS`` streams are open."""
         return self.count >= MAX_STREAMS
 
     @property

@@ -8,7 +8,7 @@ from mission_service.runtime.published_states import ItemState
 
 
 def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> MissionDifference:
-    """The difference between a mission and the one before, item by item from the first."""
+    """Return the difference between a mission and the one before, item by item from the first."""
     alike = 0
     while alike < min(len(before), len(after)) and before[alike] == after[alike]:
         alike += 1

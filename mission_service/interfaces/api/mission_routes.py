@@ -21,7 +21,7 @@ from mission_service.runtime.run_context import RunContext
 
 
 def items_of(mission: Mission) -> Items:
-    """The items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
+    """Return the items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
     items = tuple(
         MissionItem(
             item.command,
@@ -41,7 +41,7 @@ def items_of(mission: Mission) -> Items:
 
 
 def preview_of(context: RunContext, name: str) -> Preview:
-    """The mission that is proposed or, if there is none, would be sent now.
+    """Return the mission that is proposed or, if there is none, would be sent now.
 
     Raises ApiError 409 if there is neither.
     """
@@ -66,7 +66,7 @@ def preview_of(context: RunContext, name: str) -> Preview:
 
 
 def plan_file(items: Items, context: RunContext, name: str) -> bytes:
-    """The items as a QGroundControl .plan file."""
+    """Return the items as a QGroundControl .plan file."""
     section = context.core.vehicles[name].section
     home = home_of(section, context.landscape)
     with tempfile.TemporaryDirectory() as folder:

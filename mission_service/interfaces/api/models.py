@@ -125,7 +125,7 @@ class Health(msgspec.Struct):
 
 
 def status_of(context: RunContext, time_unix_us: int) -> StatusState:
-    """The run as a whole."""
+    """Return the run as a whole."""
     scenario = context.scenario
     return StatusState(
         context.clock.now_us,
@@ -139,7 +139,7 @@ def status_of(context: RunContext, time_unix_us: int) -> StatusState:
 
 
 def land_of(context: RunContext) -> LandscapeExtent:
-    """The extent of the landscape."""
+    """Return the extent of the landscape."""
     land = context.landscape
     rows, cols = land.shape
     ends = [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]

@@ -67,7 +67,7 @@ def route(
     answer: Mapping[str, Any],
     takes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The keyword arguments of a route. ``answer``, ``takes``: content by media type."""
+    """Return the keyword arguments of a route. ``answer``, ``takes``: content by media type."""
     extra: dict[str, Any] = {"x-role": role or "nobody"}
     if role is not None:
         extra["security"] = [{"token": []}]
@@ -83,29 +83,29 @@ def route(
 
 
 def struct(kind: type, example: Any = None) -> dict[str, Any]:
-    """A response that is a Struct of type ``kind``."""
+    """Return a response that is a Struct of type ``kind``."""
     shown = examples.example_of(kind) if example is None else example
     return {"application/json": {"schema": _ref(kind), "example": shown}}
 
 
 def structs(kind: type) -> dict[str, Any]:
-    """A response that is a list of Structs of type ``kind``."""
+    """Return a response that is a list of Structs of type ``kind``."""
     schema = {"type": "array", "items": _ref(kind)}
     return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
 
 def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
-    """A response that is a JSON object."""
+    """Return a response that is a JSON object."""
     return {media_type: {"schema": {"type": "object", "description": what}, "example": example}}
 
 
 def file(media_type: str) -> dict[str, Any]:
-    """A response that is a file."""
+    """Return a response that is a file."""
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
 
 
 def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The body of a request of type ``kind``; ``without``: keys that the path contains."""
+    """Return the body of a request of type ``kind``; ``without``: keys that the path contains."""
     whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
     left_out = ("do", "by", "station", *without)
     properties = {k: v for k, v in whole["properties"].items() if k not in left_out}

@@ -48,5 +48,5 @@ async def read_aside(job: Job) -> Done:
 
 
 def _end(code: int) -> str:
-    """The signal (as SIGSEGV) or the exit status that ended a process."""
+    """Return the signal (as SIGSEGV) or the exit status that ended a process."""
     return signal.Signals(-code).name if code < 0 else f"status {code}"

@@ -64,7 +64,7 @@ def _may_be_for_all(kind: type[Request]) -> bool:
 
 
 def _reply_to(kind: type[Request]) -> dict[str, object]:
-    """An example of a reply."""
+    """Return an example of a reply."""
     user = {"do": name_of(kind), "by": "anna", "station": "west"}
     event = msgspec.convert({**user, **kind.example}, kind).event(0)
     areas = {"burned_ha_before": 329.4, "burned_ha_after": 331.2}

@@ -21,22 +21,22 @@ class ApiError(Exception):
 
 
 def error_body(text: str) -> bytes:
-    """The JSON body of every error, with ``text`` on one line."""
+    """Return the JSON body of every error, with ``text`` on one line."""
     return encode({"error": " ".join(text.split())})
 
 
 def error_answer(status: int, text: str, headers: dict[str, str] | None = None) -> Response:
-    """An error as an HTTP response."""
+    """Return an error as an HTTP response."""
     return Response(error_body(text), status, headers, "application/json")
 
 
 def answer(content: Any, media_type: str = "application/json") -> Response:
-    """A response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
+    """Return a response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
     return Response(encode(content), media_type=media_type)
 
 
 async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
-    """The body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
+    """Return the body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
     body = await request.body()
     if len(body) > max_bytes:
         raise ApiError(413, f"the body has more than {max_bytes} bytes")
@@ -44,7 +44,7 @@ async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
 
 
 async def asked(request: Request) -> dict[str, Any]:
-    """The JSON object in a request's body; empty for an empty body. Raises ApiError."""
+    """Return the JSON object in a request's body; empty for an empty body. Raises ApiError."""
     body = await body_of(request)
     if not body.strip():
         return {}

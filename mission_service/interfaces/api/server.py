@@ -41,7 +41,7 @@ SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would hold older
 
 @contextlib.contextmanager
 def bound(section: HttpSection) -> Iterator[socket.socket]:
-    """A listening socket. Raises MissionServiceError in one line if the port cannot be used."""
+    """Return a listening socket. Raises MissionServiceError in one line if the port cannot be used."""
     family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -61,14 +61,14 @@ def bound(section: HttpSection) -> Iterator[socket.socket]:
 
 
 def url_of(section: HttpSection, listening: socket.socket) -> str:
-    """The URL for browsers, as http://127.0.0.1:8765."""
+    """Return the URL for browsers, as http://127.0.0.1:8765."""
     host = f"[{section.host}]" if ":" in section.host else section.host
     scheme = "http" if section.tls_certificate is None else "https"
     return f"{scheme}://{host}:{listening.getsockname()[1]}"
 
 
 def tls_of(section: HttpSection) -> ssl.SSLContext | None:
-    """The TLS context (1.2 and later); None without a certificate. Raises MissionServiceError."""
+    """Return the TLS context (1.2 and later); None without a certificate. Raises MissionServiceError."""
     certificate, key = section.tls_certificate, section.tls_key
     if certificate is None or key is None:
         return None
@@ -259,7 +259,7 @@ class Connection(H11Protocol):
 
     @property
     def _idle(self) -> bool:
-        """Whether no request is being handled."""
+        """Return whether no request is being handled."""
         return self.cycle is None or self.cycle.response_complete
 
     def _prove(self) -> None:

@@ -40,7 +40,7 @@ class ControlClient:
         self._socket.close()
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """The answer to a request; raises RequestError if it was refused, ControlError if none."""
+        """Return the answer to a request; raises RequestError if it was refused, ControlError if none."""
         try:
             self._socket.sendall(msgspec.json.encode(request) + b"\n")
             line = self._replies.readline()

@@ -30,7 +30,7 @@ LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[socket.socket]:
-    """The listening socket at ``path``; removed at the end of the context.
+    """Return the listening socket at ``path``; removed at the end of the context.
 
     A socket left by a killed run is replaced. Raises ControlError if another run answers there, if
     another kind of file has that name, or if the socket cannot be made.
@@ -183,11 +183,11 @@ class _Client(asyncio.Protocol):
         return True
 
     def pause_writing(self) -> None:
-        """The client does not read its replies."""
+        """Return the client does not read its replies."""
         self._unread = True
 
     def resume_writing(self) -> None:
-        """The client reads its replies again."""
+        """Return the client reads its replies again."""
         self._unread = False
         self._go_on()
 

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 def burned_area(
     arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
 ) -> Any:
-    """Area burned at a time, shapely MultiPolygon in the landscape's CRS.
+    """Return area burned at a time, shapely MultiPolygon in the landscape's CRS.
 
     Arrival times (y, x), infinity where fire never arrives; times after ``at_s`` interpolate the
     front between two cells. ``start_area`` is that of a fire taken over (``Fire.start_area``).
@@ -36,7 +36,7 @@ def front_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """One Feature: the area burned at a time (see ``burned_area``), with further ``props``.
+    """Return one Feature: the area burned at a time (see ``burned_area``), with further ``props``.
 
     Without coordinates if nothing has burned.
     """
@@ -53,7 +53,7 @@ def contours_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection of ``front_geojson`` at each time, latest first, for drawing in order."""
+    """Return a FeatureCollection of ``front_geojson`` at each time, latest first, for drawing in order."""
     return _collection(
         [
             front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)
@@ -70,7 +70,7 @@ def probability_geojson(
     levels: Sequence[float] = LEVELS,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection: for each probability the area burned at a time with at least it.
+    """Return a FeatureCollection: for each probability the area burned at a time with at least it.
 
     The least probability (the largest area) comes first, for drawing in order. Probabilities (y, x)
     are from 0 to 1.

@@ -16,7 +16,7 @@ AT_ONCE = 16  # segments per query, to limit the pairs that one query returns
 
 
 def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
-    """The number of pairs of segments whose boxes meet (each pair twice, and with itself).
+    """Return the number of pairs of segments whose boxes meet (each pair twice, and with itself).
 
     Counting stops above ``most``.
     """
@@ -36,5 +36,5 @@ def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
 
 
 def max_repaired(shape: BaseGeometry) -> int:
-    """The maximum number of pairs of a shape that is repaired."""
+    """Return the maximum number of pairs of a shape that is repaired."""
     return MAX_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))

@@ -46,7 +46,7 @@ class _Frame(NamedTuple):
 
 
 def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s: float) -> bytes:
-    """Arrival times as a transparent PNG in the landscape's ``overlay_frame``.
+    """Return arrival times as a transparent PNG in the landscape's ``overlay_frame``.
 
     Arrival times (y, x). Colours range from ``from_s`` (and before) to ``until_s``; cells that burn
     later or never are transparent. ``arrival_scale`` is the legend.
@@ -58,7 +58,7 @@ def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s:
 
 
 def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
-    """The legend of ``arrival_png``: times and colours, for linear interpolation."""
+    """Return the legend of ``arrival_png``: times and colours, for linear interpolation."""
     last = len(INFERNO) - 1
     return [
         {"at_s": from_s + (until_s - from_s) * place / last, "colour": _hex(colour)}
@@ -67,7 +67,7 @@ def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
 
 
 def overlay_frame(landscape: Landscape) -> dict[str, Any]:
-    """The position of overlays: bounds, and corners (NW, NE, SE, SW) for MapLibre's image source.
+    """Return the position of overlays: bounds, and corners (NW, NE, SE, SW) for MapLibre's image source.
 
     All are in degrees, [lon, lat]; also contains the size in pixels.
     """
@@ -98,7 +98,7 @@ def _frame(landscape: Landscape) -> _Frame:
 
 
 def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape) -> bytes:
-    """Levels (y, x) as PNG: 0 is transparent, 1 the first colour."""
+    """Return levels (y, x) as PNG: 0 is transparent, 1 the first colour."""
     from PIL import Image
 
     pixels = np.append(levels.ravel(), np.uint8(0))[_frame(landscape).cells]
@@ -111,7 +111,7 @@ def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape)
 
 
 def _colour(share: float) -> Colour:
-    """A colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
+    """Return a colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
     at = share * (len(INFERNO) - 1)
     low = min(int(at), len(INFERNO) - 2)
     return _mixed(INFERNO[low], INFERNO[low + 1], at - low)

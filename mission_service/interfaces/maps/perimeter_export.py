@@ -28,7 +28,7 @@ def perimeter_geojson(
     time_zero: datetime | None = None,
     start_area: StartArea | None = None,
 ) -> dict[str, Any]:
-    """A FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
+    """Return a FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
 
     Properties are those of the US interagency perimeters (WFIGS, there with the prefix ``poly_``);
     times in ms since 1970 UTC. ``time_zero`` is 0 s by the calendar; without it PolygonDateTime is

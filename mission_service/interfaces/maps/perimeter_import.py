@@ -59,7 +59,7 @@ class Perimeter(NamedTuple):
     notes: list[str]  # irregularities, one line each
 
     def geojson(self) -> dict[str, Any]:
-        """A Feature with all attributes as properties."""
+        """Return a Feature with all attributes as properties."""
         return {
             "type": "Feature",
             "properties": {
@@ -72,14 +72,14 @@ class Perimeter(NamedTuple):
         }
 
     def rings(self) -> list[list[tuple[float, float]]]:
-        """Its outer rings as (lat, lon); the first point is not repeated at the end."""
+        """Return its outer rings as (lat, lon); the first point is not repeated at the end."""
         return [
             [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]] for polygon in self.area.geoms
         ]
 
 
 def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimeter:
-    """A perimeter from the bytes of a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploads``).
+    """Return a perimeter from the bytes of a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploads``).
 
     Features that are not polygons or not on the landscape are left out, invalid ones are repaired;
     each is listed in ``notes``. Raises FireModelError with one line that names file and feature.
@@ -88,7 +88,7 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
 
 
 def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimeter:
-    """The same, with the landscape as a polygon in longitude and latitude."""
+    """Return the same, with the landscape as a polygon in longitude and latitude."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
@@ -127,7 +127,7 @@ def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimet
 
 
 def area_m2(area: Any) -> float:
-    """Area on the ellipsoid of polygons in longitude and latitude."""
+    """Return area on the ellipsoid of polygons in longitude and latitude."""
     return abs(float(Geod(ellps="WGS84").geometry_area_perimeter(area)[0]))
 
 
@@ -137,13 +137,13 @@ def _place(area: BaseGeometry) -> str:
 
 
 def _printable(file_name: str) -> str:
-    """A file's name for messages, without folders and control characters."""
+    """Return a file's name for messages, without folders and control characters."""
     name = re.split(r"[/\\]", file_name)[-1]
     return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"
 
 
 def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
-    """The valid polygons of one feature, None if it has none; and notes on irregularities."""
+    """Return the valid polygons of one feature, None if it has none; and notes on irregularities."""
     shape, where = drawn.shape, f"feature {number}"
     if shape.is_empty:
         return None, [f"{where} has no polygon: left out"]
@@ -180,7 +180,7 @@ def _record(drawn: Drawn) -> Record:
 
 
 def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
-    """The first attribute found of these names, in any of their spellings."""
+    """Return the first attribute found of these names, in any of their spellings."""
     lower = {key.lower(): value for key, value in attributes.items()}
     for name in names:
         for prefix in PREFIXES:
@@ -202,7 +202,7 @@ def _number(value: Any) -> float | None:
 
 
 def _unix_ms(value: Any) -> int | None:
-    """Milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date, or None."""
+    """Return milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date, or None."""
     if value is None or isinstance(value, bool):
         return None
     if isinstance(value, np.datetime64):
@@ -228,7 +228,7 @@ def _utc(unix_ms: int) -> str:
 
 
 def _odd_record(record: Record, area: BaseGeometry, number: int) -> list[str]:
-    """Contradictions within one record."""
+    """Return contradictions within one record."""
     notes = []
     drawn_ms, current_ms = record["polygon_unix_ms"], record["current_unix_ms"]
     if drawn_ms and current_ms and abs(drawn_ms - current_ms) > FAR_APART_MS:

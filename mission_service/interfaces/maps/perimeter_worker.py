@@ -47,7 +47,7 @@ class Failed(msgspec.Struct, tag="failed"):
 
 
 def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
-    """A request for each outline, burning now. Raises FireModelError for too many outlines."""
+    """Return a request for each outline, burning now. Raises FireModelError for too many outlines."""
     rings = perimeter.rings()
     if len(rings) > MAX_RINGS:
         raise FireModelError(f"it has {len(rings)} outlines; at most {MAX_RINGS} are accepted")
@@ -66,7 +66,7 @@ def answer_to(job: Job) -> Done | Failed:
 
 
 def main() -> None:
-    """One job, within limits of memory and time."""
+    """Return one job, within limits of memory and time."""
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
-    """The forecasts of the run's fire; in a burn those of the estimated fire used by its plans."""
+    """Return the forecasts of the run's fire; in a burn those of the estimated fire used by its plans."""
     if context.estimated_fire is not None:
         from mission_service.fire.estimated_forecast import (
             EstimatedForecasts,  # imported only if needed
@@ -33,7 +33,7 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
 async def front_now(
     context: "RunContext", forecasts: "Forecasts | EstimatedForecasts"
 ) -> dict[str, Any]:
-    """The area burned now, a GeoJSON Feature with ``at_us``; drawn in a thread."""
+    """Return the area burned now, a GeoJSON Feature with ``at_us``; drawn in a thread."""
     # The simulated fire may lag slightly behind the clock.
     at_us = min(context.clock.now_us, round(context.world.fire.time_s * 1e6))
     at_s = at_us / 1e6

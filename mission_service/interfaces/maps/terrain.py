@@ -48,7 +48,7 @@ class TerrainTiles:
         self._made = lru_cache(maxsize=MAX_BYTES // LARGEST_TILE_BYTES)(self._make)
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
-        """A PNG of 256 x 256; None off the landscape and at other zoom levels.
+        """Return a PNG of 256 x 256; None off the landscape and at other zoom levels.
 
         Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape its edge is extended, the
         smoother the farther away, so that the hillshade shows no ridges outside the data.
@@ -89,14 +89,14 @@ class TerrainTiles:
 
 
 def tile_box(z: int, x: int, y: int) -> Box:
-    """A tile's edges in metres of Web Mercator."""
+    """Return a tile's edges in metres of Web Mercator."""
     side = WORLD_M / 2.0**z
     west, north = x * side - WORLD_M / 2.0, WORLD_M / 2.0 - y * side
     return west, north - side, west + side, north
 
 
 def halved(heights: Heights) -> list[Heights]:
-    """Heights (y, x), and their means over 2 x 2, 4 x 4, ... cells, for lower zoom levels."""
+    """Return heights (y, x), and their means over 2 x 2, 4 x 4, ... cells, for lower zoom levels."""
     found = [heights]
     while min(found[-1].shape) > 2:
         rows, cols = found[-1].shape
@@ -108,7 +108,7 @@ def halved(heights: Heights) -> list[Heights]:
 def cells_off(
     row: NDArray[np.float64], col: NDArray[np.float64], shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Distance of positions from the grid's outermost cell centres, in cells; 0 inside."""
+    """Return distance of positions from the grid's outermost cell centres, in cells; 0 inside."""
     rows, cols = shape
     down = np.maximum(np.maximum(-row, row - (rows - 1)), 0.0)
     across = np.maximum(np.maximum(-col, col - (cols - 1)), 0.0)
@@ -119,7 +119,7 @@ def cells_off(
 def halved_at(
     levels: list[Heights], level: int, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights of one level of ``halved`` at positions in the grid of the first level."""
+    """Return heights of one level of ``halved`` at positions in the grid of the first level."""
     part = 0.5**level
     return between(levels[level], (row + 0.5) * part - 0.5, (col + 0.5) * part - 0.5)
 
@@ -130,7 +130,7 @@ def blurred(
     row: NDArray[np.float64],
     col: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Heights from float levels of ``halved``, one per position, interpolated linearly."""
+    """Return heights from float levels of ``halved``, one per position, interpolated linearly."""
     level = np.minimum(level, len(levels) - 1.0)
     low = np.minimum(level.astype(np.int32), max(len(levels) - 2, 0))
     found = np.empty(level.shape)
@@ -146,7 +146,7 @@ def blurred(
 def between(
     heights: Heights, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights at float rows and columns (bilinear); outside the grid the heights of its edge."""
+    """Return heights at float rows and columns (bilinear); outside the grid the heights of its edge."""
     rows, cols = heights.shape
     row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     top = np.minimum(row.astype(np.int32), max(rows - 2, 0))
@@ -161,7 +161,7 @@ def between(
 
 
 def terrarium_png(heights: NDArray[np.floating]) -> bytes:
-    """Heights (y, x) in m as a Terrarium PNG, with a resolution of 1/256 m."""
+    """Return heights (y, x) in m as a Terrarium PNG, with a resolution of 1/256 m."""
     from PIL import Image
 
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)

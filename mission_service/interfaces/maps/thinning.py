@@ -30,7 +30,7 @@ def thinned(ring: Ring, most: int) -> Ring:
 
 
 def min_areas_removed(ring: Ring, most: int) -> Ring:
-    """A ring without the corners that span the smallest triangles (Visvalingam & Whyatt 1993)."""
+    """Return a ring without the corners that span the smallest triangles (Visvalingam & Whyatt 1993)."""
     count = len(ring)
     before = [(k - 1) % count for k in range(count)]
     after = [(k + 1) % count for k in range(count)]

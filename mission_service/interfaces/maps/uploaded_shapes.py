@@ -43,7 +43,7 @@ class Drawn(NamedTuple):
 
 
 def features_in(data: bytes, name: str) -> list[Drawn]:
-    """All features of a GeoJSON, KML, KMZ or zipped Shapefile; the format is detected.
+    """Return all features of a GeoJSON, KML, KMZ or zipped Shapefile; the format is detected.
 
     Shapes are not checked: they may be empty, invalid, or no polygons. ``name`` is for messages.
     Raises FireModelError with one line for a file that is too large or cannot be read.
@@ -80,7 +80,7 @@ def _check_count(count: int, most: int, what: str, name: str) -> None:
 
 
 def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
-    """The usable members of an archive, by file name in lower case (without folders)."""
+    """Return the usable members of an archive, by file name in lower case (without folders)."""
     found: dict[str, bytes] = {}
     left = MAX_UNPACKED_BYTES
     try:
@@ -211,7 +211,7 @@ def _geometry(geometry: Any, where: str) -> BaseGeometry:
 
 
 def _crs_of(content: dict[str, Any], name: str) -> str | None:
-    """The CRS of the crs member of older GeoJSON; None for longitude and latitude."""
+    """Return the CRS of the crs member of older GeoJSON; None for longitude and latitude."""
     member = content.get("crs")
     if member is None:
         return None
@@ -280,12 +280,12 @@ def _local(element: Any) -> str:
 
 
 def _all(element: Any, tag: str) -> list[Any]:
-    """All descendants with a tag, in any namespace: KML has had several."""
+    """Return all descendants with a tag, in any namespace: KML has had several."""
     return [below for below in element.iter() if _local(below) == tag]
 
 
 def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
-    """The polygons of a placemark; empty where there are none."""
+    """Return the polygons of a placemark; empty where there are none."""
     polygons = []
     for polygon in _all(placemark, "Polygon"):
         outer = [_ring(ring, where) for ring in _rings(polygon, "outerBoundaryIs")]

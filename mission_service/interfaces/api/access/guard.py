@@ -110,7 +110,7 @@ class AccessGuard:
                 places.release(client)
 
     def _places(self, scope: Scope) -> ConcurrencyLimiter | None:
-        """The limit that a request counts against; None for routes that are always served."""
+        """Return the limit that a request counts against; None for routes that are always served."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
         if scope["state"]["user"] is None:
@@ -224,7 +224,7 @@ def _reads(scope: Scope) -> bool:
 
 
 def _nothing() -> None:
-    """A default for servers without the callback ``proven``."""
+    """Return a default for servers without the callback ``proven``."""
 
 
 def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
@@ -235,7 +235,7 @@ def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
 
 
 def _is_own_address(name: str, server: object) -> bool:
-    """Whether a host is loopback, or the address (``server``) that the connection came to."""
+    """Return whether a host is loopback, or the address (``server``) that the connection came to."""
     try:
         address = ipaddress.ip_address(name)
         own = ipaddress.ip_address(server[0] if isinstance(server, tuple) else "")

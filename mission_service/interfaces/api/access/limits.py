@@ -14,7 +14,7 @@ class RateLimiter:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def wait_s(self, client: str, now_s: float) -> float:
-        """Time until the next request of ``client`` is allowed: 0 if it is allowed now."""
+        """Return time until the next request of ``client`` is allowed: 0 if it is allowed now."""
         left, at_s = self._left.get(client, (self._burst, now_s))
         left = min(self._burst, left + (now_s - at_s) * self._rate_s)
         return 0.0 if left >= 1.0 else (1.0 - left) / self._rate_s
