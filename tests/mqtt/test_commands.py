@@ -124,7 +124,7 @@ def test_an_id_is_answered_where_the_rest_cannot_be_read() -> None:
 
 
 def test_unknown_commands_are_told_which_there_are() -> None:
-    RunInterface().refuses("fly", "there are abort, correct")
+    RunInterface().refuses("fly", "the commands are abort, correct")
     assert len(RunInterface().refuses("f" * 60_000, "unknown command").error) < 400
 
 

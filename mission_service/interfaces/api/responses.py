@@ -12,7 +12,7 @@ encode = msgspec.json.Encoder().encode
 
 
 class ApiError(Exception):
-    """A refused request: an HTTP status and the reason in one line."""
+    """An HTTP status of 400 or more, with the reason in one line."""
 
     def __init__(self, status: int, text: str, headers: dict[str, str] | None = None) -> None:
         super().__init__(text)
@@ -36,15 +36,18 @@ def answer(content: Any, media_type: str = "application/json") -> Response:
 
 
 async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
-    """Return the body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
+    """Return the body of a request, which the guard has read.
+
+    Raises ApiError 413 for more than ``max_bytes``.
+    """
     body = await request.body()
     if len(body) > max_bytes:
         raise ApiError(413, f"the body has more than {max_bytes} bytes")
     return body
 
 
-async def asked(request: Request) -> dict[str, Any]:
-    """Return the JSON object in a request's body; empty for an empty body. Raises ApiError."""
+async def json_body(request: Request) -> dict[str, Any]:
+    """Return the JSON object in the body of a request; empty for an empty body. Raises ApiError."""
     body = await body_of(request)
     if not body.strip():
         return {}
@@ -53,5 +56,5 @@ async def asked(request: Request) -> dict[str, Any]:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ApiError(400, f"the body is not JSON: {error}") from None
     if not isinstance(found, dict):
-        raise ApiError(422, 'the body is a JSON object, as {"by": "Anna"}')
+        raise ApiError(422, 'the body must be a JSON object, such as {"by": "Anna"}')
     return found
