@@ -155,7 +155,7 @@ def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
     assert record["polygon_unix_ms"] == 1_785_000_000_000
     assert record["current_unix_ms"] == 1_785_600_000_000
     notes = "\n".join(found.notes)
-    assert "dated 2026-07-25T17:20Z, its record was changed 2026-08-01T16:00Z" in notes
+    assert "is 2026-07-25T17:20Z, the date of the last change is 2026-08-01T16:00Z" in notes
     assert "the recorded area is 1.5 acres, the area of the outline 48." in notes
     assert "feature 3 was ignored: it is a LineString without area" in notes
     assert "feature 4 was ignored: it has no polygon" in notes
@@ -303,7 +303,7 @@ def test_files_that_are_too_large_are_told_what_to_do(
         (kml(PLACEMARK, OUTSIDE).decode().encode("utf-16"), "is not GeoJSON"),
         (kml(PLACEMARK), "is not well-formed XML"),
         (b'<?xml version="1.0" encoding="klingon"?><kml/>', "is not well-formed XML"),
-        (kml("<Folder>" * 100_000), "elements more than 64 deep"),
+        (kml("<Folder>" * 100_000), "has more than 64 nested elements"),
         (kml("<Document/>"), "has no features"),
         (kml("<Placemark/>"), "contains no polygon"),
         (kml(BAD_RING.format("1,2 3,4 5;6")), "placemark 1: '5;6' is not lon,lat"),
@@ -344,9 +344,9 @@ def test_a_bomb_is_not_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_names_of_files_are_only_names() -> None:
-    with pytest.raises(FireModelError, match=r"^evil\?\[31m\.kml: is neither"):
+    with pytest.raises(FireModelError, match=r"^evil\?\[31m\.kml: is not GeoJSON"):
         read(b"?", "../../x\\evil\x1b[31m.kml")
-    with pytest.raises(FireModelError, match=r"^upload: is neither"):
+    with pytest.raises(FireModelError, match=r"^upload: is not GeoJSON"):
         read(b"?", "")
 
 

@@ -1,9 +1,9 @@
-// A prescribed burn on the map: unit, where nothing may fall, people, stations, the line that is
-// planned, and every sphere with what became of it.
+// A prescribed burn on the map: unit, no-drop areas, people, stations, the planned line, and all
+// drops with their results.
 
 import type { Map as MapView } from "maplibre-gl";
 import { circle } from "./geo.ts";
-import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import { collection, empty, feature, FONT, type Group, type Layers, line, point, show } from "./map.ts";
 import type { Store } from "./store.ts";
 import type { Burn, LonLat, Ring } from "./types.ts";
 
@@ -90,9 +90,9 @@ export const burnLayers: Layers = {
   ],
 };
 
-export const BURN_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
-  unit: { words: "Burn unit and stations", layers: ["unit", "no-drop", "clear-of", "stations", "stations-name"], shown: true },
-  drops: { words: "Planned and completed drops", layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
+export const BURN_GROUPS: Record<string, Group> = {
+  unit: { label: "Burn unit and stations", layers: ["unit", "no-drop", "clear-of", "stations", "stations-name"], shown: true },
+  drops: { label: "Planned and completed drops", layers: ["burn-plan", "burn-plan-drops", "drops"], shown: true },
 };
 
 export function followBurn(map: MapView, store: Store): void {
@@ -100,13 +100,13 @@ export function followBurn(map: MapView, store: Store): void {
     const burn = store.state?.burn;
     if (!burn) return;
     const { unit, fence, no_drop } = burn.guidance;
-    const outline = (kind: string) => (ring: Ring) => feature(line(ring.map(turned)), { kind });
+    const outline = (kind: string) => (ring: Ring) => feature(line(ring.map(lonLat)), { kind });
     show(map, "unit", collection([...unit.map(outline("unit")), ...fence.map(outline("fence"))]));
     const area = (ring: Ring): GeoJSON.Feature =>
-      feature({ type: "Polygon", coordinates: [ring.map(turned)] });
+      feature({ type: "Polygon", coordinates: [ring.map(lonLat)] });
     show(map, "no-drop", collection(no_drop.map(area)));
     show(map, "burn-plan", collection(planOf(burn)));
-    show(map, "stations", collection(placesOf(burn)));
+    show(map, "stations", collection(positionsOf(burn)));
     show(
       map,
       "drops",
@@ -117,22 +117,22 @@ export function followBurn(map: MapView, store: Store): void {
   });
 }
 
-const turned = ([lat, lon]: [number, number]): LonLat => [lon, lat];
+const lonLat = ([lat, lon]: [number, number]): LonLat => [lon, lat];
 
 function planOf({ plan, drops, plan_hash }: Burn): GeoJSON.Feature[] {
   if (!plan) return [];
-  const told = new Set(drops.filter((drop) => drop.plan_hash === plan_hash).map((drop) => drop.number));
-  const path = plan.path.map((place): [number, number] => [place.lon_deg, place.lat_deg]);
+  const ordered = new Set(drops.filter((drop) => drop.plan_hash === plan_hash).map((drop) => drop.number));
+  const path = plan.path.map((corner): [number, number] => [corner.lon_deg, corner.lat_deg]);
   return [
     ...(path.length > 1 ? [feature(line(path))] : []),
     ...plan.drops
-      .filter((drop) => !told.has(drop.number))
+      .filter((drop) => !ordered.has(drop.number))
       .map((drop) => feature(point([drop.lon_deg, drop.lat_deg]), { skipped: false })),
     ...plan.skipped.map(([lat, lon]) => feature(point([lon, lat]), { skipped: true })),
   ];
 }
 
-function placesOf(burn: Burn): GeoJSON.Feature[] {
+function positionsOf(burn: Burn): GeoJSON.Feature[] {
   const people = burn.guidance.people;
   return [
     ...burn.stations.map((one) => feature(point([one.lon_deg, one.lat_deg]), { name: one.name })),

@@ -1,9 +1,10 @@
-// The fire: now, at the slider's time, when it comes where, how sure that is, +30 and +60 minutes.
+// The fire: now, at the slider's time, after 30 and 60 minutes, arrival times, and uncertainty.
 
 import type { ExpressionSpecification, ImageSource, Map as MapView } from "maplibre-gl";
 import { BASE, get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
-import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import { collection, empty, feature, FONT, type Group, type Layers, line, point, show } from "./map.ts";
+import { COLOURS } from "./pens.ts";
 import type { Store } from "./store.ts";
 import type { Correction, LonLat } from "./types.ts";
 
@@ -12,11 +13,6 @@ export interface ArrivalScale {
   scale: { at_s: number; colour: string }[];
 }
 
-const STATE_COLOURS: [string, string][] = [
-  ["burned", "#5a1a00"],
-  ["burning", "#d40000"],
-  ["unburned", "#00529b"],
-];
 export const fireLayers: Layers = {
   sources: {
     uncertainty: empty(),
@@ -38,10 +34,7 @@ export const fireLayers: Layers = {
       type: "line",
       source: "uncertainty",
       layout: { visibility: "none" },
-      paint: {
-        "line-color": "#4a148c",
-        "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5],
-      },
+      paint: { "line-color": "#4a148c", "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5] },
     },
     {
       id: "uncertainty-name",
@@ -130,26 +123,26 @@ export const fireLayers: Layers = {
 };
 
 function stateColour(): ExpressionSpecification {
-  return ["match", ["get", "state"], ...STATE_COLOURS.flat(), "#333"] as never;
+  return ["match", ["get", "state"], ...Object.entries(COLOURS).flat(), "#333"] as never;
 }
 
-export const FIRE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
-  arrival: { words: "Time of arrival", layers: ["arrival"], shown: false },
+export const FIRE_GROUPS: Record<string, Group> = {
+  arrival: { label: "Time of arrival", layers: ["arrival"], shown: false },
   uncertainty: {
-    words: "Uncertainty (10, 50, 90 %)",
+    label: "Uncertainty (10, 50, 90 %)",
     layers: ["uncertainty", "uncertainty-line", "uncertainty-name"],
     shown: false,
   },
-  contours: { words: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
+  contours: { label: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
   corrections: {
-    words: "Corrections",
+    label: "Corrections",
     layers: ["corrections-area", "corrections-line", "corrections-point"],
     shown: true,
   },
-  hillshade: { words: "Hills", layers: ["hillshade"], shown: true },
+  hillshade: { label: "Hills", layers: ["hillshade"], shown: true },
 };
 
-/** Keeps the fire's sources up to date; what is not shown is not asked for. */
+/** Keep the sources of the fire up to date; request only the layers that are visible. */
 export function followFire(
   map: MapView,
   store: Store,
@@ -212,11 +205,11 @@ export function followFire(
   };
 }
 
-/** The picture of arrival times, below the fire. */
+/** Show the image of arrival times, below the fire. */
 function overlay(map: MapView, url: string, coordinates: ArrivalScale["corners"]): void {
-  const there = map.getSource("arrival") as ImageSource | undefined;
-  if (there) {
-    there.updateImage({ url, coordinates });
+  const source = map.getSource("arrival") as ImageSource | undefined;
+  if (source) {
+    source.updateImage({ url, coordinates });
     return;
   }
   map.addSource("arrival", { type: "image", url, coordinates });
@@ -233,9 +226,9 @@ function overlay(map: MapView, url: string, coordinates: ArrivalScale["corners"]
 
 /** A correction as a map feature. */
 export function markOf(mark: Correction): GeoJSON.Feature {
-  const places = mark.points.map(([lat, lon]): [number, number] => [lon, lat]);
+  const points = mark.points.map(([lat, lon]): [number, number] => [lon, lat]);
   const properties = { state: mark.state };
-  if (mark.shape === "point") return feature(point(places[0]!), properties);
-  if (mark.shape === "line") return feature(line(places), properties);
-  return feature({ type: "Polygon", coordinates: [[...places, places[0]!]] }, properties);
+  if (mark.shape === "point") return feature(point(points[0]!), properties);
+  if (mark.shape === "line") return feature(line(points), properties);
+  return feature({ type: "Polygon", coordinates: [[...points, points[0]!]] }, properties);
 }

@@ -1,5 +1,5 @@
-// The map: terrain from the service, then layers from below to above. Everything else only sets
-// the data of sources. Labels are drawn with the machine's own fonts; nothing comes from elsewhere.
+// The map: terrain of the service, then layers from bottom to top. Other modules only set the data
+// of sources. Labels use fonts of the system; the page loads no resource from another host.
 
 import "maplibre-gl/dist/maplibre-gl.css";
 import {
@@ -23,7 +23,13 @@ export interface Layers {
   layers: LayerSpecification[];
 }
 
-/** A set of map features that is drawn as it is given. */
+/** Layers that one checkbox shows and hides. */
+export interface Group {
+  label: string;
+  layers: string[];
+  shown: boolean;
+}
+
 export function collection(features: GeoJSON.Feature[] = []): GeoJSON.FeatureCollection {
   return { type: "FeatureCollection", features };
 }
@@ -39,15 +45,12 @@ export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({
   type: "LineString",
   coordinates,
 });
-export const point = (coordinates: [number, number]): GeoJSON.Point => ({
-  type: "Point",
-  coordinates,
-});
+export const point = (coordinates: [number, number]): GeoJSON.Point => ({ type: "Point", coordinates });
 
-/** An empty source to be filled later. */
+/** A source without data. */
 export const empty = (): SourceSpecification => ({ type: "geojson", data: collection() });
 
-/** Fonts of the machine: with no glyph server the browser draws all letters itself. */
+/** Fonts of the system: without a glyph server MapLibre renders all letters locally. */
 export const FONT = { "text-font": ["sans-serif"] };
 
 export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {
@@ -62,7 +65,7 @@ interface TileJson {
   tileSize?: number;
 }
 
-/** Make the map in `container`; resolves when layers can be filled. */
+/** Create the map in `container`; resolves when sources accept data. */
 export async function makeMap(
   container: HTMLElement,
   landscape: Landscape,
