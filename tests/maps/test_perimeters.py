@@ -407,4 +407,4 @@ def test_the_perimeters_flown_at_the_maria_fire() -> None:
     assert {record["source"] for record in found.records} == {"FIRISMaria", "vnc manual"}
     assert found.records[0]["created_unix_ms"] == 1_572_575_831_000  # 2019-11-01T02:37 UTC
     assert 3800.0 < found.area_ha < 4400.0  # 9,999 acres by the records of the fire
-    assert any("of 21 times" in note for note in found.notes)
+    assert any("21 different times" in note for note in found.notes)

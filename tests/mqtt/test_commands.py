@@ -146,7 +146,7 @@ def test_what_the_broker_keeps_is_refused() -> None:
 def test_old_commands_and_those_of_the_future_are_refused(age_us: int) -> None:
     run_interface = RunInterface()
     run_interface.refuses(
-        "hold", "is a clock wrong?", sent_at_unix_us=run_interface.unix_us - age_us
+        "hold", "check the clock of the sender", sent_at_unix_us=run_interface.unix_us - age_us
     )
     at_edge = OLD_US if age_us > 0 else -OLD_US
     reply = run_interface.takes("hold", sent_at_unix_us=run_interface.unix_us - at_edge)
