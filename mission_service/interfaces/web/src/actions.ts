@@ -18,10 +18,7 @@ export function showMessage(text: string, bad = false): void {
 }
 
 /** Send a request and show the result; returns whether it succeeded. */
-export async function attempt(
-  action: string,
-  work: () => Promise<{ messages?: string[] } | void>,
-): Promise<boolean> {
+export async function attempt(action: string, work: () => Promise<{ messages?: string[] } | void>): Promise<boolean> {
   try {
     const answer = await work();
     showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || "done"}`);

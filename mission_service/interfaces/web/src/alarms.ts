@@ -117,9 +117,7 @@ export class Alarms {
   }
 
   private soundSevere(): void {
-    const open = this.current().some(
-      (alarm) => alarm.severity === "severe" && !this.acknowledged.has(keyOf(alarm)),
-    );
+    const open = this.current().some((alarm) => alarm.severity === "severe" && !this.acknowledged.has(keyOf(alarm)));
     if (open && this.mayBeep(true)) beep("severe");
     if (this.muted) this.nameButton();
   }

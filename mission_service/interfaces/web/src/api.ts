@@ -57,11 +57,7 @@ export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
 }
 
 /** Send a request that changes something; returns the reply. */
-export async function post<T = { messages?: string[] }>(
-  path: string,
-  body: object = {},
-  method = "POST",
-): Promise<T> {
+export async function post<T = { messages?: string[] }>(path: string, body: object = {}, method = "POST"): Promise<T> {
   const text = JSON.stringify(body);
   const response = await ask(path, {
     method,

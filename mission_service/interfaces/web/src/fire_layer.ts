@@ -3,7 +3,10 @@
 import type { ExpressionSpecification, ImageSource, Map as MapView } from "maplibre-gl";
 import { BASE, get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
-import { collection, empty, feature, FONT, type Group, type Layers, line, point, show } from "./map.ts";
+import {
+  circleLayer, collection, empty, feature, fillLayer, type Group, labelLayer,
+  type Layers, line, lineLayer, point, show,
+} from "./map.ts";
 import { COLOURS } from "./pens.ts";
 import type { Store } from "./store.ts";
 import type { Correction, LonLat } from "./types.ts";
@@ -12,6 +15,8 @@ export interface ArrivalScale {
   corners: [LonLat, LonLat, LonLat, LonLat]; // NW, NE, SE, SW
   scale: { at_s: number; colour: string }[];
 }
+
+const HIDDEN = { layout: { visibility: "none" } } as const; // until its box is checked
 
 export const fireLayers: Layers = {
   sources: {
@@ -22,103 +27,36 @@ export const fireLayers: Layers = {
     corrections: empty(),
   },
   layers: [
-    {
-      id: "uncertainty",
-      type: "fill",
-      source: "uncertainty",
-      layout: { visibility: "none" },
-      paint: { "fill-color": "#5b2a9d", "fill-opacity": 0.12 },
-    },
-    {
-      id: "uncertainty-line",
-      type: "line",
-      source: "uncertainty",
-      layout: { visibility: "none" },
-      paint: { "line-color": "#4a148c", "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5] },
-    },
-    {
-      id: "uncertainty-name",
-      type: "symbol",
-      source: "uncertainty",
-      layout: {
-        visibility: "none",
-        ...FONT,
-        "symbol-placement": "line",
-        "text-field": ["concat", ["to-string", ["round", ["*", 100, ["get", "probability"]]]], " %"],
-        "text-size": 14,
-      },
-      paint: { "text-color": "#2e0a5e", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
-    {
-      id: "front-now",
-      type: "fill",
-      source: "front-now",
-      paint: { "fill-color": "#d7301f", "fill-opacity": 0.42 },
-    },
-    {
-      id: "front-now-line",
-      type: "line",
-      source: "front-now",
-      paint: { "line-color": "#8b0000", "line-width": 3 },
-    },
-    {
-      id: "contours",
-      type: "line",
-      source: "contours",
-      layout: { visibility: "none" },
-      paint: { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] },
-    },
-    {
-      id: "contours-name",
-      type: "symbol",
-      source: "contours",
-      layout: {
-        visibility: "none",
-        ...FONT,
-        "symbol-placement": "line",
-        "text-field": ["concat", "+", ["to-string", ["*", 5, ["round", ["/", ["get", "in_s"], 300]]]], " min"],
-        "text-size": 14,
-      },
-      paint: { "text-color": "#4a2400", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
-    {
-      id: "front-then",
-      type: "fill",
-      source: "front-then",
-      paint: { "fill-color": "#ff8c00", "fill-opacity": 0.25 },
-    },
-    {
-      id: "front-then-line",
-      type: "line",
-      source: "front-then",
-      paint: { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] },
-    },
-    {
-      id: "corrections-area",
-      type: "fill",
-      source: "corrections",
-      filter: ["==", ["geometry-type"], "Polygon"],
-      paint: { "fill-color": stateColour(), "fill-opacity": 0.15 },
-    },
-    {
-      id: "corrections-line",
-      type: "line",
-      source: "corrections",
-      filter: ["!=", ["geometry-type"], "Point"],
-      paint: { "line-color": stateColour(), "line-width": 3 },
-    },
-    {
-      id: "corrections-point",
-      type: "circle",
-      source: "corrections",
-      filter: ["==", ["geometry-type"], "Point"],
-      paint: {
-        "circle-color": stateColour(),
-        "circle-radius": 6,
-        "circle-stroke-color": "#fff",
-        "circle-stroke-width": 2,
-      },
-    },
+    fillLayer("uncertainty", "uncertainty", { "fill-color": "#5b2a9d", "fill-opacity": 0.12 }, HIDDEN),
+    lineLayer("uncertainty-line", "uncertainty", {
+      "line-color": "#4a148c",
+      "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5],
+    }, HIDDEN),
+    labelLayer("uncertainty-name", "uncertainty", "#2e0a5e", {
+      visibility: "none", "symbol-placement": "line",
+      "text-field": ["concat", ["to-string", ["round", ["*", 100, ["get", "probability"]]]], " %"],
+      "text-size": 14,
+    }),
+    fillLayer("front-now", "front-now", { "fill-color": "#d7301f", "fill-opacity": 0.42 }),
+    lineLayer("front-now-line", "front-now", { "line-color": "#8b0000", "line-width": 3 }),
+    lineLayer("contours", "contours", { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] }, HIDDEN),
+    labelLayer("contours-name", "contours", "#4a2400", {
+      visibility: "none", "symbol-placement": "line",
+      "text-field": ["concat", "+", ["to-string", ["*", 5, ["round", ["/", ["get", "in_s"], 300]]]], " min"],
+      "text-size": 14,
+    }),
+    fillLayer("front-then", "front-then", { "fill-color": "#ff8c00", "fill-opacity": 0.25 }),
+    lineLayer("front-then-line", "front-then", { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] }),
+    fillLayer("corrections-area", "corrections", { "fill-color": stateColour(), "fill-opacity": 0.15 },
+      { filter: ["==", ["geometry-type"], "Polygon"] }),
+    lineLayer("corrections-line", "corrections", { "line-color": stateColour(), "line-width": 3 },
+      { filter: ["!=", ["geometry-type"], "Point"] }),
+    circleLayer("corrections-point", "corrections", {
+      "circle-color": stateColour(),
+      "circle-radius": 6,
+      "circle-stroke-color": "#fff",
+      "circle-stroke-width": 2,
+    }, { filter: ["==", ["geometry-type"], "Point"] }),
   ],
 };
 

@@ -4,13 +4,17 @@
 import "maplibre-gl/dist/maplibre-gl.css";
 import {
   AttributionControl,
+  type CircleLayerSpecification,
+  type FillLayerSpecification,
   type GeoJSONSource,
   type LayerSpecification,
+  type LineLayerSpecification,
   Map as MapView,
   NavigationControl,
   ScaleControl,
   setWorkerUrl,
   type SourceSpecification,
+  type SymbolLayerSpecification,
 } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
 import { BASE, get, headers } from "./api.ts";
@@ -34,17 +38,11 @@ export function collection(features: GeoJSON.Feature[] = []): GeoJSON.FeatureCol
   return { type: "FeatureCollection", features };
 }
 
-export function feature(
-  geometry: GeoJSON.Geometry,
-  properties: Record<string, unknown> = {},
-): GeoJSON.Feature {
+export function feature(geometry: GeoJSON.Geometry, properties: Record<string, unknown> = {}): GeoJSON.Feature {
   return { type: "Feature", geometry, properties };
 }
 
-export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({
-  type: "LineString",
-  coordinates,
-});
+export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({ type: "LineString", coordinates });
 export const point = (coordinates: [number, number]): GeoJSON.Point => ({ type: "Point", coordinates });
 
 /** A source without data. */
@@ -52,6 +50,27 @@ export const empty = (): SourceSpecification => ({ type: "geojson", data: collec
 
 /** Fonts of the system: without a glyph server MapLibre renders all letters locally. */
 export const FONT = { "text-font": ["sans-serif"] };
+
+type More = Pick<LineLayerSpecification, "filter" | "minzoom"> & { layout?: { visibility: "none" } };
+
+export const fillLayer = (id: string, source: string, paint: FillLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "fill", source, paint, ...more }) as LayerSpecification;
+export const lineLayer = (id: string, source: string, paint: LineLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "line", source, paint, ...more }) as LayerSpecification;
+export const circleLayer = (id: string, source: string, paint: CircleLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "circle", source, paint, ...more }) as LayerSpecification;
+
+/** A layer of texts with a white halo. */
+export const labelLayer = (
+  id: string, source: string, colour: string, text: SymbolLayerSpecification["layout"], more: More = {},
+): LayerSpecification => ({
+  id,
+  type: "symbol",
+  source,
+  layout: { ...FONT, ...text },
+  paint: { "text-color": colour, "text-halo-color": "#fff", "text-halo-width": 2 },
+  ...(more as Omit<More, "layout">),
+});
 
 export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {
   (map.getSource(source) as GeoJSONSource | undefined)?.setData(data);

@@ -14,11 +14,7 @@ const PENS: [State, string, string][] = [
   ["burning", "Burning", "f"],
   ["unburned", "Unburned", "u"],
 ];
-const SHAPES: [Shape, string, string][] = [
-  ["point", "Point", "1"],
-  ["line", "Line", "2"],
-  ["polygon", "Area", "3"],
-];
+const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
 const ERASER_PX = 22;
 
 export class Toolbar {

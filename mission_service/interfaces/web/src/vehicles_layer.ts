@@ -4,7 +4,10 @@ import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { circle } from "./geo.ts";
-import { collection, empty, feature, FONT, type Group, type Layers, line, point, show } from "./map.ts";
+import {
+  circleLayer, collection, empty, feature, fillLayer, FONT, type Group,
+  labelLayer, type Layers, line, lineLayer, point, show,
+} from "./map.ts";
 import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
 import type { Item, LonLat, Mission, Telemetry, Vehicle } from "./types.ts";
 import { feet } from "./units.ts";
@@ -20,75 +23,31 @@ const COLOURS = { online: "#111111", lost: "#c40000", chosen: "#0b3d91" };
 export const vehicleLayers: Layers = {
   sources: { tracks: empty(), missions: empty(), orbits: empty(), vehicles: empty() },
   layers: [
-    {
-      id: "coverage",
-      type: "fill",
-      source: "orbits",
-      filter: ["==", ["get", "part"], "coverage"],
-      paint: { "fill-color": "#00838f", "fill-opacity": 0.18 },
-    },
-    {
-      id: "tracks",
-      type: "line",
-      source: "tracks",
-      paint: {
-        "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
-        "line-width": ["case", ["get", "chosen"], 2, 1],
-        "line-opacity": 0.75,
-      },
-    },
-    {
-      id: "orbits",
-      type: "line",
-      source: "orbits",
-      filter: ["==", ["get", "part"], "orbit"],
-      paint: { "line-color": "#006064", "line-width": 2 },
-    },
-    {
-      id: "mission-halo",
-      type: "line",
-      source: "missions",
-      filter: ["all", ["==", ["get", "part"], "path"], ["get", "chosen"]],
-      paint: { "line-color": "#ffffff", "line-width": 7 },
-    },
-    {
-      id: "mission-path",
-      type: "line",
-      source: "missions",
-      filter: ["==", ["get", "part"], "path"],
-      paint: {
-        "line-color": missionColour(),
-        "line-width": ["case", ["get", "chosen"], 4, 2],
-        "line-opacity": ["case", ["get", "chosen"], 1, 0.6],
-      },
-    },
-    {
-      id: "mission-item",
-      type: "circle",
-      source: "missions",
-      filter: ["==", ["get", "part"], "item"],
-      paint: {
-        "circle-color": ["case", ["get", "current"], "#ffd600", "#ffffff"],
-        "circle-radius": ["case", ["get", "current"], 9, 5],
-        "circle-stroke-color": missionColour(),
-        "circle-stroke-width": ["case", ["get", "current"], 4, 2],
-      },
-    },
-    {
-      id: "mission-number",
-      type: "symbol",
-      source: "missions",
-      minzoom: 12,
-      filter: ["==", ["get", "part"], "item"],
-      layout: {
-        ...FONT,
-        "text-field": ["get", "number"],
-        "text-size": 13,
-        "text-offset": [0.9, -0.9],
-        "text-optional": true,
-      },
-      paint: { "text-color": "#0b3d91", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
+    fillLayer("coverage", "orbits", { "fill-color": "#00838f", "fill-opacity": 0.18 },
+      { filter: ["==", ["get", "part"], "coverage"] }),
+    lineLayer("tracks", "tracks", {
+      "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
+      "line-width": ["case", ["get", "chosen"], 2, 1],
+      "line-opacity": 0.75,
+    }),
+    lineLayer("orbits", "orbits", { "line-color": "#006064", "line-width": 2 },
+      { filter: ["==", ["get", "part"], "orbit"] }),
+    lineLayer("mission-halo", "missions", { "line-color": "#ffffff", "line-width": 7 },
+      { filter: ["all", ["==", ["get", "part"], "path"], ["get", "chosen"]] }),
+    lineLayer("mission-path", "missions", {
+      "line-color": missionColour(),
+      "line-width": ["case", ["get", "chosen"], 4, 2],
+      "line-opacity": ["case", ["get", "chosen"], 1, 0.6],
+    }, { filter: ["==", ["get", "part"], "path"] }),
+    circleLayer("mission-item", "missions", {
+      "circle-color": ["case", ["get", "current"], "#ffd600", "#ffffff"],
+      "circle-radius": ["case", ["get", "current"], 9, 5],
+      "circle-stroke-color": missionColour(),
+      "circle-stroke-width": ["case", ["get", "current"], 4, 2],
+    }, { filter: ["==", ["get", "part"], "item"] }),
+    labelLayer("mission-number", "missions", "#0b3d91", {
+      "text-field": ["get", "number"], "text-size": 13, "text-offset": [0.9, -0.9], "text-optional": true,
+    }, { minzoom: 12, filter: ["==", ["get", "part"], "item"] }),
     {
       id: "vehicles",
       type: "symbol",
@@ -223,12 +182,7 @@ function missionsOf(store: Store): GeoJSON.Feature[] {
 }
 
 /** A mission as features: its path, and for the chosen vehicle its items. */
-function parts(
-  mission: Mission | null,
-  kind: string,
-  chosen: boolean,
-  currentSeq: number | null,
-): GeoJSON.Feature[] {
+function parts(mission: Mission | null, kind: string, chosen: boolean, currentSeq: number | null): GeoJSON.Feature[] {
   if (!mission) return [];
   const path: LonLat[] = [];
   const features: GeoJSON.Feature[] = [];
