@@ -504,7 +504,7 @@ def test_a_defect_is_told_without_its_inside(
 def test_a_burn_is_planned_and_approved_by_those_who_may(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
     world = world_in(tmp_path, scenario_of("burn", ()))
     stations = [station.name for station in world.context.scenario.burn.stations]  # type: ignore[union-attr]
     items = world.context.scenario.burn.go_items  # type: ignore[union-attr]
