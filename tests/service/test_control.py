@@ -545,6 +545,6 @@ def test_a_path_that_is_too_long_is_told(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     path = deep / NAME
-    words = f"has {len(os.fsencode(path))} bytes, and at most 107"
+    words = f"has {len(os.fsencode(path))} bytes; the limit is 107"
     with pytest.raises(ControlError, match=words), claimed(path):
         pass
