@@ -1,4 +1,4 @@
-"""Examples in the descriptions of HTTP and MQTT; tests check each against its schema."""
+"""Examples for the descriptions of HTTP and MQTT; tests validate them against the schemas."""
 
 from typing import Any
 
@@ -136,5 +136,5 @@ OF: dict[type, msgspec.Struct] = {
 
 
 def example_of(kind: type) -> Any:
-    """An example of a message or an answer, as JSON has it."""
+    """Return an example of a message or a response, in the types of JSON."""
     return msgspec.to_builtins(OF[kind])

@@ -1,7 +1,7 @@
-"""Figures of a run for Prometheus, read from the run context at each scrape; no counters here.
+"""Metrics of a run for Prometheus, read from the run context at each scrape.
 
-Figures of an interface itself (clients of the live stream, connection to the broker) are functions
-in ``context.gauges``, under their names in ``FIGURES``.
+Metrics of an interface (clients of the live stream, connection to the broker) are functions in
+``context.gauges``, with their names in ``FIGURES`` as keys.
 """
 
 from collections import Counter
@@ -54,7 +54,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def metrics_of(context: RunContext) -> tuple[bytes, str]:
-    """The figures in Prometheus' text format, and its media type."""
+    """Return the metrics in the text format of Prometheus, and its media type."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(MetricsCollector(context))
     ProcessCollector(registry=registry)  # process_cpu_seconds_total and others
@@ -62,13 +62,13 @@ def metrics_of(context: RunContext) -> tuple[bytes, str]:
 
 
 class MetricsCollector(Collector):
-    """Reads the figures from a run context at each scrape."""
+    """Collector of the metrics of a run context."""
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
 
     def collect(self) -> Iterator[Metric]:
-        """The figures that have values."""
+        """Yield the metrics that have values."""
         found = dict(_of_run(self._context))
         found |= _of_vehicles(self._context)
         found |= {name: [((), float(value()))] for name, value in self._context.gauges.items()}
@@ -103,34 +103,34 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
 
 
 def _bytes_of(journal: Path) -> int:
-    """The size of the journal's current and earlier segments."""
-    pieces = [journal, *closed_segments(journal).values()]
-    return sum(piece.stat().st_size for piece in pieces if piece.exists())
+    """Return the size of the journal's current and earlier segments."""
+    segments = [journal, *closed_segments(journal).values()]
+    return sum(segment.stat().st_size for segment in segments if segment.exists())
 
 
 def _of_vehicles(context: RunContext) -> dict[str, Samples]:
     found: dict[str, Samples] = {}
 
-    def say(name: str, labels: tuple[str, ...], value: float) -> None:
+    def add(name: str, labels: tuple[str, ...], value: float) -> None:
         found.setdefault(name, []).append((labels, value))
 
     state_view = context.state_view
     online = [state.link == "online" for state in state_view.vehicles.values()]
-    say("vehicles", (), len(online))
-    say("vehicles_online", (), sum(online))
+    add("vehicles", (), len(online))
+    add("vehicles_online", (), sum(online))
     for name, state in state_view.vehicles.items():
-        say("vehicle_online", (name,), state.link == "online")
+        add("vehicle_online", (name,), state.link == "online")
         if state.battery_pct is not None:
-            say("vehicle_battery_percent", (name,), state.battery_pct)
+            add("vehicle_battery_percent", (name,), state.battery_pct)
         fix = state_view.telemetry.get(name)
         if fix is not None:
-            say("telemetry_age_seconds", (name,), (context.clock.now_us - fix.at_us) / 1e6)
-        say("decisions_total", (name,), state.decisions)
-        say("reversals_total", (name,), state.reversals)
-        say("uploads_total", (name, "accepted"), state.uploads_accepted)
-        say("uploads_total", (name, "failed"), state.uploads_failed)
+            add("telemetry_age_seconds", (name,), (context.clock.now_us - fix.at_us) / 1e6)
+        add("decisions_total", (name,), state.decisions)
+        add("reversals_total", (name,), state.reversals)
+        add("uploads_total", (name, "accepted"), state.uploads_accepted)
+        add("uploads_total", (name, "failed"), state.uploads_failed)
         if context.scenario.burn_flown is not None:
-            say("drops_total", (name, "done"), state.drops_done)
-            say("drops_total", (name, "refused"), state.drops_refused)
-            say("drops_total", (name, "unknown"), state.drops_unknown)
+            add("drops_total", (name, "done"), state.drops_done)
+            add("drops_total", (name, "refused"), state.drops_refused)
+            add("drops_total", (name, "unknown"), state.drops_unknown)
     return found

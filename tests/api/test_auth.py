@@ -2,6 +2,7 @@
 
 import re
 import stat
+from copy import deepcopy
 from pathlib import Path
 
 import pytest
@@ -24,17 +25,17 @@ def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
     assert own_token(tmp_path) == token  # of a restarted service too
     tokens = Tokens.of_run(tmp_path)
-    user = tokens.whose(token)
+    user = tokens.user_of(token)
     assert user is not None
     assert user.roles == set(ROLES)
     assert not tokens.named
-    assert tokens.whose(token[:-1]) is None
-    assert tokens.whose("") is None
+    assert tokens.user_of(token[:-1]) is None
+    assert tokens.user_of("") is None
 
 
 @pytest.mark.parametrize(
     ("content", "mode", "why"),
-    [("short", 0o600, "holds no token"), ("a" * 43, 0o644, "others may read it")],
+    [("short", 0o600, "contains no token"), ("a" * 43, 0o644, "other users may read it")],
 )
 def test_a_token_that_is_none_or_open_to_all_is_refused(
     tmp_path: Path, content: str, mode: int, why: str
@@ -76,25 +77,25 @@ def test_a_tokens_file_that_changes_is_read_again(
     anna = added(path, "anna", ("look", "fly"), "north")
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     tokens = Tokens.of_file(path)
-    user = tokens.whose(anna)
+    user = tokens.user_of(anna)
     assert user is not None
     assert (user.name, user.station, sorted(user.roles)) == ("anna", "north", ["fly", "look"])
     assert tokens.still(user)
     ben = added(path, "ben", ("approve",), "")
-    assert tokens.whose(ben) is not None
+    assert tokens.user_of(ben) is not None
     # A typing error locks no user out, and is reported once.
     before = path.read_text()
     path.write_text(before + "[[tokens")
     for _ in range(3):
-        assert tokens.whose(anna) == user
+        assert tokens.user_of(anna) == user
     assert caplog.text.count("not valid TOML") == 1
     assert anna not in caplog.text
     # Fewer roles apply at once, and a removed user has no access.
     path.write_text(before.replace('["look", "fly"]', '["look"]'))
     assert not tokens.still(user)
     path.write_text(before[before.index("[[tokens]]", 5) :])
-    assert tokens.whose(anna) is None
-    assert tokens.whose(ben) is not None
+    assert tokens.user_of(anna) is None
+    assert tokens.user_of(ben) is not None
 
 
 def test_what_people_wrote_in_a_tokens_file_stays(tmp_path: Path) -> None:
@@ -116,7 +117,7 @@ def test_the_command_prints_a_token_once_and_keeps_its_sum(tmp_path: Path) -> No
     assert sum_of(token) in path.read_text()
     again = CliRunner().invoke(main, line)
     assert again.exit_code == 1
-    assert "has a token for anna already" in again.output
+    assert "already has a token for anna" in again.output
     for wrong in (["token", "x", "--roles", "king"], ["token", "a\nb"], ["token", 'x"y']):
         result = CliRunner().invoke(main, [*wrong, "--file", str(path)])
         assert result.exit_code == 1
@@ -136,8 +137,8 @@ def test_no_client_sends_more_requests_than_the_bucket_allows(
         taken[client] += wait_s == 0.0
         assert taken[client] <= burst + rate_s * now_s + 1e-6
         if wait_s > 0.0:  # the announced wait is long enough
-            assert buckets.wait_s(client, now_s + wait_s + 1e-9) == 0.0
-            assert buckets.wait_s(client, now_s + 0.9 * wait_s) > 0.0
+            assert deepcopy(buckets).consume(client, now_s + wait_s + 1e-9) == 0.0
+            assert deepcopy(buckets).consume(client, now_s + 0.9 * wait_s) > 0.0
 
 
 def test_buckets_drop_the_client_with_the_oldest_request() -> None:

@@ -174,7 +174,7 @@ def test_of_too_many_the_oldest_of_the_busiest_address_goes(
 
     def come(client: str, name: str) -> ClientConnection:
         caller = ClientConnection(client, lambda: cut.append(name))
-        all_of.come(caller)
+        all_of.add(caller)
         return caller
 
     quiet = come("1.1.1.1", "quiet")

@@ -37,7 +37,7 @@ FEW = settings(
 
 
 def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
     service = served(flying)
     service.app.api.streams.stopping.set()  # a live stream would never end
     schema = schemathesis.openapi.from_dict(service.app.routes.openapi())

@@ -41,7 +41,7 @@ async def send(http: httpx.AsyncClient, call: Call, headers: dict[str, str]) -> 
 
 
 def generous(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
 
 
 def test_there_are_routes_and_each_has_a_role(flying: World) -> None:

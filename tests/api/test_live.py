@@ -30,7 +30,7 @@ class Reader:
     """A client of a stream, without a network: it can stop reading, and go away."""
 
     def __init__(self, service: Served, since: int = 0) -> None:
-        user = service.app.api.tokens.whose(service.tokens["look"])
+        user = service.app.api.tokens.user_of(service.tokens["look"])
         assert user is not None
         tokens = service.app.api.tokens
         self._response = LiveStream(service.app.api.streams, since, lambda: tokens.still(user))
@@ -148,7 +148,7 @@ def test_a_stream_without_events_sends_keepalives_and_ends_with_its_token(
         reader = Reader(service, flying.context.state_view.version)
         await reader.until(3)
         assert set(reader.batches) == {b": \n\n"}
-        service.app.api.tokens._known = ()
+        service.app.api.tokens._users = ()
         await asyncio.wait_for(reader.task, PATIENCE_S)
         assert reader.ended
         assert service.app.api.streams.count == 0
@@ -164,7 +164,7 @@ def test_a_busy_stream_ends_with_its_token_too(
     async def go() -> None:
         service = served(flying)
         reader = Reader(service, flying.context.state_view.version)
-        service.app.api.tokens._known = ()
+        service.app.api.tokens._users = ()
         async with asyncio.timeout(PATIENCE_S):
             step = 0
             while not reader.ended:

@@ -122,7 +122,9 @@ def test_a_track_is_the_flown_one(flying: World) -> None:
         assert late["properties"]["at_us"] == [point[0] for point in points[-2:]]
         none = await got(http, "/vehicles/hawk/track", after_us=2**53)
         assert none["geometry"] is None
-        assert "there are hawk, kite" in await refused(http, 404, "GET", "/vehicles/crow/track")
+        assert "the vehicles are hawk, kite" in await refused(
+            http, 404, "GET", "/vehicles/crow/track"
+        )
 
     asked(flying, ask)
 
@@ -187,7 +189,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_of())
 
     async def early(http: httpx.AsyncClient) -> None:
-        assert "no importances yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
+        assert "no importance yet" in await refused(http, 404, "GET", "/vehicles/hawk/importance")
 
     asked(world, early)
     planner = cast(Planner, world.context.core.guidance.planners["hawk"])
@@ -502,7 +504,7 @@ def test_an_internal_error_is_reported_without_details(
 def test_a_burn_is_planned_and_approved_by_authorised_users(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(AccessGuard, "_refuse_often", lambda *_: None)
+    monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
     world = world_in(tmp_path, scenario_of("burn", ()))
     stations = [station.name for station in world.context.scenario.burn.stations]  # type: ignore[union-attr]
     items = world.context.scenario.burn.go_items  # type: ignore[union-attr]

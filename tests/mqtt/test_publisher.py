@@ -73,7 +73,7 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 stage.task.cancel()
                 await asyncio.wait([stage.task])
                 await until(lambda: late.last("status")["online"] is False)
-                assert late.last("status")["why"] == "it was ended"
+                assert late.last("status")["why"] == "the service was stopped"
                 assert len(late.of("status")) == 2  # and no last will behind it
             stage.task = asyncio.create_task(stage.publisher.run())
 
@@ -186,7 +186,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
             assert max(gaps_s) < PATIENCE_S / 2, gaps_s  # or it has waited for an answer
             lost, back = announced  # and no line for each time within a minute
             assert "no MQTT broker" in lost
-            assert "is back" in back
+            assert "reconnected to the broker" in back
 
     asyncio.run(look())
 
@@ -470,8 +470,8 @@ def test_what_the_settings_name_is_read_at_once(tmp_path: Path) -> None:
 
     refused("broker a b: write it as HOST", broker="a b")
     refused("prefix /x", prefix="/x")
-    refused("give a user", password="env:MISSING")
-    refused("no variable MISSING", user="u", password="env:MISSING")
+    refused("set user", password="env:NOBODY")
+    refused("no variable NOBODY", user="u", password="env:NOBODY")
     refused("no certificates to trust: No such file", tls_ca=tmp_path / "none.pem")
     (tmp_path / "ca.pem").write_text(PASSWORD, "utf-8")
     refused("ca.pem: no certificates to trust", tls_ca=tmp_path / "ca.pem")

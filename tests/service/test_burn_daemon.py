@@ -158,7 +158,7 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
 
     def first(client: ControlClient) -> None:
         client.ask(do="present", **OPERATOR_FIELDS)
-        with pytest.raises(ControlError, match="another run answers there"):
+        with pytest.raises(ControlError, match="another run uses this socket"):
             run(scenario(3600.0), tmp_path, None, killed=False)
 
     run(burned, tmp_path, first, killed=True)

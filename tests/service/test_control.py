@@ -357,7 +357,7 @@ def test_any_request_is_answered_and_harms_no_other_client(tmp_path: Path) -> No
         (b"7\n", "a request is a JSON object"),
         (b'{"do":"present","by":' + b"[" * 900 + b"]" * 900 + b"}\n", "present: "),
         (unit, "the unit is on the moon"),
-        (b"x" * 100_000 + b"\n", "a line has at most 65536 bytes"),
+        (b"x" * 100_000 + b"\n", "the line has more than 65536 bytes"),
     ]
 
     async def client(daemon: Daemon) -> None:
@@ -385,14 +385,14 @@ def test_an_abort_finds_a_place_when_all_are_taken(tmp_path: Path) -> None:
             await asyncio.open_unix_connection(tmp_path / NAME) for _ in range(control.MAX_CLIENTS)
         ]
         (answer,) = await lines(tmp_path, b'{"do":"status"}\n')
-        assert answer["error"].startswith("16 clients are connected already")
+        assert answer["error"].startswith("16 clients are connected")
         (answer,) = await lines(tmp_path, b'{"do":"abort"}')
         assert answer["ok"]
         for _, writer in others:
             writer.close()
         async with asyncio.timeout(PATIENCE_S):
             while not (answer := (await lines(tmp_path, b'{"do":"status"}\n'))[0])["ok"]:
-                assert answer["error"].startswith("16 clients are connected already")
+                assert answer["error"].startswith("16 clients are connected")
 
     assert served(tmp_path, client).events == [Aborted(AT_US, "unknown", "unknown")]
 
@@ -510,7 +510,7 @@ def test_the_client_reports_what_is_wrong(tmp_path: Path) -> None:
 
         await asyncio.to_thread(ask_wrongly)
 
-    with pytest.raises(ControlError, match="no run there"):
+    with pytest.raises(ControlError, match="no run has this folder"):
         ControlClient(tmp_path)
     served(tmp_path, client)
 
@@ -519,7 +519,7 @@ def test_the_socket_is_its_owners_and_goes_with_the_run(tmp_path: Path) -> None:
     path = tmp_path / NAME
     with claimed(path):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
-        with pytest.raises(ControlError, match="another run answers there"), claimed(path):
+        with pytest.raises(ControlError, match="another run uses this socket"), claimed(path):
             pass
         assert path.exists()
     assert not path.exists()
@@ -538,7 +538,7 @@ def test_what_a_killed_run_has_left_is_replaced(tmp_path: Path) -> None:
 def test_what_is_no_socket_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / NAME
     path.write_text("mine", encoding="utf-8")
-    with pytest.raises(ControlError, match="has the name of the control socket"), claimed(path):
+    with pytest.raises(ControlError, match="is not a socket"), claimed(path):
         pass
     assert path.read_text(encoding="utf-8") == "mine"
 
@@ -547,6 +547,6 @@ def test_a_path_that_is_too_long_is_reported(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     path = deep / NAME
-    words = f"has {len(os.fsencode(path))} bytes, and at most 107"
+    words = f"has {len(os.fsencode(path))} bytes; the limit is 107"
     with pytest.raises(ControlError, match=words), claimed(path):
         pass

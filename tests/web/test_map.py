@@ -122,7 +122,7 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     page.click("#tools .polygon")
     around = [place_of(page, *place) for place in ring(ahead["lat_deg"], ahead["lon_deg"])]
     draw(page, [*around, *around[:2]])  # hands overshoot
-    expect(page.locator("#said")).to_contain_text("Correction (burned, now): done")
+    expect(page.locator("#message")).to_contain_text("Correction (burned, now): done")
     drawn = corrections(fire)
     assert [drawn[0]["state"], drawn[0]["shape"], drawn[0]["by"]] == ["burned", "polygon", "boss"]
     wait_for(lambda: area_ha(fire) > area + 1, 30, "the fire is larger")

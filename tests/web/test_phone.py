@@ -101,13 +101,13 @@ def test_an_order_that_is_to_be_confirmed_is_asked_about_and_sent_again(
     expect(question).to_contain_text("kestrel is in RTL by its failsafe. Resume?")
     assert_abort_in_reach(page, "question")
     question.get_by_role("button", name="No").tap()
-    expect(page.locator("#said")).to_contain_text("not confirmed, no order sent")
+    expect(page.locator("#message")).to_contain_text("not confirmed, no order sent")
     expect(question).to_be_hidden()
     assert asked == [{}]
 
     resume.evaluate("button => button.click()")
     question.get_by_role("button", name="Yes").tap()
-    expect(page.locator("#said")).to_contain_text("resume: sent")
+    expect(page.locator("#message")).to_contain_text("resume: sent")
     assert asked == [{}, {}, {"confirmed": True}]
     page.unroute("**/vehicles/kestrel/resume")
 

@@ -60,7 +60,7 @@ def test_it_cannot_be_mistaken_for_a_live_flight(page: Page) -> None:
         expect(page.locator(name)).to_be_hidden()
     page.keyboard.press("Control+Shift+X")
     page.keyboard.press("h")
-    expect(page.locator("#said")).not_to_be_visible()
+    expect(page.locator("#message")).not_to_be_visible()
     assert not small_targets(page)
     assert not weak_texts(page)
 

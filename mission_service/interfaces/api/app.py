@@ -66,7 +66,7 @@ ABOUT = """State, orders and corrections of one run. Mission time is in integer 
 
 @dataclass(frozen=True)
 class Application:
-    """The application of one run; ``asgi`` is the guard in front of ``routes``."""
+    """The application of one run; ``asgi`` is the access guard in front of ``routes``."""
 
     asgi: AccessGuard
     routes: FastAPI
@@ -76,7 +76,7 @@ class Application:
 def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Application:
     """Make the application of one run; the caller closes its ``api`` when the run ends.
 
-    ``page`` is the folder of the built map. If it is missing, ``/`` is answered by 404 and a hint.
+    ``page`` is the folder of the built map. If the folder is missing, ``/`` returns 404 and a hint.
     """
     api = ApiContext(context, tokens, wall_us)
     app = FastAPI(
@@ -111,9 +111,9 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
         )
 
     for each in routes_of(app):
-        role_of(each)  # a route without a role must not be served
+        role_of(each)  # raises for a route without a role
     _describe(app)
-    _say_errors(app)
+    _handle_errors(app)
     _serve_page(app, page)
     http = context.settings.http
     hosts = () if http is None else (http.host, *http.hosts)
@@ -121,29 +121,29 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:
-    """All routes of the API; the page of the map is none of them."""
+    """Return all routes of the API, without the page of the map."""
     return [each for each in app.routes if isinstance(each, APIRoute)]
 
 
 def role_of(api_route: APIRoute) -> str:
-    """The role that a route requires, or ``nobody`` if it requires no token.
+    """Return the role that a route requires, or ``nobody`` if it requires no token.
 
     Raises MissionServiceError for a route without a role.
     """
-    needed = [each.dependency for each in api_route.dependencies]
-    roles = [each.role for each in needed if isinstance(each, RequiredRole)]
+    dependencies = [each.dependency for each in api_route.dependencies]
+    roles = [each.role for each in dependencies if isinstance(each, RequiredRole)]
     if len(roles) != 1:
         raise MissionServiceError(f"{api_route.path}: the route has no role; add one with route()")
     return roles[0] or "nobody"
 
 
 def _describe(app: FastAPI) -> None:
-    """Add schemas of the Structs, the token and the common errors to FastAPI's description."""
-    made: Callable[[], dict[str, Any]] = app.openapi
+    """Add the schemas of the Structs, the token and the common errors to FastAPI's description."""
+    generate: Callable[[], dict[str, Any]] = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            found = made()
+            found = generate()
             _, schemas = msgspec.json.schema_components(ANSWERS, ref_template=REF)
             parts = found.setdefault("components", {})
             parts["schemas"] = {**parts.get("schemas", {}), **schemas}
@@ -152,19 +152,20 @@ def _describe(app: FastAPI) -> None:
             for each in routes_of(app):
                 for method in each.methods or ():
                     operation = found["paths"][each.path_format][method.lower()]
-                    # Unchanged: FastAPI removes null values from examples.
+                    # FastAPI removes null values from examples: restore the original.
                     operation["responses"]["200"] = each.responses[200]
-                    for status in COMMON:  # described once, not for each route
-                        told = {"$ref": f"#/components/responses/E{status}"}
-                        operation["responses"][str(status)] = told
+                    operation["responses"] |= {
+                        str(status): {"$ref": f"#/components/responses/E{status}"}
+                        for status in COMMON
+                    }
             app.openapi_schema = found
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _say_errors(app: FastAPI) -> None:
-    """Answer all errors in one form; details of internal errors are only logged."""
+def _handle_errors(app: FastAPI) -> None:
+    """Return all errors in one form; only the log contains the details of internal errors."""
 
     @app.exception_handler(ApiError)
     async def refused(request: Request, error: ApiError) -> Response:
@@ -178,36 +179,36 @@ def _say_errors(app: FastAPI) -> None:
         return error_answer(error.status_code, str(error.detail), headers)
 
     @app.exception_handler(RequestValidationError)
-    async def wrong(request: Request, error: RequestValidationError) -> Response:
+    async def invalid(request: Request, error: RequestValidationError) -> Response:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        return error_answer(422, f"{where}: {first['msg']}")
+        location = ".".join(str(part) for part in first["loc"])
+        return error_answer(422, f"{location}: {first['msg']}")
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
         return error_answer(500, "internal error of the service; see its log")
 
-    async def known(request: Request, error: Exception) -> Response:
+    @app.exception_handler(FireModelError)
+    @app.exception_handler(BridgeError)
+    @app.exception_handler(MissionServiceError)
+    async def unusable(request: Request, error: Exception) -> Response:
         return error_answer(422, str(error))
-
-    for kind in (FireModelError, BridgeError, MissionServiceError):
-        app.add_exception_handler(kind, known)
 
 
 def _methods(app: FastAPI, path: str) -> list[str]:
-    """All methods of a path; a router returns only those of its first matching route."""
+    """Return all methods of a path; the router returns only those of the first matching route."""
     found = [each.methods or set() for each in routes_of(app) if each.path_regex.match(path)]
     return sorted(set().union(*found))
 
 
 def _serve_page(app: FastAPI, page: Path) -> None:
-    """Serve the page for all paths without a route; a wrong method of a route is still 405."""
+    """Serve the page for all paths without a route; a wrong method of a route returns 405."""
     if page.is_dir():
         app.router.default = StaticFiles(directory=page, html=True)
         return
 
     async def unbuilt(scope: Scope, receive: Receive, send: Send) -> None:
-        text = "the map is not built; see docs/api.md" if scope["path"] == "/" else "Not Found"
+        text = "the map was not built; see docs/api.md" if scope["path"] == "/" else "Not Found"
         raise HTTPException(404, text)
 
     app.router.default = unbuilt

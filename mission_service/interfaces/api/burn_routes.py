@@ -8,7 +8,7 @@ from mission_service.interfaces.api.responses import ApiError, answer
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """``/burn``."""
+    """Add ``/burn``."""
     shown = json({"schema": "burn/1", "at_us": 1830000000, "plan_hash": ""}, what="A burn.")
 
     @routes.get(f"{V1}/burn", **route("look", "State of the burn.", shown))

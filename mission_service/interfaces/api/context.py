@@ -11,13 +11,13 @@ from mission_service.core.request_events import ABORT
 from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live_stream import Streams
-from mission_service.interfaces.api.responses import ApiError, answer, asked
+from mission_service.interfaces.api.responses import ApiError, answer, json_body
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # at the same time: requests must not slow down the flight
+MAX_THREADS = 2  # concurrent threads: requests must not delay the flight
 
 Result = TypeVar("Result")
 
@@ -46,11 +46,11 @@ class ApiContext:
             return await asyncio.to_thread(work)
 
     def vehicle(self, name: str) -> VehicleState:
-        """The state of a vehicle. Raises ApiError 404 for an unknown name."""
+        """Return the state of a vehicle. Raises ApiError 404 for an unknown name."""
         vehicle = self.context.state_view.vehicles.get(name)
         if vehicle is None:
-            there = ", ".join(self.context.state_view.vehicles)
-            raise ApiError(404, f"no vehicle {name[:40]!r}; there are {there}")
+            names = ", ".join(self.context.state_view.vehicles)
+            raise ApiError(404, f"no vehicle {name[:40]!r}; the vehicles are {names}")
         return vehicle
 
     async def ask(self, request: Request, do: str, **named: Any) -> Response:
@@ -58,54 +58,56 @@ class ApiContext:
 
         Raises ApiError.
         """
-        wanted = await asked(request)
+        body = await json_body(request)
         for key in ("do", *named):
-            if key in wanted:
-                raise ApiError(422, f"{do}: unknown key {key}: it is in the path")
-        return answer(self.request_handler(request.state.user, {**wanted, **named, "do": do}))
+            if key in body:
+                raise ApiError(422, f"{do}: unknown key {key}: the path contains it")
+        return answer(self.handle(request.state.user, {**body, **named, "do": do}))
 
     def abort(self, user: User, query_string: bytes) -> dict[str, Any]:
-        """Carry out an abort; returns the reply. The body, which may be incomplete, is not read.
+        """Carry out an abort without its body, which may be incomplete; return the reply.
 
-        ``query_string`` may contain ``by`` and ``station``, used where the token does not fix them.
-        Raises ApiError.
+        ``query_string`` may contain ``by`` and ``station``, which apply if the token does not
+        determine them. Raises ApiError.
         """
-        wanted = dict(parse_qsl(query_string.decode("latin-1")))
-        by = user.name if self.tokens.named else wanted.get("by", user.name)
-        station = user.station or wanted.get("station", "") or self._only_station()
+        query = dict(parse_qsl(query_string.decode("latin-1")))
+        by = user.name if self.tokens.named else query.get("by", user.name)
+        station = user.station or query.get("station", "") or self._only_station()
         found = self.context.request_handler.ask({"do": ABORT, "by": by, "station": station})
         self.context.ring()
         if not found["ok"]:
-            if self.context.replay is not None:
-                raise ApiError(409, str(found["error"]))
-            raise ApiError(507, str(found["error"]))  # the only reason to refuse an abort
+            # In a live run only a journal that cannot be written prevents an abort.
+            raise ApiError(507 if self.context.replay is None else 409, str(found["error"]))
         return found
 
-    def request_handler(self, user: User, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Handle a request of ``who``; returns the reply. Raises ApiError if it is refused."""
-        given = {**wanted, **self._requesting_operator(user, wanted)}
+    def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
+        """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
+        request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
-        found = self.context.request_handler.ask(given, may_approve)
+        found = self.context.request_handler.ask(request, may_approve)
         self.context.ring()
         if not found["ok"]:
             if self.context.service.recording.trouble:
                 raise ApiError(507, str(found["error"]))
-            is_accepted = wanted["do"] in self.context.request_handler.scope.accepted
+            is_accepted = request["do"] in self.context.request_handler.scope.accepted
             raise ApiError(422 if is_accepted else 409, str(found["error"]))
         return found
 
-    def _requesting_operator(self, user: User, wanted: dict[str, Any]) -> dict[str, Any]:
-        """Name and station of a request; a personal token fixes them. Raises ApiError 403."""
-        by = wanted.get("by", user.name)
+    def _requesting_operator(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
+        """Return name and station of a request.
+
+        Raises ApiError 403 if they differ from those of a personal token.
+        """
+        by = request.get("by", user.name)
         if self.tokens.named and by != user.name:
             raise ApiError(403, f"this token is valid only with by = {user.name}")
-        station = wanted.get("station") or user.station or self._only_station()
+        station = request.get("station") or user.station or self._only_station()
         if user.station and station != user.station:
             raise ApiError(403, f"this token is valid only for station {user.station}")
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """The burn's only station; empty if it has several, ``http`` in a run without stations."""
+        """Return the only station of a burn, an empty text for several stations, else ``http``."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import V1, file, json, route
-from mission_service.interfaces.api.perimeter_routes import read_aside
+from mission_service.interfaces.api.perimeter_routes import read_in_process
 from mission_service.interfaces.api.responses import ApiError, answer, body_of, encode
 from mission_service.interfaces.maps import fronts, overlay, perimeter_export
 from mission_service.interfaces.maps.mercator import outline_of
@@ -30,36 +30,29 @@ UPLOADS = (
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """``/fire``, ``/weather``."""
-    _shapes(routes, api)
-    _pictures(routes, api)
-    _words(routes, api)
+    """Add ``/fire``, ``/weather`` and the terrain."""
+    _add_shapes(routes, api)
+    _add_images(routes, api)
+    _add_corrections(routes, api)
 
 
-def _shapes(routes: APIRouter, api: ApiContext) -> None:
+def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     """Add fronts, contours and probabilities as GeoJSON, computed in threads."""
+    land = api.context.landscape
 
     def now_s() -> float:
         return api.context.clock.now_us / 1e6
 
     @routes.get(
-        f"{V1}/fire/front",
-        **route("look", "Burned area at a time.", json(examples.FRONT, GEOJSON)),
+        f"{V1}/fire/front", **route("look", "Burned area at a time.", json(examples.FRONT, GEOJSON))
     )
     async def front(at_s: Seconds = None, in_s: Seconds = None) -> Response:
         if at_s is not None and in_s is not None:
             raise ApiError(422, "give at_s or in_s, not both")
         when_s = at_s if at_s is not None else now_s() + (in_s or 0.0)
         found = await api.forecasts.arrival(when_s)
-        return await _shape(
-            api,
-            fronts.front_geojson,
-            found.arrival_s,
-            api.context.landscape,
-            when_s,
-            now_s(),
-            start_area=found.start_area,
-        )
+        shape, start = fronts.front_geojson, found.start_area
+        return await _shape(api, shape, found.arrival_s, land, when_s, now_s(), start_area=start)
 
     @routes.get(
         f"{V1}/fire/contours",
@@ -70,15 +63,8 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
     ) -> Response:
         times_s = [now_s() + 60.0 * each for each in in_min]
         found = await api.forecasts.arrival(max(times_s, default=now_s()))
-        return await _shape(
-            api,
-            fronts.contours_geojson,
-            found.arrival_s,
-            api.context.landscape,
-            times_s,
-            now_s(),
-            start_area=found.start_area,
-        )
+        shape, start = fronts.contours_geojson, found.start_area
+        return await _shape(api, shape, found.arrival_s, land, times_s, now_s(), start_area=start)
 
     @routes.get(
         f"{V1}/fire/uncertainty",
@@ -90,10 +76,8 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
     )
     async def uncertainty(in_min: Minutes = FAR_MIN) -> Response:
         at_s = now_s() + 60.0 * in_min
-        share = await api.forecasts.probability(at_s)
-        return await _shape(
-            api, fronts.probability_geojson, share, api.context.landscape, at_s, now_s()
-        )
+        probability = await api.forecasts.probability(at_s)
+        return await _shape(api, fronts.probability_geojson, probability, land, at_s, now_s())
 
     @routes.get(
         f"{V1}/fire/perimeters.geojson",
@@ -107,7 +91,7 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
             api,
             perimeter_export.perimeter_geojson,
             found.arrival_s,
-            api.context.landscape,
+            land,
             when_s,
             name=scenario.name,
             written_unix_ms=api.wall_us() // 1000,
@@ -118,12 +102,12 @@ def _shapes(routes: APIRouter, api: ApiContext) -> None:
 
 
 async def _shape(api: ApiContext, shape: Any, *args: Any, **keywords: Any) -> Response:
-    """A GeoJSON response, made and encoded in a thread."""
+    """Return a GeoJSON response; compute and encode the shape in a thread."""
     content = await api.run_in_thread(lambda: encode(shape(*args, **keywords)))
     return Response(content, media_type=GEOJSON)
 
 
-def _pictures(routes: APIRouter, api: ApiContext) -> None:
+def _add_images(routes: APIRouter, api: ApiContext) -> None:
     """Add overlays and terrain for the map."""
     land = api.context.landscape
 
@@ -138,8 +122,8 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
     )
     async def arrival_png(until_s: Seconds = None) -> Response:
         when_s, found = await until(until_s)
-        state_view = partial(overlay.arrival_png, found.arrival_s, land, found.at_s, when_s)
-        return Response(await api.run_in_thread(state_view), media_type="image/png")
+        draw = partial(overlay.arrival_png, found.arrival_s, land, found.at_s, when_s)
+        return Response(await api.run_in_thread(draw), media_type="image/png")
 
     legend = {"corners": [], "bounds": [], "scale": [{"at_s": 3600.0, "colour": "#ff0000"}]}
 
@@ -171,8 +155,8 @@ def _pictures(routes: APIRouter, api: ApiContext) -> None:
         return Response(found, media_type="image/png")
 
 
-def _words(routes: APIRouter, api: ApiContext) -> None:
-    """Add corrections of the fire, uploaded perimeters, wind and weather."""
+def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
+    """Add the list of corrections, the upload of a perimeter, and the weather."""
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(
@@ -181,16 +165,16 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
     async def corrections() -> Response:
         return answer(api.context.fire()["corrections"])
 
-    drawn = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
-    taken = json({"perimeter": examples.FRONT, "accepted": [examples.ACCEPTED]})
+    uploaded = {kind: {"schema": {"type": "string", "format": "binary"}} for kind in UPLOADS}
+    accepted = json({"perimeter": examples.FRONT, "accepted": [examples.ACCEPTED]})
 
     @routes.post(
         f"{V1}/fire/perimeter",
         **route(
             "correct",
-            "Correct the fire to the perimeter in this file; the format is detected.",
-            taken,
-            drawn,
+            "Correct the fire to the perimeter in this file; the service detects the format.",
+            accepted,
+            uploaded,
         ),
     )
     async def perimeter(
@@ -199,17 +183,17 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
         data = await body_of(request, LARGEST_BYTES)
         outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.context.landscape)]
         async with api.uploads:
-            found = await read_aside(Job(data, file_name, outline))
-        told: list[dict[str, Any]] = []
-        for each in found.wanted:
+            found = await read_in_process(Job(data, file_name, outline))
+        replies: list[dict[str, Any]] = []
+        for each in found.corrections:
             try:
-                told.append(api.request_handler(request.state.user, each))
+                replies.append(api.handle(request.state.user, each))
             except ApiError as error:
-                place = f"outline {len(told) + 1} of {len(found.wanted)}"
-                words = f"{place}: {error}; those before it were applied"
-                raise ApiError(error.status, words if told else str(error)) from None
+                number = f"outline {len(replies) + 1} of {len(found.corrections)}"
+                text = f"{number}: {error}; the outlines before it were applied"
+                raise ApiError(error.status, text if replies else str(error)) from None
             await asyncio.sleep(0)  # other tasks run between two requests
-        return answer({"perimeter": found.perimeter, "accepted": told})
+        return answer({"perimeter": found.perimeter, "accepted": replies})
 
     @routes.get(
         f"{V1}/weather",
@@ -217,7 +201,7 @@ def _words(routes: APIRouter, api: ApiContext) -> None:
     )
     async def weather() -> Response:
         context = api.context
-        told = context.state_view.wind_set
+        wind_set = context.state_view.wind_set
         return answer(
-            {"at_us": context.clock.now_us, "weather": context.weather(), "wind_set": told}
+            {"at_us": context.clock.now_us, "weather": context.weather(), "wind_set": wind_set}
         )

@@ -1,4 +1,4 @@
-"""Changed states as server-sent events; each state is encoded once for all clients."""
+"""Encoding of changed states as server-sent events, once for all clients."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,16 +9,16 @@ from mission_service.runtime.run_context import RunContext
 
 
 class Frames:
-    """The newest event of each key for the live stream; memory: one event for each key."""
+    """Events of the live stream; a cache stores the newest event of each key."""
 
     def __init__(self, context: RunContext, wall_us: Callable[[], int]) -> None:
         self._context = context
         self._wall_us = wall_us
-        self._kept: dict[str, tuple[int, bytes]] = {}
+        self._cached: dict[str, tuple[int, bytes]] = {}
 
     @property
     def version(self) -> int:
-        """The version of the state view."""
+        """Return the version of the state view."""
         return self._context.state_view.version
 
     async def changed(self, since: int) -> None:
@@ -26,24 +26,24 @@ class Frames:
         await self._context.changed(since)
 
     def frames(self, since: int) -> bytes:
-        """Events of all states that changed since a version, in the order of their versions.
+        """Return events of all states that changed since a version, in the order of their versions.
 
-        A client that was disconnected continues after its last ``id`` and misses nothing.
+        After a reconnection a client continues from its last ``id`` and misses no state.
         """
         changed = self._context.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        if key == "announcements":  # only announcements after ``since``: differs between clients
+        if key == "announcements":  # differs between clients: only announcements after ``since``
             lines = [line for line in self._context.state_view.announcements if line.id > since]
             return _event("announcements", version, lines)
-        kept = self._kept.get(key)
-        if kept is None or kept[0] != version:
+        cached = self._cached.get(key)
+        if cached is None or cached[0] != version:
             kind, _, name = key.partition("/")
-            kept = version, _event(kind, version, self._state(kind, name))
-            self._kept[key] = kept
-        return kept[1]
+            cached = version, _event(kind, version, self._state(kind, name))
+            self._cached[key] = cached
+        return cached[1]
 
     def _state(self, kind: str, name: str) -> Any:
         context = self._context

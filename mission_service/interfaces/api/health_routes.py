@@ -20,18 +20,17 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     async def readyz() -> Response:
         lacks = api.context.ready()
         if api.context.stopping:
-            lacks = [*lacks, "service: it is being stopped"]
+            lacks = [*lacks, "service: is stopping"]
         if lacks:
             raise ApiError(503, "; ".join(lacks))
         return Response(encode(Health(True)), media_type="application/json")
 
     text = {"text/plain": {"schema": {"type": "string"}}}
 
-    @routes.get("/metrics", **route("look", "Figures for Prometheus.", text))
+    @routes.get("/metrics", **route("look", "Metrics for Prometheus.", text))
     async def metrics() -> Response:
-        from mission_service.interfaces.metrics import (
-            metrics_of,  # imports prometheus_client at the first request
-        )
+        # Imports prometheus_client at the first request.
+        from mission_service.interfaces.metrics import metrics_of
 
         content, media_type = metrics_of(api.context)
         return Response(content, headers={"content-type": media_type})

@@ -6,7 +6,10 @@ from mission_service.runtime.run_context import RunContext
 
 
 def importance_of(context: RunContext, vehicle: VehicleState) -> Importance | None:
-    """Importances at the vehicle's position; None before its first lap and for other rules."""
+    """Return importances at the vehicle's position.
+
+    Returns None before the vehicle's first lap and for rules without importances.
+    """
     name = vehicle.vehicle
     fix = context.core.decision_engine.availability[name].fix
     found = None if fix is None else context.core.guidance.compared(name, fix)

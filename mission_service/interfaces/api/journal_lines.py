@@ -1,4 +1,4 @@
-"""Reads lines of a growing journal without reading it from its beginning."""
+"""Access to the lines of a growing journal without reading it from its beginning."""
 
 import os
 import threading
@@ -7,25 +7,26 @@ from typing import BinaryIO
 
 EVERY_LINES = 1000
 PART_BYTES = 1 << 20
-MAX_FILES = 4  # with an index; the least recently used index is dropped first
+MAX_FILES = 4  # files with an index; the least recently used index is dropped first
 
 
 class JournalLines:
-    """An index of every thousandth line of recent files. Thread-safe."""
+    """Index of every thousandth line of recently read files. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._files: OrderedDict[tuple[int, int], _Begins] = OrderedDict()
+        self._files: OrderedDict[tuple[int, int], _LineIndex] = OrderedDict()
 
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
-        """Whole lines after ``line`` (the header is line 1), and the number of the last of them.
+        """Return the complete lines after ``line``, and the number of the last of them.
 
-        At most ``limit`` lines; no further line once they have more than ``max_bytes``.
+        The header is line 1. Returns at most ``limit`` lines, and no further line once the lines
+        have more than ``max_bytes``.
         """
         with self._lock:
-            begins = self._known(file)
-            part = min(line // EVERY_LINES, len(begins.at_byte) - 1)
-            file.seek(begins.at_byte[part])
+            index = self._index_of(file)
+            part = min(line // EVERY_LINES, len(index.at_byte) - 1)
+            file.seek(index.at_byte[part])
             found: list[bytes] = []
             size = 0
             for number, text in enumerate(file, start=part * EVERY_LINES + 1):
@@ -37,20 +38,20 @@ class JournalLines:
                 size += len(text)
             return b"".join(found), line + len(found)
 
-    def _known(self, file: BinaryIO) -> "_Begins":
+    def _index_of(self, file: BinaryIO) -> "_LineIndex":
         stat = os.fstat(file.fileno())
-        named = (stat.st_dev, stat.st_ino)
-        begins = self._files.pop(named, None)
-        if begins is None or stat.st_size < begins.counted_bytes:
-            begins = _Begins()
-        begins.count(file)
-        self._files[named] = begins
+        key = (stat.st_dev, stat.st_ino)
+        index = self._files.pop(key, None)
+        if index is None or stat.st_size < index.counted_bytes:
+            index = _LineIndex()
+        index.count(file)
+        self._files[key] = index
         if len(self._files) > MAX_FILES:
             self._files.popitem(last=False)
-        return begins
+        return index
 
 
-class _Begins:
+class _LineIndex:
     """Byte offsets of lines 1, 1001, 2001, ... of a file."""
 
     def __init__(self) -> None:
@@ -62,9 +63,9 @@ class _Begins:
         """Count the lines that were appended since the last call."""
         file.seek(self.counted_bytes)
         while part := file.read(PART_BYTES):
-            place = -1
-            while (place := part.find(b"\n", place + 1)) >= 0:
+            end = -1
+            while (end := part.find(b"\n", end + 1)) >= 0:
                 self._lines += 1
                 if self._lines % EVERY_LINES == 0:
-                    self.at_byte.append(self.counted_bytes + place + 1)
+                    self.at_byte.append(self.counted_bytes + end + 1)
             self.counted_bytes += len(part)

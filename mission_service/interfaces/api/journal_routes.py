@@ -1,4 +1,4 @@
-"""Routes of the journal: the segment that is being written and the earlier ones."""
+"""Routes of the journal: the current segment and the earlier ones."""
 
 import asyncio
 import os
@@ -33,8 +33,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/journal",
         **route(
             "look",
-            "Lines after a line (1: the header) of a segment; X-Segment is the segment's number, "
-            "X-Last-Line that of the last line.",
+            "Lines of a segment after a line (1: the header); X-Segment is the number of the "
+            "segment, X-Last-Line the number of the last returned line.",
             lines,
         ),
     )
@@ -48,8 +48,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
             found, last = await api.run_in_thread(
                 partial(journal.after, file, after, limit, MAX_BYTES)
             )
-        told = {"x-last-line": str(last), "x-segment": str(number)}
-        return Response(found, headers=told, media_type=LINES)
+        headers = {"x-last-line": str(last), "x-segment": str(number)}
+        return Response(found, headers=headers, media_type=LINES)
 
     @routes.get(f"{V1}/journal/file", **route("look", "A segment as a file.", lines))
     async def journal_file(segment: Segment = None) -> Response:
@@ -63,9 +63,9 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
 
 def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
-    """The number of a segment (None: the newest) and its open file. Raises ApiError 404.
+    """Return the number of a segment (None: the newest) and its open file. Raises ApiError 404.
 
-    It does not await, so that the journal cannot begin a new segment meanwhile.
+    The function does not await, so that the journal cannot begin a new segment meanwhile.
     """
     newest = api.context.service.recording.journal.rest.segment
     number = newest if segment is None else segment
@@ -79,7 +79,7 @@ def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
 
 
 async def _parts(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
-    """The first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
+    """Yield the first ``size`` bytes of a file, in parts; the file may grow meanwhile."""
     with file:
         while size > 0 and (part := await asyncio.to_thread(file.read, min(size, PART_BYTES))):
             size -= len(part)

@@ -1,4 +1,4 @@
-"""The HTTP interface of the daemon: its port and files are checked before the run begins."""
+"""The HTTP interface of the daemon; its port and files are checked before the run begins."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,10 @@ from mission_service.runtime.run_context import RunContext
 
 @dataclass(frozen=True)
 class HttpListener:
-    """The listening socket and the valid tokens. ``address`` may contain a token: never log it."""
+    """The listening socket, its TLS and the valid tokens.
+
+    ``address`` may contain a token, so it must not be logged.
+    """
 
     listening: socket.socket
     tokens: Tokens
@@ -25,7 +28,7 @@ class HttpListener:
     address: str
 
     async def __call__(self, context: RunContext) -> None:
-        """Serve until cancelled; it ends within two seconds."""
+        """Serve until cancelled; the shutdown takes at most two seconds."""
         app = app_of(context, self.tokens)
         context.gauges["stream_clients"] = lambda: app.api.streams.count
         context.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
@@ -38,12 +41,12 @@ class HttpListener:
 
 @contextlib.contextmanager
 def http_interface(section: HttpSection, out: Path) -> Iterator[HttpListener]:
-    """The HTTP interface of a run whose files are in ``out``. Raises MissionServiceError."""
+    """Open the HTTP interface of a run with the files in ``out``. Raises MissionServiceError."""
     tls = tls_of(section)
     with bound(section) as listening:
         address = url_of(section, listening)
         if section.tokens is not None:
             yield HttpListener(listening, Tokens.of_file(section.tokens), tls, f"{address}/")
         else:
-            whole = f"{address}/#token={own_token(out)}"
-            yield HttpListener(listening, Tokens.of_run(out), tls, whole)
+            address = f"{address}/#token={own_token(out)}"
+            yield HttpListener(listening, Tokens.of_run(out), tls, address)

@@ -1,8 +1,9 @@
 """The live stream: changed states as server-sent events, in the order of their changes.
 
-A client gets the newest state of each item, not each intermediate one. Of each client only the last
-version that was sent is kept: memory does not depend on how slowly it reads. While its connection
-is blocked, nothing is encoded for it; then it gets the states that are the newest at that time.
+A client receives the newest state of each item, not each intermediate state. The service stores
+only the last version sent to each client, so memory does not depend on the speed of the clients.
+While a connection is blocked, nothing is encoded for it; afterwards the client receives the states
+that are the newest at that time.
 """
 
 import asyncio
@@ -13,10 +14,10 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 MAX_STREAMS = 32
-# At the latest after this time a comment is sent: both sides detect a dead connection.
+# After this time without a change a comment is sent, so that both sides detect a dead connection.
 SENT_EVERY_S = 10.0
-# Pause between two batches for a client, times the number of open streams: all streams together
-# take a few per cent of a core, and a single one gets changes within milliseconds.
+# Pause between two batches for a client, for each open stream: all streams together use a few per
+# cent of a core, and a single stream delivers changes within milliseconds.
 PAUSE_S = 0.002
 MIN_PAUSE_S = 0.004
 END_WITHIN_S = 0.5  # a client that reads more slowly is disconnected
@@ -24,7 +25,7 @@ NOTHING_SENT = b": \n\n"
 
 
 class TooSlowError(Exception):
-    """A client does not read its stream."""
+    """A client does not read its response in time."""
 
 
 class Source(Protocol):
@@ -32,10 +33,10 @@ class Source(Protocol):
 
     @property
     def version(self) -> int:
-        """The version of the whole state; it grows with each change."""
+        """Return the version of the whole state; it grows with each change."""
 
     def frames(self, since: int) -> bytes:
-        """Events of all changes since a version, in the order of their versions; see ``Frames``."""
+        """Return events of all changes since a version, in the order of their versions."""
 
     async def changed(self, since: int) -> None:
         """Wait until ``version`` is larger than ``since``."""
@@ -52,7 +53,7 @@ class Streams:
 
     @property
     def full(self) -> bool:
-        """Whether ``MAX_STREAMS`` streams are open."""
+        """Return whether ``MAX_STREAMS`` streams are open."""
         return self.count >= MAX_STREAMS
 
     @property
@@ -65,7 +66,10 @@ class LiveStream(Response):
     """The live stream of one client."""
 
     def __init__(self, streams: Streams, since: int, still: Callable[[], bool]) -> None:
-        """``still`` is called every few seconds; the stream ends when it returns False."""
+        """Make a stream of the changes since a version.
+
+        ``still`` is called every few seconds; the stream ends when it returns False.
+        """
         super().__init__()
         self._streams = streams
         self._sent = since if since <= streams.source.version else 0
@@ -77,7 +81,9 @@ class LiveStream(Response):
         try:
             headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
             await send({"type": "http.response.start", "status": 200, "headers": headers})
-            await _first_of(self._send_changes(send), _gone(receive), _set(streams.stopping))
+            await _first_of(
+                self._send_changes(send), _disconnected(receive), _set(streams.stopping)
+            )
             try:
                 async with asyncio.timeout(END_WITHIN_S):
                     await send({"type": "http.response.body", "body": b""})
@@ -89,7 +95,7 @@ class LiveStream(Response):
     async def _send_changes(self, send: Send) -> None:
         """Send changes until the client's token is no longer valid."""
         streams, source = self._streams, self._streams.source
-        sent_at_s = asked_at_s = streams.now_s()
+        sent_at_s = checked_at_s = streams.now_s()
         while True:
             try:
                 async with asyncio.timeout(sent_at_s + SENT_EVERY_S - streams.now_s()):
@@ -99,8 +105,8 @@ class LiveStream(Response):
                 self._sent = version
             except TimeoutError:
                 body = NOTHING_SENT
-            if streams.now_s() - asked_at_s >= SENT_EVERY_S:
-                asked_at_s = streams.now_s()
+            if streams.now_s() - checked_at_s >= SENT_EVERY_S:
+                checked_at_s = streams.now_s()
                 if not self._still():
                     return
             if body:
@@ -109,7 +115,7 @@ class LiveStream(Response):
             await asyncio.sleep(streams.pause_s)
 
 
-async def _gone(receive: Receive) -> None:
+async def _disconnected(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
 
@@ -118,9 +124,9 @@ async def _set(event: asyncio.Event) -> None:
     await event.wait()
 
 
-async def _first_of(*ways: Awaitable[None]) -> None:
+async def _first_of(*awaitables: Awaitable[None]) -> None:
     """Wait until one has ended and cancel the others; raises the exception of the first."""
-    tasks = [asyncio.ensure_future(way) for way in ways]
+    tasks = [asyncio.ensure_future(each) for each in awaitables]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:

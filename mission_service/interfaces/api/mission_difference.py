@@ -8,7 +8,7 @@ from mission_service.runtime.published_states import ItemState
 
 
 def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> MissionDifference:
-    """The difference between a mission and the one before, item by item from the first."""
+    """Return the difference between two missions, item by item from the first."""
     alike = 0
     while alike < min(len(before), len(after)) and before[alike] == after[alike]:
         alike += 1
@@ -19,8 +19,7 @@ def difference_of(before: Sequence[ItemState], after: Sequence[ItemState]) -> Mi
 
 
 def _apart_m(one: ItemState, other: ItemState) -> float:
-    if one.lat_deg is None or one.lon_deg is None:
-        return 0.0
-    if other.lat_deg is None or other.lon_deg is None:
+    """Return the distance of two items; 0 if one of them has no position."""
+    if one.lat_deg is None or one.lon_deg is None or other.lat_deg is None or other.lon_deg is None:
         return 0.0
     return distance_m((one.lat_deg, one.lon_deg), (other.lat_deg, other.lon_deg))

@@ -1,4 +1,4 @@
-"""Routes of missions: those on board and proposed, and the one that would be sent now."""
+"""Routes of missions: on board, proposed, and a preview of the next mission."""
 
 import tempfile
 from functools import partial
@@ -14,14 +14,17 @@ from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.mission_difference import difference_of
 from mission_service.interfaces.api.models import Preview
 from mission_service.interfaces.api.openapi import V1, json, route, struct
-from mission_service.interfaces.api.responses import ApiError, answer, asked
+from mission_service.interfaces.api.responses import ApiError, answer, json_body
 from mission_service.missions.mission_hash import mission_hash
 from mission_service.runtime.published_states import Mission, MissionState, item_state
 from mission_service.runtime.run_context import RunContext
 
 
 def items_of(mission: Mission) -> Items:
-    """The items as they were sent. Raises ApiError 409 if they cannot be restored exactly."""
+    """Return the items of a mission as they were sent.
+
+    Raises ApiError 409 if the state of the mission does not contain them exactly.
+    """
     items = tuple(
         MissionItem(
             item.command,
@@ -35,15 +38,15 @@ def items_of(mission: Mission) -> Items:
     )
     if mission_hash(items) != mission.mission_hash:
         raise ApiError(
-            409, "this mission has items that a .plan file cannot contain; download it over MAVLink"
+            409, "a .plan file cannot contain all items of this mission; download it over MAVLink"
         )
     return items
 
 
 def preview_of(context: RunContext, name: str) -> Preview:
-    """The mission that is proposed or, if there is none, would be sent now.
+    """Return the proposed mission or, without one, the mission that would be sent now.
 
-    Raises ApiError 409 if there is neither.
+    Raises ApiError 409 if no mission can be planned.
     """
     mission = context.state_view.missions[name]
     proposed, on_board = mission.proposed, mission.on_board
@@ -55,18 +58,12 @@ def preview_of(context: RunContext, name: str) -> Preview:
         )
     shown = tuple(item_state(item) for item in items)
     difference = difference_of(() if on_board is None else on_board.items, shown)
-    return Preview(
-        context.clock.now_us,
-        name,
-        mission_hash(items),
-        shown,
-        context.figures(name, items),
-        difference,
-    )
+    figures = context.figures(name, items)
+    return Preview(context.clock.now_us, name, mission_hash(items), shown, figures, difference)
 
 
 def plan_file(items: Items, context: RunContext, name: str) -> bytes:
-    """The items as a QGroundControl .plan file."""
+    """Return the items as a QGroundControl .plan file."""
     section = context.core.vehicles[name].section
     home = home_of(section, context.landscape)
     with tempfile.TemporaryDirectory() as folder:
@@ -76,15 +73,11 @@ def plan_file(items: Items, context: RunContext, name: str) -> bytes:
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/vehicles/NAME/mission`` and the requests of ``WORDS``."""
+    """Add ``/vehicles/NAME/mission``, its .plan file and its preview."""
 
     @routes.get(
         f"{V1}/vehicles/{{name}}/mission",
-        **route(
-            "look",
-            "Missions on board, in transfer, and proposed.",
-            struct(MissionState),
-        ),
+        **route("look", "Missions on board, in transfer, and proposed.", struct(MissionState)),
     )
     async def mission(name: str) -> Response:
         api.vehicle(name)
@@ -100,10 +93,10 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         api.vehicle(name)
         on_board = api.context.state_view.missions[name].on_board
         if on_board is None:
-            raise ApiError(404, f"{name}: the mission on board is unknown")
+            raise ApiError(404, f"{name}: the mission on board was not read back yet")
         content = await api.run_in_thread(partial(plan_file, items_of(on_board), api.context, name))
-        named = {"content-disposition": f'attachment; filename="{name}.plan"'}
-        return Response(content, headers=named, media_type="application/json")
+        headers = {"content-disposition": f'attachment; filename="{name}.plan"'}
+        return Response(content, headers=headers, media_type="application/json")
 
     @routes.post(
         f"{V1}/vehicles/{{name}}/mission/preview",
@@ -115,6 +108,6 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         ),
     )
     async def preview(name: str, request: Request) -> Response:
-        await asked(request)
+        await json_body(request)
         api.vehicle(name)
         return answer(preview_of(api.context, name))

@@ -1,4 +1,4 @@
-"""Responses of the API, besides the states of the state view."""
+"""Responses of the API that are not states of the state view."""
 
 from typing import Any
 
@@ -25,23 +25,23 @@ class Error(msgspec.Struct):
 
 
 class RequestResult(msgspec.Struct):
-    """A handled request: mission time, the name of its event, and the announcements it caused.
+    """Result of a request: mission time, the type of its event, and the resulting announcements.
 
-    A correction of the fire (correct, erase, undo, redo) also has the area burned before and after.
-    They are absent in a burn, where a correction changes the estimated fire.
+    The result of a correction of the fire (correct, erase, undo, redo) also has the areas burned
+    before and after it, except in a burn, where a correction changes the estimated fire.
     """
 
     ok: bool
     at_s: float
     event: str
     messages: list[str]
-    confirm: bool = False  # not carried out: ask the operator, then send it ``confirmed``
+    confirm: bool = False  # not carried out: the operator must send it again with ``confirmed``
     burned_ha_before: float | None = None
     burned_ha_after: float | None = None
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
-    """The run as a whole. ``not_ready``: what is missing until the service is ready."""
+    """Status of the run. ``not_ready`` lists the conditions that the service still waits for."""
 
     at_us: int
     time_unix_us: int
@@ -63,7 +63,7 @@ class LandscapeExtent(msgspec.Struct):
 
 
 class FullState(msgspec.Struct):
-    """The whole state; ``/live?since=version`` streams the changes after it."""
+    """The complete state; ``/live?since=version`` streams the changes after it."""
 
     version: int
     status: StatusState
@@ -83,7 +83,7 @@ class FullState(msgspec.Struct):
 
 
 class MissionDifference(msgspec.Struct):
-    """Difference from the mission before: equal items at its beginning, and moved positions."""
+    """Difference from an earlier mission: equal items at the beginning, and moved positions."""
 
     alike_first: int
     added: int
@@ -118,14 +118,14 @@ class Importance(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """Whether the service runs, and what is missing until it is ready."""
+    """Health of the service. ``not_ready`` lists the conditions that it still waits for."""
 
     ok: bool
     not_ready: list[str] = []
 
 
 def status_of(context: RunContext, time_unix_us: int) -> StatusState:
-    """The run as a whole."""
+    """Return the status of the run."""
     scenario = context.scenario
     return StatusState(
         context.clock.now_us,
@@ -139,14 +139,12 @@ def status_of(context: RunContext, time_unix_us: int) -> StatusState:
 
 
 def land_of(context: RunContext) -> LandscapeExtent:
-    """The extent of the landscape."""
+    """Return the extent of the landscape."""
     land = context.landscape
     rows, cols = land.shape
     ends = [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]
-    corners = []
-    for row, col in ends:
-        lat, lon = land.lat_lon_of(*land.xy_of(row, col))
-        corners.append((float(lon), float(lat)))
-    lons, lats = [lon for lon, _ in corners], [lat for _, lat in corners]
+    points = (land.lat_lon_of(*land.xy_of(row, col)) for row, col in ends)
+    corners = tuple((float(lon), float(lat)) for lat, lon in points)
+    lons, lats = zip(*corners, strict=True)
     bounds = (min(lons), min(lats), max(lons), max(lats))
-    return LandscapeExtent(bounds, tuple(corners), land.cell_size_m, rows, cols)
+    return LandscapeExtent(bounds, corners, land.cell_size_m, rows, cols)

@@ -1,6 +1,6 @@
 """The OpenAPI description of a route: role, request body, response, example.
 
-Schemas are generated from the msgspec Structs, so they agree with the code.
+Schemas are generated from the msgspec Structs.
 """
 
 from collections.abc import Mapping
@@ -22,9 +22,9 @@ REFUSALS = {
     403: "Missing role, or a page of another origin.",
     404: "No such resource.",
     408: "The body arrived too slowly.",
-    409: "Not available in this kind of run, or not yet.",
+    409: "Not available in this type of run, or not yet.",
     413: "Too large.",
-    422: "Well-formed but invalid; the line contains the reason.",
+    422: "Well-formed but invalid; the text contains the reason.",
     429: "Too many requests; Retry-After gives the waiting time.",
     503: "Not ready, or too many concurrent requests.",
     507: "The journal cannot be written (the disk is full), so the request was not carried out.",
@@ -32,12 +32,12 @@ REFUSALS = {
 ERROR = {
     "application/json": {
         "schema": {"$ref": REF.format(name="Error")},
-        "example": {"error": "no vehicle 'hawk2'; there are hawk"},
+        "example": {"error": "no vehicle 'hawk2'; the vehicles are hawk"},
     }
 }
 COMMON = {status: {"description": text, "content": ERROR} for status, text in REFUSALS.items()}
 OPERATOR_FIELDS = {
-    "by": {"type": "string", "description": "Name of the user, if the token does not fix it."},
+    "by": {"type": "string", "description": "Name of the user, if the token is not personal."},
     "station": {
         "type": "string",
         "description": "Station of the user; default: the token's, or the only one.",
@@ -56,9 +56,9 @@ class RequiredRole:
             return
         user = request.state.user
         if user is None:
-            raise ApiError(401, "a token is needed", {"www-authenticate": "Bearer"})
+            raise ApiError(401, "a token is required", {"www-authenticate": "Bearer"})
         if not user.may(self.role):
-            raise ApiError(403, f"this requires the role {self.role}, which {user.name} lacks")
+            raise ApiError(403, f"requires the role {self.role}, which {user.name} does not have")
 
 
 def route(
@@ -67,53 +67,59 @@ def route(
     answer: Mapping[str, Any],
     takes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The keyword arguments of a route. ``answer``, ``takes``: content by media type."""
+    """Return the keyword arguments of a route.
+
+    ``answer`` and ``takes`` are the contents of the response and of the body, by media type.
+    """
     extra: dict[str, Any] = {"x-role": role or "nobody"}
     if role is not None:
         extra["security"] = [{"token": []}]
     if takes is not None:
         extra["requestBody"] = {"required": False, "content": dict(takes)}
-    found = {200: {"description": "As asked.", "content": dict(answer)}}
+    success = {200: {"description": "Success.", "content": dict(answer)}}
     return {
         "dependencies": [Depends(RequiredRole(role))],
         "summary": summary,
-        "responses": {**found, **COMMON},
+        "responses": {**success, **COMMON},
         "openapi_extra": extra,
     }
 
 
 def struct(kind: type, example: Any = None) -> dict[str, Any]:
-    """A response that is a Struct of type ``kind``."""
+    """Return the description of a response that is a Struct of type ``kind``."""
     shown = examples.example_of(kind) if example is None else example
     return {"application/json": {"schema": _ref(kind), "example": shown}}
 
 
 def structs(kind: type) -> dict[str, Any]:
-    """A response that is a list of Structs of type ``kind``."""
+    """Return the description of a response that is a list of Structs of type ``kind``."""
     schema = {"type": "array", "items": _ref(kind)}
     return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
 
 def json(example: Any, media_type: str = "application/json", what: str = "") -> dict[str, Any]:
-    """A response that is a JSON object."""
+    """Return the description of a response that is a JSON object."""
     return {media_type: {"schema": {"type": "object", "description": what}, "example": example}}
 
 
 def file(media_type: str) -> dict[str, Any]:
-    """A response that is a file."""
+    """Return the description of a response that is a file."""
     return {media_type: {"schema": {"type": "string", "format": "binary"}}}
 
 
 def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The body of a request of type ``kind``; ``without``: keys that the path contains."""
-    whole = msgspec.json.schema(kind)["$defs"][kind.__name__]
-    left_out = ("do", "by", "station", *without)
-    properties = {k: v for k, v in whole["properties"].items() if k not in left_out}
+    """Return the description of the body of a request of type ``kind``.
+
+    ``without`` lists the keys that are in the path.
+    """
+    complete = msgspec.json.schema(kind)["$defs"][kind.__name__]
+    omitted = ("do", "by", "station", *without)
+    properties = {k: v for k, v in complete["properties"].items() if k not in omitted}
     schema = {
         "type": "object",
-        "description": whole.get("description", ""),
+        "description": complete.get("description", ""),
         "properties": {**properties, **OPERATOR_FIELDS},
-        "required": [key for key in whole["required"] if key not in left_out],
+        "required": [key for key in complete["required"] if key not in omitted],
         "additionalProperties": False,
     }
     example = {key: value for key, value in kind.example.items() if key not in without}

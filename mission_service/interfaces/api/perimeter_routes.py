@@ -1,4 +1,4 @@
-"""Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
+"""Reading of uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
 import signal
@@ -10,12 +10,12 @@ from mission_service.interfaces.api.responses import ApiError
 from mission_service.interfaces.maps.perimeter_worker import Done, Failed, Job
 
 WORKER = (sys.executable, "-P", "-m", "mission_service.interfaces.maps.perimeter_worker")
-WITHIN_S = 60.0  # wall-clock time; the process limits its own computing time
+WITHIN_S = 60.0  # wall-clock time; the process limits its processor time
 _decode = msgspec.json.Decoder(Done | Failed).decode
 
 
-async def read_aside(job: Job) -> Done:
-    """Read a perimeter and the corrections that follow from it.
+async def read_in_process(job: Job) -> Done:
+    """Return an uploaded perimeter and the resulting corrections.
 
     Raises ApiError 422 for an unusable file, or if the process that reads it crashes or is slow.
     """
@@ -27,10 +27,10 @@ async def read_aside(job: Job) -> Done:
     )
     try:
         async with asyncio.timeout(WITHIN_S):
-            told, _ = await process.communicate(msgspec.msgpack.encode(job))
+            output, _ = await process.communicate(msgspec.msgpack.encode(job))
     except TimeoutError:
-        words = f"reading the perimeter takes more than {WITHIN_S:g} s; simplify it"
-        raise ApiError(422, words) from None
+        text = f"reading the perimeter takes more than {WITHIN_S:g} s; simplify it"
+        raise ApiError(422, text) from None
     finally:
         if process.returncode is None:
             process.kill()
@@ -41,12 +41,12 @@ async def read_aside(job: Job) -> Done:
             f"the process that read the perimeter ended with {_end(process.returncode or 0)}; "
             "simplify the perimeter",
         )
-    answer: Done | Failed = await asyncio.to_thread(_decode, told)
+    answer: Done | Failed = await asyncio.to_thread(_decode, output)
     if isinstance(answer, Failed):
         raise ApiError(422, answer.error)
     return answer
 
 
 def _end(code: int) -> str:
-    """The signal (as SIGSEGV) or the exit status that ended a process."""
+    """Return the signal (for example SIGSEGV) or the exit status of an ended process."""
     return signal.Signals(-code).name if code < 0 else f"status {code}"

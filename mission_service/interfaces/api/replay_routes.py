@@ -24,15 +24,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     async def replay() -> Response:
         return answer(state())
 
-    @routes.post(
-        f"{V1}/replay",
-        **route(
-            "fly",
-            summary_of(Replay),
-            shown,
-            body(Replay),
-        ),
-    )
+    @routes.post(f"{V1}/replay", **route("fly", summary_of(Replay), shown, body(Replay)))
     async def control(request: Request) -> Response:
         state()
         await api.ask(request, REPLAY)

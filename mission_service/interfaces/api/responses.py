@@ -12,7 +12,7 @@ encode = msgspec.json.Encoder().encode
 
 
 class ApiError(Exception):
-    """A refused request: an HTTP status and the reason in one line."""
+    """An HTTP status of 400 or more, with the reason in one line."""
 
     def __init__(self, status: int, text: str, headers: dict[str, str] | None = None) -> None:
         super().__init__(text)
@@ -21,30 +21,33 @@ class ApiError(Exception):
 
 
 def error_body(text: str) -> bytes:
-    """The JSON body of every error, with ``text`` on one line."""
+    """Return the JSON body of every error, with ``text`` on one line."""
     return encode({"error": " ".join(text.split())})
 
 
 def error_answer(status: int, text: str, headers: dict[str, str] | None = None) -> Response:
-    """An error as an HTTP response."""
+    """Return an error as an HTTP response."""
     return Response(error_body(text), status, headers, "application/json")
 
 
 def answer(content: Any, media_type: str = "application/json") -> Response:
-    """A response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
+    """Return a response with ``content`` (msgspec Structs, dictionaries, lists) as JSON."""
     return Response(encode(content), media_type=media_type)
 
 
 async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
-    """The body of a request, which the guard has read. Raises ApiError 413 if it is longer."""
+    """Return the body of a request, which the guard has read.
+
+    Raises ApiError 413 for more than ``max_bytes``.
+    """
     body = await request.body()
     if len(body) > max_bytes:
         raise ApiError(413, f"the body has more than {max_bytes} bytes")
     return body
 
 
-async def asked(request: Request) -> dict[str, Any]:
-    """The JSON object in a request's body; empty for an empty body. Raises ApiError."""
+async def json_body(request: Request) -> dict[str, Any]:
+    """Return the JSON object in the body of a request; empty for an empty body. Raises ApiError."""
     body = await body_of(request)
     if not body.strip():
         return {}
@@ -53,5 +56,5 @@ async def asked(request: Request) -> dict[str, Any]:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ApiError(400, f"the body is not JSON: {error}") from None
     if not isinstance(found, dict):
-        raise ApiError(422, 'the body is a JSON object, as {"by": "Anna"}')
+        raise ApiError(422, 'the body must be a JSON object, such as {"by": "Anna"}')
     return found

@@ -1,8 +1,8 @@
-"""uvicorn inside the daemon, which controls its tasks, its signals and its end.
+"""uvicorn inside the daemon, which controls tasks, signals and the shutdown.
 
-uvicorn contributes the HTTP protocol (h11) and its main loop. This module adds the listening
-socket, TLS, timeouts, the limits of connections (``access/callers.py``) and the shutdown. It
-depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
+uvicorn contributes the HTTP protocol (h11) and the main loop. This module adds the listening
+socket, TLS, timeouts, the limits of connections (``access/client_connections.py``) and the
+shutdown. It depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
 """
 
 import asyncio
@@ -30,18 +30,18 @@ from mission_service.interfaces.api.access.client_connections import (
 from mission_service.interfaces.api.access.guard import HEADERS
 from mission_service.interfaces.api.responses import error_body
 
-REQUEST_WITHIN_S = 10.0  # for its headers, from its first byte or the connection's start
+REQUEST_WITHIN_S = 10.0  # time limit for headers, from the first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
 NO_ROOM_S = 0.05  # until the next attempt to accept a connection
-STOP_WITHIN_S = 1  # then open connections are closed
+STOP_WITHIN_S = 1  # after this time of a shutdown, open connections are closed
 MAX_HEADER_BYTES = 16 * 1024
-SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would hold older states
+SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would store outdated states
 
 
 @contextlib.contextmanager
 def bound(section: HttpSection) -> Iterator[socket.socket]:
-    """A listening socket. Raises MissionServiceError in one line if the port cannot be used."""
+    """Open a listening socket. Raises MissionServiceError if the port cannot be used."""
     family = socket.AF_INET6 if ":" in section.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -54,21 +54,24 @@ def bound(section: HttpSection) -> Iterator[socket.socket]:
         listening.close()
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
-            why = "in use; is another service running? Choose another with service.http.listen"
+            why = "the port is in use, perhaps by another service; choose another in [service.http]"
         raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
     with listening:
         yield listening
 
 
 def url_of(section: HttpSection, listening: socket.socket) -> str:
-    """The URL for browsers, as http://127.0.0.1:8765."""
+    """Return the URL for browsers, for example http://127.0.0.1:8765."""
     host = f"[{section.host}]" if ":" in section.host else section.host
     scheme = "http" if section.tls_certificate is None else "https"
     return f"{scheme}://{host}:{listening.getsockname()[1]}"
 
 
 def tls_of(section: HttpSection) -> ssl.SSLContext | None:
-    """The TLS context (1.2 and later); None without a certificate. Raises MissionServiceError."""
+    """Return the context of TLS 1.2 and later; None without a certificate.
+
+    Raises MissionServiceError for an unusable certificate or key.
+    """
     certificate, key = section.tls_certificate, section.tls_key
     if certificate is None or key is None:
         return None
@@ -78,7 +81,7 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
     # closed the connection, this write fails, and asyncio discards the unread request.
     context.num_tickets = 0
     try:
-        # Without this, OpenSSL would prompt for the password of a key on the terminal.
+        # Without a callback, OpenSSL would prompt for the password of a key on the terminal.
         context.load_cert_chain(certificate, key, password=_no_password)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -89,14 +92,14 @@ def tls_of(section: HttpSection) -> ssl.SSLContext | None:
 
 
 def _no_password() -> str:
-    raise ValueError("the key has a password; give one without")
+    raise ValueError("the key has a password; configure a key without one")
 
 
 @contextlib.asynccontextmanager
 async def serving(
     app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    """Serve within this context; ``stopping`` is set at its end, so that streams end first."""
+    """Serve ``app`` within this context; set ``stopping`` at its end, so that streams end first."""
     config = uvicorn.Config(
         app,
         http=Connection,
@@ -111,7 +114,7 @@ async def serving(
         timeout_graceful_shutdown=STOP_WITHIN_S,
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
-    # uvicorn warns of each request that is not HTTP: such requests could fill the disk.
+    # uvicorn logs a warning for each request that is not HTTP; such requests could fill the disk.
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     server = _Server(config, listening, tls)
     running = asyncio.create_task(server.serve())
@@ -126,13 +129,13 @@ async def serving(
             connection.transport.abort()
 
 
-def _shut(there: socket.socket) -> None:
-    with contextlib.suppress(OSError):  # it is closed already
-        there.shutdown(socket.SHUT_RDWR)
+def _shut(client: socket.socket) -> None:
+    with contextlib.suppress(OSError):  # closed already
+        client.shutdown(socket.SHUT_RDWR)
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server on our socket, without its signal handlers, exit and ten ticks a second."""
+    """uvicorn's server on a given socket, without its signal handlers and with slower ticks."""
 
     def __init__(
         self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
@@ -140,7 +143,7 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._listening = listening
         self._tls = tls
-        self._callers = ClientConnections()
+        self._connections = ClientConnections()
         self._beginning: set[asyncio.Task[None]] = set()
         self.ready = asyncio.Event()
         self.stop = asyncio.Event()
@@ -162,43 +165,43 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
     async def _accept(self) -> None:
-        """Accept connections one by one; each is counted before anything is read from it."""
+        """Accept connections one by one; count each before reading from it."""
         loop = asyncio.get_running_loop()
         while True:
             try:
-                there, address = await loop.sock_accept(self._listening)
-            except OSError:  # no file descriptor left, or the client has closed it
-                self._callers.cut_one()
+                client, address = await loop.sock_accept(self._listening)
+            except OSError:  # no file descriptor left, or the client has closed the connection
+                self._connections.cut_one()
                 await asyncio.sleep(NO_ROOM_S)
                 continue
-            caller = ClientConnection(client_at(address), partial(_shut, there))
-            self._callers.come(caller)
-            task = asyncio.create_task(self._begin(there, caller))
+            connection = ClientConnection(client_at(address), partial(_shut, client))
+            self._connections.add(connection)
+            task = asyncio.create_task(self._begin(client, connection))
             self._beginning.add(task)
             task.add_done_callback(self._beginning.discard)
 
-    async def _begin(self, there: socket.socket, caller: ClientConnection) -> None:
-        """Attach the protocol to a connection, after its TLS handshake if there is one."""
+    async def _begin(self, client: socket.socket, connection: ClientConnection) -> None:
+        """Attach the protocol to a connection, after the handshake of TLS if it is configured."""
         loop = asyncio.get_running_loop()
         begun = False
 
-        def connection() -> asyncio.Protocol:
-            return Connection(self._callers, caller, self.config, self.server_state, {})
+        def protocol() -> asyncio.Protocol:
+            return Connection(self._connections, connection, self.config, self.server_state, {})
 
         try:
             await loop.connect_accepted_socket(
-                connection,
-                there,
+                protocol,
+                client,
                 ssl=self._tls,
                 ssl_handshake_timeout=None if self._tls is None else HANDSHAKE_WITHIN_S,
             )
             begun = True
-        except OSError:  # closed during its handshake
+        except OSError:  # closed during the handshake
             pass
         finally:
             if not begun:
-                self._callers.remove(caller)
-                there.close()
+                self._connections.remove(connection)
+                client.close()
 
     async def main_loop(self) -> None:
         while not self.stop.is_set():
@@ -208,67 +211,66 @@ class _Server(uvicorn.Server):
 
 
 class Connection(H11Protocol):
-    """One connection, with a time limit for its headers.
+    """One connection, with a time limit for headers.
 
     ``scope["state"]`` has two functions: ``cut`` closes the connection, ``proven`` marks it as one
     with a valid token.
     """
 
-    def __init__(self, callers: ClientConnections, caller: ClientConnection, *args: Any) -> None:
+    def __init__(
+        self, connections: ClientConnections, connection: ClientConnection, *args: Any
+    ) -> None:
         super().__init__(*args)
-        self._callers = callers
-        self._caller = caller
-        self._too_late: asyncio.TimerHandle | None = None
+        self._connections = connections
+        self._connection = connection
+        self._timeout: asyncio.TimerHandle | None = None
         routes = self.app
 
         async def app(scope: Scope, receive: Receive, send: Send) -> None:
-            scope["state"] = {"cut": self.transport.abort, "proven": self._prove}
+            prove = partial(self._connections.prove, self._connection)
+            scope["state"] = {"cut": self.transport.abort, "proven": prove}
             await routes(scope, receive, send)
 
         self.app = app
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)  # type: ignore[arg-type]
-        self._caller.cut = self.transport.abort
+        self._connection.cut = self.transport.abort
         self._expect_request()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._expect_nothing()
-        self._callers.remove(self._caller)
+        self._connections.remove(self._connection)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        if self._too_late is None and self._idle:
+        if self._timeout is None and self._idle:
             self._expect_request()
         super().data_received(data)
         if not self._idle:
             self._expect_nothing()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer data that is not HTTP with an error in the common form; close the connection."""
+        """Send an error in the common form for data that are not HTTP; close the connection."""
         if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
             self.transport.close()
             return
         body = error_body("this is not an HTTP request, or its headers are too long")
         lines = [b"HTTP/1.1 400 Bad Request", b"content-type: application/json"]
         lines += [b"content-length: %d" % len(body), b"connection: close"]
-        lines += [b"cache-control: no-store"]
-        lines += [b"%b: %b" % header for header in HEADERS.items()]
+        lines += [b"cache-control: no-store", *(b"%b: %b" % each for each in HEADERS.items())]
         self.transport.write(b"\r\n".join([*lines, b"", body]))
         self.transport.close()
 
     @property
     def _idle(self) -> bool:
-        """Whether no request is being handled."""
+        """Return whether no request is being handled."""
         return self.cycle is None or self.cycle.response_complete
 
-    def _prove(self) -> None:
-        self._callers.prove(self._caller)
-
     def _expect_request(self) -> None:
-        self._too_late = self.loop.call_later(REQUEST_WITHIN_S, self.transport.abort)
+        self._timeout = self.loop.call_later(REQUEST_WITHIN_S, self.transport.abort)
 
     def _expect_nothing(self) -> None:
-        if self._too_late is not None:
-            self._too_late.cancel()
-            self._too_late = None
+        if self._timeout is not None:
+            self._timeout.cancel()
+            self._timeout = None

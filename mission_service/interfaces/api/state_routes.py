@@ -60,7 +60,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     )
     async def live(request: Request, since: Since = 0) -> Response:
         if api.streams.full:
-            text = f"{MAX_STREAMS} live streams are open already"
+            text = f"{MAX_STREAMS} live streams are open, which is the limit"
             raise ApiError(503, text, {"retry-after": "10"})
         user: User = request.state.user
         return LiveStream(api.streams, since, lambda: api.tokens.still(user))
@@ -76,7 +76,8 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/abort",
         **route(
             "look",
-            "Stop at once: accepted with any valid token, as soon as its headers arrive.",
+            "Abort: all vehicles stop. Accepted with any valid token, as soon as its headers "
+            "arrive.",
             struct(RequestResult, {**examples.ACCEPTED, "event": "Aborted"}),
         ),
     )
@@ -85,4 +86,4 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         by: Annotated[str, Query(description=BY)] = "",
         station: Annotated[str, Query(description=STATION)] = "",
     ) -> Response:
-        return answer(request.state.aborted)  # the guard has carried it out
+        return answer(request.state.aborted)  # the guard has carried out the abort

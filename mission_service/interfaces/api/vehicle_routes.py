@@ -18,16 +18,13 @@ GEOJSON = "application/geo+json"
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/vehicles`` and the orders of ``ORDERS``."""
+    """Add ``/vehicles``: states, tracks and importances."""
 
     @routes.get(f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState)))
     async def vehicles() -> Response:
         return answer(list(api.context.state_view.vehicles.values()))
 
-    @routes.get(
-        f"{V1}/vehicles/{{name}}",
-        **route("look", "One vehicle.", struct(VehicleState)),
-    )
+    @routes.get(f"{V1}/vehicles/{{name}}", **route("look", "One vehicle.", struct(VehicleState)))
     async def vehicle(name: str) -> Response:
         return answer(api.vehicle(name))
 
@@ -57,5 +54,5 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         found = importance_of(api.context, api.vehicle(name))
         if found is None:
             rule = api.context.scenario.planner.rule
-            raise ApiError(404, f"{name}: no importances yet, or the rule {rule} has none")
+            raise ApiError(404, f"{name}: no importance yet, or the rule {rule} has none")
         return answer(found)

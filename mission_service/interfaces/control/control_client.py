@@ -2,7 +2,6 @@
 
 import socket
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -14,7 +13,7 @@ ANSWER_WITHIN_S = 10.0
 
 
 class ControlClient:
-    """A connection to the run whose files are in ``out``."""
+    """A connection to the run with the files in ``out``."""
 
     def __init__(self, out: Path) -> None:
         self.path = out / NAME
@@ -30,24 +29,18 @@ class ControlClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._replies.close()
         self._socket.close()
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """The answer to a request; raises RequestError if it was refused, ControlError if none."""
+        """Return the reply to a request.
+
+        Raises RequestError if the run refuses the request, ControlError if no reply arrives.
+        """
         try:
             self._socket.sendall(msgspec.json.encode(request) + b"\n")
             line = self._replies.readline()
-        except TimeoutError:
-            raise ControlError(
-                f"{self.path}: the run does not answer within {ANSWER_WITHIN_S:g} s"
-            ) from None
         except OSError as error:
             raise ControlError(f"{self.path}: {_why(error)}") from None
         if not line.endswith(b"\n"):
@@ -61,12 +54,12 @@ class ControlClient:
 def _why(error: OSError) -> str:
     match error:
         case FileNotFoundError():
-            return "no run there; is mission-service run active with this --out?"
+            return "no run has this folder; start mission-service run with this --out"
         case ConnectionRefusedError():
-            return "the run that made it was killed; start it again to resume it"
+            return "the run of this folder was killed; start it again to resume it"
         case PermissionError():
             return "no permission: only the user that runs the service may control it"
         case TimeoutError():
-            return f"the run does not answer within {ANSWER_WITHIN_S:g} s"
+            return f"the run does not reply within {ANSWER_WITHIN_S:g} s"
         case _:
             return str(error.strerror or error)

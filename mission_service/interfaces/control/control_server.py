@@ -1,8 +1,8 @@
-"""The control socket of a live run, ``OUT/control.sock``: JSON lines in, one line back for each.
+"""The control socket of a live run, ``OUT/control.sock``: one reply line for each line of JSON.
 
-Only the user that runs the service may open it (mode 0600). An invalid request is answered with the
-error and has no effect; an abort is accepted from every client, whatever its content, even if the
-limit of clients is reached.
+Only the user that runs the service may open it (mode 0600). The reply to an invalid request
+contains the error; the request has no effect. The service accepts an abort from every client, with
+any content, even if the limit of clients is reached.
 """
 
 import asyncio
@@ -20,33 +20,33 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # beyond MAX_CLIENTS only an abort is accepted; beyond this one is cut
+MAX_WAITING = 64  # clients above MAX_CLIENTS may only abort; above this number one is disconnected
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
-MAX_QUEUED = 100  # waiting lines at which reading pauses
-FRESH_S = 2.0  # lines sent this long before a client closes are still carried out
-LONGEST_PATH_BYTES = 107  # of a Unix-domain socket on Linux
+MAX_QUEUED = 100  # queued lines at which reading pauses
+FRESH_S = 2.0  # lines that arrived within this time before a disconnection are carried out
+LONGEST_PATH_BYTES = 107  # limit for Unix-domain sockets on Linux
 
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[socket.socket]:
-    """The listening socket at ``path``; removed at the end of the context.
+    """Open the listening socket at ``path``; remove it at the end of the context.
 
-    A socket left by a killed run is replaced. Raises ControlError if another run answers there, if
-    another kind of file has that name, or if the socket cannot be made.
+    Replaces the socket of a killed run. Raises ControlError if another run uses the socket, if
+    ``path`` is another type of file, or if the socket cannot be created.
     """
     _refuse_long(path)
     _clear(path)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        # Clients can connect only after ``listen``, when its mode is set.
+        # The mode is set before ``listen``: no client can connect earlier.
         listening.bind(str(path))
         path.chmod(0o600)
         listening.listen(MAX_WAITING)
         listening.setblocking(False)
     except OSError as error:
         listening.close()
-        raise ControlError(f"{path}: cannot be made: {error.strerror}") from None
+        raise ControlError(f"{path}: cannot be created: {error.strerror}") from None
     made = path.stat().st_ino
     try:
         yield listening
@@ -61,21 +61,21 @@ def _refuse_long(path: Path) -> None:
     length = len(str(path).encode())
     if length > LONGEST_PATH_BYTES:
         raise ControlError(
-            f"{path}: the control socket's path has {length} bytes, and at most "
-            f"{LONGEST_PATH_BYTES} are possible; choose a shorter --out"
+            f"{path}: the path of the control socket has {length} bytes; the limit is "
+            f"{LONGEST_PATH_BYTES}; choose a shorter --out"
         )
 
 
 def _clear(path: Path) -> None:
-    """Remove the socket that a killed run has left."""
+    """Remove the socket of a killed run."""
     try:
         mode = path.lstat().st_mode
     except FileNotFoundError:
         return
     except OSError as error:
-        raise ControlError(f"{path}: cannot be made: {error.strerror}") from None
+        raise ControlError(f"{path}: cannot be created: {error.strerror}") from None
     if not stat.S_ISSOCK(mode):
-        raise ControlError(f"{path}: has the name of the control socket; move it away")
+        raise ControlError(f"{path}: is not a socket; move this file to another folder")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:
@@ -85,11 +85,11 @@ def _clear(path: Path) -> None:
             return
         except OSError as error:
             raise ControlError(f"{path}: cannot be checked: {error.strerror}") from None
-    raise ControlError(f"{path}: another run answers there; end it first, or choose another --out")
+    raise ControlError(f"{path}: another run uses this socket; stop it, or choose another --out")
 
 
 async def serve_control(listening: socket.socket, request_handler: RequestHandler) -> None:
-    """Answer clients until cancelled. Raises the exception of a request that failed."""
+    """Reply to clients until cancelled. Raises the exception of a request that failed."""
     loop = asyncio.get_running_loop()
     clients = _Clients(request_handler, loop.create_future())
     server = await loop.create_unix_server(lambda: _Client(clients), sock=listening)
@@ -97,7 +97,7 @@ async def serve_control(listening: socket.socket, request_handler: RequestHandle
         await clients.failed
     finally:
         server.close()
-        for client in list(clients.there):
+        for client in list(clients.connected):
             client.cut()
 
 
@@ -107,22 +107,22 @@ class _Clients:
     def __init__(self, request_handler: RequestHandler, failed: asyncio.Future[None]) -> None:
         self.request_handler = request_handler
         self.failed = failed
-        self.there: dict[_Client, None] = {}
+        self.connected: dict[_Client, None] = {}
 
-    def come(self, client: "_Client") -> bool:
-        """Add a client; True if the limit is reached, so that it may only abort."""
-        late = len(self.there) >= MAX_CLIENTS
-        if len(self.there) >= MAX_WAITING:
-            next(each for each in self.there if each.late).cut()
-        self.there[client] = None
+    def add(self, client: "_Client") -> bool:
+        """Add a client; return True above the limit of clients, where it may only abort."""
+        late = len(self.connected) >= MAX_CLIENTS
+        if len(self.connected) >= MAX_WAITING:
+            next(each for each in self.connected if each.late).cut()
+        self.connected[client] = None
         return late
 
 
 class _Client(asyncio.Protocol):
-    """One client. A complete line is carried out even if the client has disconnected by then.
+    """One client. Its complete lines are carried out even if it has disconnected meanwhile.
 
-    An abort is carried out as soon as it is read, before earlier lines; it needs no newline. Of
-    other lines one is handled in each turn of the event loop. Replies are in the order of lines.
+    An abort is carried out as soon as it is read, before earlier lines; it needs no newline. Each
+    iteration of the event loop handles one of the other lines. Replies have the order of the lines.
     """
 
     def __init__(self, clients: _Clients) -> None:
@@ -130,32 +130,31 @@ class _Client(asyncio.Protocol):
         self._clients = clients
         self._loop = asyncio.get_running_loop()
         self._rest = b""
-        self._queued: deque[bytes | Answer] = (
-            deque()
-        )  # waiting lines, and answers to be sent after them
+        # Lines to handle, and replies to send after them.
+        self._queued: deque[bytes | Answer] = deque()
         self._read_s = 0.0
-        self._after_abort = False  # the end of its line may come yet
-        self._turn_comes = self._unread = self._ended = self._gone = False
+        self._after_abort = False  # the newline of the abort has not arrived
+        self._scheduled = self._unread = self._ended = self._disconnected = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Add the client."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        self.late = self._clients.come(self)
-        self._silence = self._loop.call_later(self._idle_s, self.cut)
+        self.late = self._clients.add(self)
+        self._timeout = self._loop.call_later(self._idle_s, self.cut)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Disconnected; lines sent within ``FRESH_S`` are still carried out."""
-        self._gone = True
-        self._silence.cancel()
-        self._clients.there.pop(self, None)
+        """Remove the client; carry out the lines that arrived within the last ``FRESH_S``."""
+        self._disconnected = True
+        self._timeout.cancel()
+        self._clients.connected.pop(self, None)
         if self._loop.time() - self._read_s > FRESH_S:
             self._queued.clear()
-        self._go_on()
+        self._schedule()
 
     def cut(self) -> None:
         """End the connection at once."""
-        self._clients.there.pop(self, None)
+        self._clients.connected.pop(self, None)
         self._transport.abort()
 
     def data_received(self, data: bytes) -> None:
@@ -165,78 +164,78 @@ class _Client(asyncio.Protocol):
             data, self._after_abort = data.removeprefix(b"\n"), False
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
-            self._take(line)
+            self._accept(line)
         if len(self._rest) > MAX_LINE_BYTES:
-            self._take(self._rest)
+            self._accept(self._rest)
         elif _is_abort(self._rest):
-            self._take(self._rest)
+            self._accept(self._rest)
             self._rest, self._after_abort = b"", True
         if len(self._queued) > MAX_QUEUED:
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Accept the last line without an end; the connection stays until all is answered."""
+        """Accept a last line without a newline; keep the connection until all replies are sent."""
         if self._rest:
-            self._take(self._rest)
+            self._accept(self._rest)
         self._ended = True
-        self._go_on()
+        self._schedule()
         return True
 
     def pause_writing(self) -> None:
-        """The client does not read its replies."""
+        """Stop handling lines: the client does not read its replies."""
         self._unread = True
 
     def resume_writing(self) -> None:
-        """The client reads its replies again."""
+        """Handle lines again: the client reads its replies."""
         self._unread = False
-        self._go_on()
+        self._schedule()
 
     @property
     def _idle_s(self) -> float:
         return LATE_CLIENT_S if self.late else IDLE_S
 
-    def _take(self, line: bytes) -> None:
+    def _accept(self, line: bytes) -> None:
         if self._ended:
             return
         if len(line) > MAX_LINE_BYTES:
-            self._queued.append(wrong(f"a line has at most {MAX_LINE_BYTES} bytes"))
+            self._queued.append(wrong(f"the line has more than {MAX_LINE_BYTES} bytes"))
             self._ended = True
         elif _is_abort(line):
             self._queued.append(self._answer(line))
         elif self.late:
-            text = f"{MAX_CLIENTS} clients are connected already; only an abort is accepted"
+            text = f"{MAX_CLIENTS} clients are connected, the limit; only an abort is accepted"
             self._queued.append(wrong(text))
         else:
             self._queued.append(line)
         self._ended = self._ended or self.late
-        self._go_on()
+        self._schedule()
 
-    def _go_on(self) -> None:
-        if not self._turn_comes and (self._gone or not self._unread):
-            self._turn_comes = True
-            self._loop.call_soon(self._turn)
+    def _schedule(self) -> None:
+        if not self._scheduled and (self._disconnected or not self._unread):
+            self._scheduled = True
+            self._loop.call_soon(self._handle_line)
 
-    def _turn(self) -> None:
-        """Handle and answer one line."""
-        self._turn_comes = False
+    def _handle_line(self) -> None:
+        """Handle one line and send its reply."""
+        self._scheduled = False
         if self._queued:
             first = self._queued.popleft()
             answer = self._answer(first) if isinstance(first, bytes) else first
-            if not self._gone:
+            if not self._disconnected:
                 self._transport.write(msgspec.json.encode(answer) + b"\n")
-                self._silence.cancel()
-                self._silence = self._loop.call_later(self._idle_s, self.cut)
+                self._timeout.cancel()
+                self._timeout = self._loop.call_later(self._idle_s, self.cut)
         if self._queued:
-            self._go_on()
+            self._schedule()
         elif self._ended:
             self._transport.close()
-        elif not self._gone:
+        elif not self._disconnected:
             self._transport.resume_reading()
 
     def _answer(self, line: bytes) -> Answer:
         try:
             return self._clients.request_handler.answer(line)
-        except Exception as error:  # raised by serve_control
+        except Exception as error:  # serve_control raises it
             if not self._clients.failed.done():
                 self._clients.failed.set_exception(error)
             return wrong("internal error of the service; the request may be incomplete")

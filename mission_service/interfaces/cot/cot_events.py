@@ -3,9 +3,9 @@
 Format: MITRE, *Cursor-on-Target Message Router User's Guide* (base event 2.0), and the drawn shapes
 of ATAK (``u-d-f``: a closed line of ``link`` points).
 
-Heights: ``hae`` is above the ellipsoid, but autopilots report heights above the sea. The
-difference, up to 100 m, is not available here; ``hae`` is sent as unknown, and the remarks contain
-the heights.
+Heights: ``hae`` is the height above the ellipsoid, but autopilots report heights above mean sea
+level. The difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the remarks
+contain the heights.
 """
 
 from collections.abc import Iterator
@@ -30,19 +30,13 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def zulu(unix_us: int) -> str:
-    """A time as CoT writes it: 2026-11-22T00:30:00.000Z."""
+    """Return a time in the format of CoT: 2026-11-22T00:30:00.000Z."""
     when = _EPOCH + timedelta(microseconds=unix_us)
     return f"{when:%Y-%m-%dT%H:%M:%S}.{when.microsecond // 1000:03d}Z"
 
 
-def vehicle_event(
-    fix: TelemetryState,
-    kind: str,
-    site: str,
-    unix_us: int,
-    stale_us: int,
-) -> bytes:
-    """The position of a vehicle at ``unix_us``; the event is stale after ``stale_us`` more."""
+def vehicle_event(fix: TelemetryState, kind: str, site: str, unix_us: int, stale_us: int) -> bytes:
+    """Return the event of a vehicle's position at ``unix_us``, valid for ``stale_us``."""
     event = _event(f"{site}.{fix.vehicle}", TYPES[kind], MACHINE_GPS, unix_us, stale_us)
     _point(event, fix.lat_deg, fix.lon_deg)
     detail = ElementTree.SubElement(event, "detail")
@@ -58,9 +52,10 @@ def vehicle_event(
 
 
 def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -> Iterator[bytes]:
-    """The burned area (a GeoJSON Feature) as drawn shapes, one for each of its largest parts.
+    """Yield the burned area (a GeoJSON Feature) as drawn shapes, one for each of its largest parts.
 
-    Unburned islands are left out. Outlines of more than ``MAX_CORNERS`` corners are simplified.
+    The shapes have no unburned islands. Outlines of more than ``MAX_CORNERS`` corners are
+    simplified.
     """
     areas = sorted(get_parts(shape(front["geometry"])), key=lambda area: -area.area)
     area_ha = front["properties"]["area_ha"]
@@ -75,25 +70,25 @@ def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -
         ElementTree.SubElement(detail, "strokeWeight", value="3.0")
         ElementTree.SubElement(detail, "fillColor", value=FAINT_RED)
         ElementTree.SubElement(detail, "contact", callsign=f"Fire {number}")
-        told = f"{area_ha:.1f} ha burned in {len(areas)} areas, by the model"
-        ElementTree.SubElement(detail, "remarks").text = told
+        remarks = f"{area_ha:.1f} ha burned in {len(areas)} areas, by the model"
+        ElementTree.SubElement(detail, "remarks").text = remarks
         yield ElementTree.tostring(event)
 
 
 def _event(uid: str, kind: str, how: str, unix_us: int, stale_us: int) -> ElementTree.Element:
     now, end = zulu(unix_us), zulu(unix_us + stale_us)
-    known = {"version": "2.0", "uid": uid, "type": kind, "how": how}
-    return ElementTree.Element("event", known | {"time": now, "start": now, "stale": end})
+    attributes = {"version": "2.0", "uid": uid, "type": kind, "how": how}
+    return ElementTree.Element("event", attributes | {"time": now, "start": now, "stale": end})
 
 
 def _point(event: ElementTree.Element, lat_deg: float, lon_deg: float) -> None:
-    place = {"lat": f"{lat_deg:.7f}", "lon": f"{lon_deg:.7f}"}
-    unsure = {"hae": UNKNOWN_M, "ce": POSITION_ERROR_M, "le": UNKNOWN_M}
-    ElementTree.SubElement(event, "point", place | unsure)
+    position = {"lat": f"{lat_deg:.7f}", "lon": f"{lon_deg:.7f}"}
+    errors = {"hae": UNKNOWN_M, "ce": POSITION_ERROR_M, "le": UNKNOWN_M}
+    ElementTree.SubElement(event, "point", position | errors)
 
 
 def _few_corners(area: Polygon) -> list[tuple[float, float]]:
-    """The closed outer ring, (lon, lat), simplified to at most ``MAX_CORNERS`` corners."""
+    """Return the closed outer ring, (lon, lat), simplified to at most ``MAX_CORNERS`` corners."""
     corners, tolerance_deg = area.exterior.coords, 1e-6
     while len(corners) > MAX_CORNERS:
         corners = area.exterior.simplify(tolerance_deg).coords

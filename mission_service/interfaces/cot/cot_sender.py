@@ -1,11 +1,12 @@
-"""Send Cursor on Target by UDP (also multicast), TCP or TLS, as ``[service.cot]`` configures.
+"""Sending of Cursor on Target by UDP (also multicast), TCP or TLS, configured by ``[service.cot]``.
 
-The run never waits for a receiver. Each round sends the present state; events that cannot be sent
-are dropped.
+The run never waits for a receiver. Each round sends the current state and drops events that cannot
+be sent.
 """
 
 import asyncio
 import contextlib
+import itertools
 import socket
 import ssl
 from collections.abc import Callable, Coroutine
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 FIRE_EVERY = 10  # rounds between two fronts
 ROUNDS_UNTIL_STALE = 3
-ANSWER_S = 5.0  # limit for connecting and for sending an event
+ANSWER_S = 5.0  # time limit for connecting and for sending an event
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
 ALARM = "cot"
 
@@ -57,15 +58,15 @@ class Datagrams:
 
 
 class Stream:
-    """TCP or TLS to a TAK server; data from the server is read and dropped."""
+    """TCP or TLS to a TAK server; data from the server are read and dropped."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writer = writer
-        self._listens = asyncio.create_task(self._drop(reader))
+        self._reading = asyncio.create_task(self._drop(reader))
 
     async def send(self, event: bytes) -> None:
         """Send an event; wait up to ``ANSWER_S`` for a slow server."""
-        if self._listens.done():
+        if self._reading.done():
             raise ConnectionResetError("the server has closed the connection")
         self._writer.write(event + b"\n")
         async with asyncio.timeout(ANSWER_S):
@@ -73,7 +74,7 @@ class Stream:
 
     def close(self) -> None:
         """Close the transport."""
-        self._listens.cancel()
+        self._reading.cancel()
         self._writer.close()
 
     async def _drop(self, reader: asyncio.StreamReader) -> None:
@@ -85,7 +86,7 @@ class Stream:
 def cot_interface(
     settings: CotSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
-    """The coroutine that sends events until cancelled. Raises MissionServiceError."""
+    """Return the coroutine that sends events until cancelled. Raises MissionServiceError."""
     tls = None
     if settings.scheme == "tls":
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
@@ -97,7 +98,7 @@ def cot_interface(
 
 
 class CotSender:
-    """Sends the events of one run."""
+    """Sender of the events of one run."""
 
     def __init__(
         self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None
@@ -107,62 +108,58 @@ class CotSender:
         self._sent: dict[str, int] = {}  # version of the state view, by vehicle
 
     async def run(self) -> None:
-        """Send until cancelled; connect again after a failure."""
+        """Send until cancelled; reconnect after a failure."""
         wait_s = MIN_WAIT_S
         try:
             while True:
                 try:
                     async with asyncio.timeout(ANSWER_S):
-                        way = await self._way()
+                        transport = await self._connect()
                     try:
-                        await self._rounds(way)
+                        await self._rounds(transport)
                     finally:
-                        way.close()
+                        transport.close()
                         wait_s = MIN_WAIT_S
                 except (OSError, TimeoutError) as error:
-                    words = str(error) or "no answer"
-                    self._context.state_view.alarm(
-                        ALARM, f"no CoT to {self._settings.url}: {words}"
-                    )
+                    text = f"no CoT to {self._settings.url}: {str(error) or 'no response'}"
+                    self._context.state_view.alarm(ALARM, text)
                     self._context.ring()
                 await asyncio.sleep(wait_s)
                 wait_s = min(2.0 * wait_s, MAX_WAIT_S)
         finally:
             self._forecasts.close()
 
-    async def _way(self) -> CotTransport:
+    async def _connect(self) -> CotTransport:
         host, port = self._settings.host, self._settings.port
         if self._settings.scheme != "udp":
             reader, writer = await asyncio.open_connection(host, port, ssl=self._tls)
             return Stream(reader, writer)
         loop = asyncio.get_running_loop()
-        found = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-        family, _, _, _, address = found[0]
+        addresses = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        family, _, _, _, address = addresses[0]
         return Datagrams(address, family)
 
-    async def _rounds(self, way: CotTransport) -> None:
+    async def _rounds(self, transport: CotTransport) -> None:
         """Send rounds of events. Raises OSError or TimeoutError when the transport fails."""
         stale_us = round(ROUNDS_UNTIL_STALE * self._settings.every_s * 1e6)
-        number = 0
-        while True:
+        for number in itertools.count():
             if number % FIRE_EVERY == 0:
-                await self._send_fire(way, FIRE_EVERY * stale_us)
-            await self._send_vehicles(way, stale_us)
+                await self._send_fire(transport, FIRE_EVERY * stale_us)
+            await self._send_vehicles(transport, stale_us)
             self._context.state_view.clear(ALARM)
-            number += 1
             await asyncio.sleep(self._settings.every_s)
 
-    async def _send_vehicles(self, way: CotTransport, stale_us: int) -> None:
-        """Send positions that are new since the last round; on the maps the others become stale."""
+    async def _send_vehicles(self, transport: CotTransport, stale_us: int) -> None:
+        """Send positions that are new since the last round; receivers mark the others as stale."""
         state_view = self._context.state_view
         for name, fix in list(state_view.telemetry.items()):
             version = state_view.changed[f"telemetry/{name}"]
             if version > self._sent.get(name, 0):
                 self._sent[name] = version
                 kind = state_view.vehicles[name].kind
-                await way.send(vehicle_event(fix, kind, self._site, wall_us(), stale_us))
+                await transport.send(vehicle_event(fix, kind, self._site, wall_us(), stale_us))
 
-    async def _send_fire(self, way: CotTransport, stale_us: int) -> None:
+    async def _send_fire(self, transport: CotTransport, stale_us: int) -> None:
         front = await front_now(self._context, self._forecasts)
         for event in fire_events(front, self._site, wall_us(), stale_us):
-            await way.send(event)
+            await transport.send(event)

@@ -19,10 +19,14 @@ Floats = NDArray[np.float64]
 def burned_area(
     arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
 ) -> Any:
-    """Area burned at a time, shapely MultiPolygon in the landscape's CRS.
+    """Return the area burned at a time, a shapely MultiPolygon in the landscape's CRS.
 
-    Arrival times (y, x), infinity where fire never arrives; times after ``at_s`` interpolate the
-    front between two cells. ``start_area`` is that of a fire taken over (``Fire.start_area``).
+    Args:
+        arrival_s: arrival times (y, x), infinity where fire never arrives; times after ``at_s``
+            interpolate the front between two cells.
+        landscape: the grid of ``arrival_s``.
+        at_s: mission time.
+        start_area: burned area with which the fire began (``Fire.start_area``).
     """
     return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
 
@@ -36,9 +40,9 @@ def front_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """One Feature: the area burned at a time (see ``burned_area``), with further ``props``.
+    """Return the area burned at a time (see ``burned_area``) as a Feature.
 
-    Without coordinates if nothing has burned.
+    ``props`` are additional properties. The Feature has no coordinates if nothing has burned.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     return _feature(area, landscape, at_s, now_s, props)
@@ -53,7 +57,7 @@ def contours_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection of ``front_geojson`` at each time, latest first, for drawing in order."""
+    """Return ``front_geojson`` at each time as a FeatureCollection, latest first."""
     return _collection(
         [
             front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)
@@ -70,10 +74,10 @@ def probability_geojson(
     levels: Sequence[float] = LEVELS,
     **props: Any,
 ) -> dict[str, Any]:
-    """A FeatureCollection: for each probability the area burned at a time with at least it.
+    """Return a FeatureCollection of the areas burned with at least the probability of each level.
 
-    The least probability (the largest area) comes first, for drawing in order. Probabilities (y, x)
-    are from 0 to 1.
+    The lowest level (the largest area) is first, for drawing in this order. ``probability`` (y, x)
+    of being burned at ``at_s`` is from 0 to 1.
     """
     features = []
     for level in sorted(set(levels)):

@@ -1,7 +1,7 @@
 """Limits for shapes on which GEOS, which cannot be interrupted, would compute for hours.
 
-Its time grows with the number of pairs of near segments: validating a comb of 50,000 long teeth
-takes 48 s, repairing a scribble of 300 points 3 s.
+The computing time of GEOS grows with the number of pairs of near segments: the validation of a comb
+of 50,000 long teeth takes 48 s, the repair of a scribble of 300 points 3 s.
 """
 
 from collections.abc import Sequence
@@ -10,21 +10,21 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-MAX_PAIRS = 3_000_000  # of a whole file; real perimeters have about four per vertex
-MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # of one shape that is not valid
+MAX_PAIRS = 3_000_000  # in one file; real perimeters have about four for each vertex
+MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # in one invalid shape: base, and for each vertex
 AT_ONCE = 16  # segments per query, to limit the pairs that one query returns
 
 
 def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
-    """The number of pairs of segments whose boxes meet (each pair twice, and with itself).
+    """Return the number of ordered pairs of segments with intersecting bounding boxes.
 
-    Counting stops above ``most``.
+    Each segment also forms a pair with itself. Counting stops above ``most``.
     """
     rings = shapely.get_rings(shapely.get_parts(shapely.get_parts(list(shapes))))
-    places, of_ring = shapely.get_coordinates(rings, return_index=True)
-    together = of_ring[1:] == of_ring[:-1]
-    one, other = places[:-1][together], places[1:][together]
-    if not np.isfinite(places).all() or not len(one):
+    points, of_ring = shapely.get_coordinates(rings, return_index=True)
+    same_ring = of_ring[1:] == of_ring[:-1]
+    one, other = points[:-1][same_ring], points[1:][same_ring]
+    if not np.isfinite(points).all() or not len(one):
         return 0
     boxes = shapely.box(*np.minimum(one, other).T, *np.maximum(one, other).T)
     tree, count = shapely.STRtree(boxes), 0
@@ -36,5 +36,5 @@ def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
 
 
 def max_repaired(shape: BaseGeometry) -> int:
-    """The maximum number of pairs of a shape that is repaired."""
+    """Return the limit of ``pairs_near`` for the repair of a shape."""
     return MAX_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 
-RADIUS_M = 6378137.0  # EPSG:3857 is on a sphere
+RADIUS_M = 6378137.0  # of the sphere of EPSG:3857
 WORLD_M = 2.0 * math.pi * RADIUS_M
-# The projections are computed at this number of points along each side and interpolated linearly:
-# over 100 km the error is 2 m, less than a thousandth of a tile of 256 pixels.
+# Number of points along each side at which the projections are computed. Between them they are
+# interpolated linearly: over 100 km the error is 2 m, less than a thousandth of a tile.
 NODES = 33
 
 Floats = NDArray[np.float64]
@@ -19,19 +19,19 @@ Box = tuple[float, float, float, float]  # west, south, east, north
 
 
 def mercator_of(lon_deg: Any, lat_deg: Any) -> tuple[Any, Any]:
-    """x, y in metres of Web Mercator."""
+    """Return x and y in metres of Web Mercator."""
     y_m = RADIUS_M * np.arctanh(np.sin(np.deg2rad(lat_deg)))
     return RADIUS_M * np.deg2rad(lon_deg), y_m
 
 
 def lon_lat_of(x_m: Any, y_m: Any) -> tuple[Any, Any]:
-    """Longitude and latitude in degrees."""
+    """Return longitude and latitude in degrees."""
     lat_deg = np.rad2deg(np.arcsin(np.tanh(np.asarray(y_m) / RADIUS_M)))
     return np.rad2deg(np.asarray(x_m) / RADIUS_M), lat_deg
 
 
 def outline_of(landscape: Landscape) -> Floats:
-    """Longitudes and latitudes (n, 2) along the edge of a landscape, clockwise from the NW."""
+    """Return (n, 2) longitudes and latitudes along a landscape's edge, clockwise from the NW."""
     rows, cols = landscape.shape
     along = np.linspace(0.0, 1.0, NODES)[:-1]
     row = np.concatenate([along * 0, along, along * 0 + 1, 1 - along]) * rows - 0.5
@@ -41,19 +41,19 @@ def outline_of(landscape: Landscape) -> Floats:
 
 
 def mercator_box(landscape: Landscape) -> Box:
-    """The extent of the landscape, in metres of Web Mercator."""
+    """Return the extent of the landscape, in metres of Web Mercator."""
     x_m, y_m = mercator_of(*outline_of(landscape).T)
     return float(x_m.min()), float(y_m.min()), float(x_m.max()), float(y_m.max())
 
 
 def bounds_deg(box: Box) -> list[float]:
-    """A box in metres of Web Mercator as west, south, east, north in degrees."""
+    """Return a box in metres of Web Mercator as west, south, east, north in degrees."""
     lon, lat = lon_lat_of(box[0::2], box[1::2])
     return [float(lon[0]), float(lat[0]), float(lon[1]), float(lat[1])]
 
 
 def cell_mercator_m(landscape: Landscape) -> float:
-    """Length of a cell's side in Web Mercator, at the middle of the landscape."""
+    """Return the side of a cell in metres of Web Mercator, at the centre of the landscape."""
     rows, cols = landscape.shape
     lat, _ = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     return landscape.cell_size_m / math.cos(math.radians(lat))
@@ -62,9 +62,9 @@ def cell_mercator_m(landscape: Landscape) -> float:
 def grid_positions(
     landscape: Landscape, box: Box, width: int, height: int
 ) -> tuple[Floats, Floats]:
-    """Float rows and columns of the landscape's grid, each (height, width).
+    """Return the float rows and columns, each (height, width), of pixels in a landscape's grid.
 
-    The positions are the centres of a box's pixels; the first row of pixels is the northernmost.
+    The positions are the centres of the pixels of ``box``; the first row is the northernmost.
     """
     west, south, east, north = box
     x_m = np.linspace(west, east, NODES)

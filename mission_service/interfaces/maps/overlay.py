@@ -17,11 +17,11 @@ from mission_service.interfaces.maps.mercator import (
     mercator_box,
 )
 
-PIXELS_A_CELL = 2.0  # so that cells keep their edges when warped
+PIXELS_A_CELL = 2.0  # preserves the edges of cells in the warped image
 MAX_PIXELS = 2048  # along a side
 OPAQUE = 185  # of 255
 COLOURS = 250
-# Nine colours of matplotlib's inferno without its black end, which looks like shadow.
+# Nine colours of matplotlib's inferno without its black end, which resembles a shadow.
 INFERNO = (
     (30, 12, 69),
     (76, 12, 107),
@@ -42,34 +42,35 @@ class _Frame(NamedTuple):
     box: Box
     width: int
     height: int
-    cells: NDArray[np.int32]  # (height, width) cell in a row, one past the last outside
+    cells: NDArray[np.int32]  # (height, width) flat index of a cell; outside: number of cells
 
 
 def arrival_png(arrival_s: Floats, landscape: Landscape, from_s: float, until_s: float) -> bytes:
-    """Arrival times as a transparent PNG in the landscape's ``overlay_frame``.
+    """Return arrival times (y, x) as a transparent PNG in the landscape's ``overlay_frame``.
 
-    Arrival times (y, x). Colours range from ``from_s`` (and before) to ``until_s``; cells that burn
-    later or never are transparent. ``arrival_scale`` is the legend.
+    Colours range from ``from_s`` (and earlier) to ``until_s``; cells that burn later or never are
+    transparent. ``arrival_scale`` returns the legend.
     """
     share = (arrival_s - from_s) / max(until_s - from_s, 1e-9)
-    place = 1 + np.clip(share, 0.0, 1.0) * (COLOURS - 1)
-    levels = np.where(arrival_s <= until_s, place, 0.0).astype(np.uint8)
+    colour = 1 + np.clip(share, 0.0, 1.0) * (COLOURS - 1)
+    levels = np.where(arrival_s <= until_s, colour, 0.0).astype(np.uint8)
     return _png(levels, [_colour(n / (COLOURS - 1)) for n in range(COLOURS)], landscape)
 
 
 def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
-    """The legend of ``arrival_png``: times and colours, for linear interpolation."""
+    """Return the legend of ``arrival_png``: times and colours, for linear interpolation."""
     last = len(INFERNO) - 1
     return [
-        {"at_s": from_s + (until_s - from_s) * place / last, "colour": _hex(colour)}
-        for place, colour in enumerate(INFERNO)
+        {"at_s": from_s + (until_s - from_s) * n / last, "colour": "#" + bytes(colour).hex()}
+        for n, colour in enumerate(INFERNO)
     ]
 
 
 def overlay_frame(landscape: Landscape) -> dict[str, Any]:
-    """The position of overlays: bounds, and corners (NW, NE, SE, SW) for MapLibre's image source.
+    """Return bounds, corners and size in pixels of the overlays of a landscape.
 
-    All are in degrees, [lon, lat]; also contains the size in pixels.
+    The corners (NW, NE, SE, SW) are for MapLibre's image source. Positions are [lon, lat] in
+    degrees.
     """
     frame = _frame(landscape)
     west, south, east, north = bounds_deg(frame.box)
@@ -87,7 +88,7 @@ def _frame(landscape: Landscape) -> _Frame:
     pixel_m = max(
         cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MAX_PIXELS
     )
-    # Whole pixels: the fraction left over extends the frame to the south and the east.
+    # A whole number of pixels: the fraction extends the frame to the south and the east.
     width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)
     box = west, north - height * pixel_m, west + width * pixel_m, north
     row, col = np.rint(grid_positions(landscape, box, width, height)).astype(np.int32)
@@ -98,7 +99,7 @@ def _frame(landscape: Landscape) -> _Frame:
 
 
 def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape) -> bytes:
-    """Levels (y, x) as PNG: 0 is transparent, 1 the first colour."""
+    """Return levels (y, x) as a PNG: 0 is transparent, 1 the first colour."""
     from PIL import Image
 
     pixels = np.append(levels.ravel(), np.uint8(0))[_frame(landscape).cells]
@@ -111,16 +112,9 @@ def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape)
 
 
 def _colour(share: float) -> Colour:
-    """A colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
+    """Return a colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
     at = share * (len(INFERNO) - 1)
     low = min(int(at), len(INFERNO) - 2)
-    return _mixed(INFERNO[low], INFERNO[low + 1], at - low)
-
-
-def _mixed(one: Colour, other: Colour, share: float) -> Colour:
-    red, green, blue = (round(a + (b - a) * share) for a, b in zip(one, other, strict=True))
+    pairs = zip(INFERNO[low], INFERNO[low + 1], strict=True)
+    red, green, blue = (round(a + (b - a) * (at - low)) for a, b in pairs)
     return red, green, blue
-
-
-def _hex(colour: Colour) -> str:
-    return "#" + bytes(colour).hex()

@@ -1,4 +1,4 @@
-"""The fire's perimeter for other organisations: field names of WFIGS, marked as not approved."""
+"""The fire's perimeter for other organisations: field names of WFIGS, not marked as approved."""
 
 from datetime import datetime
 from typing import Any
@@ -28,14 +28,20 @@ def perimeter_geojson(
     time_zero: datetime | None = None,
     start_area: StartArea | None = None,
 ) -> dict[str, Any]:
-    """A FeatureCollection of the perimeter at a time (arguments as ``fronts.burned_area``).
+    """Return a FeatureCollection of the perimeter at a time.
 
-    Properties are those of the US interagency perimeters (WFIGS, there with the prefix ``poly_``);
-    times in ms since 1970 UTC. ``time_zero`` is 0 s by the calendar; without it PolygonDateTime is
-    None. ``written_unix_ms`` is now.
+    The properties are those of the US interagency perimeters (WFIGS, where they have the prefix
+    ``poly_``), with times in ms since 1970 UTC.
+
+    Args:
+        arrival_s, landscape, at_s, start_area: as in ``fronts.burned_area``.
+        name: IncidentName.
+        written_unix_ms: the current time.
+        prescribed: whether the fire is a prescribed burn.
+        time_zero: date and time of 0 s; without it PolygonDateTime is None.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
-    of_when = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)
+    at_unix_ms = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)
     properties = {
         "IncidentName": name,
         "FeatureCategory": "Prescribed Fire" if prescribed else "Wildfire Daily Fire Perimeter",
@@ -43,7 +49,7 @@ def perimeter_geojson(
         "GISAcres": round(area.area / M2_PER_ACRE, 2),
         "CreateDate": written_unix_ms,
         "DateCurrent": written_unix_ms,
-        "PolygonDateTime": of_when,
+        "PolygonDateTime": at_unix_ms,
         "IRWINID": None,
         "Source": SOURCE,
         "FeatureAccess": None,

@@ -1,4 +1,4 @@
-"""Reads perimeters of other organisations: polygons, and their records of time and method."""
+"""Reading of perimeters of other organisations: polygons, and their attributes."""
 
 import math
 import re
@@ -24,8 +24,8 @@ from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84
 
 __all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
 
-# The attributes of a feature, and their names in WFIGS (there with the prefix poly_ or attr_), in
-# FIRIS and in KML. Shapefiles cut names off after ten characters.
+# Attributes of a feature, and their names in WFIGS (with the prefix poly_ or attr_), FIRIS and KML.
+# Shapefiles truncate names to ten characters.
 FIELDS = {
     "incident_name": ("IncidentName", "incident_name", "name"),
     "feature_category": ("FeatureCategory", "type"),
@@ -40,7 +40,7 @@ FIELDS = {
 }
 CUT = 10
 PREFIXES = ("", "poly_", "attr_")
-FAR_APART_MS = 24 * 3600 * 1000  # notable difference of two times of one record
+FAR_APART_MS = 24 * 3600 * 1000  # difference of two times of one record that causes a note
 AREAS_DIFFER = 0.1
 SMALL_SHARE = 0.001
 LONGEST_TEXT = 200
@@ -52,14 +52,14 @@ Record = dict[str, Any]
 class Perimeter(NamedTuple):
     """A perimeter of a fire from another organisation."""
 
-    area: Any  # shapely MultiPolygon, WGS84 longitude and latitude: all features together
+    area: Any  # union of all features: shapely MultiPolygon, WGS84 longitude and latitude
     area_ha: float
     vertices: int
-    records: list[Record]  # one per feature with the keys of FIELDS, None for a missing value
-    notes: list[str]  # irregularities, one line each
+    records: list[Record]  # one for each feature with the keys of FIELDS; None: missing value
+    notes: list[str]  # irregularities, one line for each
 
     def geojson(self) -> dict[str, Any]:
-        """A Feature with all attributes as properties."""
+        """Return a Feature with all attributes as properties."""
         return {
             "type": "Feature",
             "properties": {
@@ -72,23 +72,24 @@ class Perimeter(NamedTuple):
         }
 
     def rings(self) -> list[list[tuple[float, float]]]:
-        """Its outer rings as (lat, lon); the first point is not repeated at the end."""
+        """Return the outer rings as (lat, lon), without a repetition of the first point."""
         return [
             [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]] for polygon in self.area.geoms
         ]
 
 
 def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimeter:
-    """A perimeter from the bytes of a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploads``).
+    """Return the perimeter in a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploaded_shapes``).
 
-    Features that are not polygons or not on the landscape are left out, invalid ones are repaired;
-    each is listed in ``notes``. Raises FireModelError with one line that names file and feature.
+    The perimeter omits features without polygons and features outside the landscape; invalid
+    features are repaired. ``notes`` lists all of them. Raises FireModelError with one line that
+    contains file and feature.
     """
     return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
 
 
-def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimeter:
-    """The same, with the landscape as a polygon in longitude and latitude."""
+def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Perimeter:
+    """Return what ``read_perimeter`` returns; ``extent`` is the landscape (lon, lat)."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
@@ -100,7 +101,7 @@ def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimet
         notes += odd
         if area is None:
             continue
-        if not area.intersects(fix):
+        if not area.intersects(extent):
             off.append((number, area))
             continue
         record = _record(drawn)
@@ -111,23 +112,23 @@ def read_perimeter_in(data: bytes, file_name: str, fix: BaseGeometry) -> Perimet
         number, area = off[0]
         raise FireModelError(
             f"{name}: feature {number} (at {_place(area)}) lies outside the landscape (around "
-            f"{_place(fix)}); send the perimeter of this fire"
+            f"{_place(extent)}); send the perimeter of this fire"
         )
     if not polygons:
-        raise FireModelError(f"{name}: holds no polygon; draw the perimeter as one")
+        raise FireModelError(f"{name}: contains no polygon; draw the perimeter as a polygon")
     if off:
-        notes.append(f"{len(off)} features are not on the landscape: left out")
+        notes.append(f"{len(off)} features were ignored: they are outside the landscape")
     area = multipolygon(shapely.orient_polygons(shapely.union_all(polygons)))
-    beyond = 1.0 - area.intersection(fix).area / area.area
-    if beyond > SMALL_SHARE:
-        notes.append(f"{100 * beyond:.1f} % of its area lies off the landscape")
+    outside = 1.0 - area.intersection(extent).area / area.area
+    if outside > SMALL_SHARE:
+        notes.append(f"{100 * outside:.1f} % of the area lies outside the landscape")
     notes += _odd_times(records)
     vertices = int(shapely.get_num_coordinates(area))
     return Perimeter(area, area_m2(area) / 1e4, vertices, records, notes)
 
 
 def area_m2(area: Any) -> float:
-    """Area on the ellipsoid of polygons in longitude and latitude."""
+    """Return the area on the ellipsoid of polygons in longitude and latitude."""
     return abs(float(Geod(ellps="WGS84").geometry_area_perimeter(area)[0]))
 
 
@@ -137,31 +138,31 @@ def _place(area: BaseGeometry) -> str:
 
 
 def _printable(file_name: str) -> str:
-    """A file's name for messages, without folders and control characters."""
+    """Return the name of a file for messages, without folders and control characters."""
     name = re.split(r"[/\\]", file_name)[-1]
     return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"
 
 
 def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
-    """The valid polygons of one feature, None if it has none; and notes on irregularities."""
-    shape, where = drawn.shape, f"feature {number}"
+    """Return the valid polygons of one feature (None: no polygon), and notes on irregularities."""
+    shape, feature = drawn.shape, f"feature {number}"
     if shape.is_empty:
-        return None, [f"{where} has no polygon: left out"]
+        return None, [f"{feature} was ignored: it has no polygon"]
     if not np.isfinite(shapely.get_coordinates(shape)).all() or shape.is_valid:
         refuse(shape_problems(Path(name), number, shape, WGS84))
         repaired = []
     else:
         reason = shapely.is_valid_reason(shape)
         if pairs_near([shape], max_repaired(shape)) > max_repaired(shape):
-            raise FireModelError(f"{name}: {where} is not valid ({reason}); draw it again")
+            raise FireModelError(f"{name}: {feature} is not valid ({reason}); draw it again")
         shape = shapely.make_valid(shape, method="structure", keep_collapsed=False)
-        repaired = [f"{where} was not valid and has been repaired ({reason})"]
+        repaired = [f"{feature} was not valid and was repaired ({reason})"]
         if not shape.is_empty:
             refuse(shape_problems(Path(name), number, shape, WGS84))
     parts = shapely.get_parts(shapely.get_parts(shape))
     area = multipolygon(shapely.union_all([part for part in parts if part.area > 0.0]))
     if area.is_empty:
-        return None, [f"{where} is a {drawn.shape.geom_type} without area: left out"]
+        return None, [f"{feature} was ignored: it is a {drawn.shape.geom_type} without area"]
     return area, repaired
 
 
@@ -180,12 +181,12 @@ def _record(drawn: Drawn) -> Record:
 
 
 def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
-    """The first attribute found of these names, in any of their spellings."""
+    """Return the first of the attributes ``names``, in any of their spellings, or None."""
     lower = {key.lower(): value for key, value in attributes.items()}
     for name in names:
         for prefix in PREFIXES:
             for key in (prefix + name, (prefix + name)[:CUT]):
-                # poly_Featu could be any of three.
+                # poly_Featu is the truncated name of three attributes.
                 if key.lower() == "poly_featu" and name != "FeatureCategory":
                     continue
                 if lower.get(key.lower()) not in (None, ""):
@@ -202,7 +203,7 @@ def _number(value: Any) -> float | None:
 
 
 def _unix_ms(value: Any) -> int | None:
-    """Milliseconds since 1970 UTC from such a number, ISO 8601, RFC 1123 or a date, or None."""
+    """Return ms since 1970 UTC from a number, ISO 8601, RFC 1123 or a date; None if invalid."""
     if value is None or isinstance(value, bool):
         return None
     if isinstance(value, np.datetime64):
@@ -228,20 +229,20 @@ def _utc(unix_ms: int) -> str:
 
 
 def _odd_record(record: Record, area: BaseGeometry, number: int) -> list[str]:
-    """Contradictions within one record."""
+    """Return notes on contradictions within one record."""
     notes = []
     drawn_ms, current_ms = record["polygon_unix_ms"], record["current_unix_ms"]
     if drawn_ms and current_ms and abs(drawn_ms - current_ms) > FAR_APART_MS:
         notes.append(
-            f"feature {number}: its polygon is dated {_utc(drawn_ms)}, its record "
-            f"was changed {_utc(current_ms)}; the outline may be of either time"
+            f"feature {number}: the date of the polygon is {_utc(drawn_ms)}, the date of the last "
+            f"change is {_utc(current_ms)}; the outline may be of either time"
         )
     acres = area_m2(area) / M2_PER_ACRE
-    said = record["gis_acres"]
-    if said is not None and abs(said - acres) > AREAS_DIFFER * max(acres, said):
+    recorded = record["gis_acres"]
+    if recorded is not None and abs(recorded - acres) > AREAS_DIFFER * max(acres, recorded):
         notes.append(
-            f"feature {number}: its record has {said:.1f} acres, its outline {acres:.1f}; one "
-            "of them is older"
+            f"feature {number}: the recorded area is {recorded:.1f} acres, the area of the outline "
+            f"{acres:.1f}; one of them is older"
         )
     return notes
 
@@ -253,4 +254,4 @@ def _odd_times(records: list[Record]) -> list[str]:
     if len(times) < 2:
         return []
     first = _utc(times[0]) if times[0] else "unknown"
-    return [f"its features are of {len(times)} times, {first} to {_utc(times[-1])}: taken together"]
+    return [f"the features have {len(times)} different times, {first} to {_utc(times[-1])}"]

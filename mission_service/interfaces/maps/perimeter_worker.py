@@ -1,8 +1,8 @@
 """A separate process that reads one uploaded perimeter: a file can crash only this process.
 
-GEOS cannot be interrupted, holds the GIL for as long as it runs, and has crashed on invalid input,
-so the process that flies never passes uploaded geometry to it. A ``Job`` arrives on stdin, ``Done``
-or ``Failed`` is written to stdout.
+GEOS cannot be interrupted, holds the GIL while it runs, and has crashed on invalid input, so the
+service's process never passes uploaded geometry to it. The worker reads a ``Job`` from stdin and
+writes ``Done`` or ``Failed`` to stdout.
 """
 
 import os
@@ -19,14 +19,14 @@ from mission_service.interfaces.maps.perimeter_import import Perimeter, read_per
 from mission_service.interfaces.maps.thinning import thinned
 
 MAX_RINGS = 50
-MAX_POINTS = 900  # of a correction; less than requests may have
+MAX_POINTS = 900  # in a correction; below the limit of requests
 MAX_MEMORY_BYTES = 2 * 1024**3
 MAX_CPU_S = 25
-NICENESS = 5  # below the process that flies
+NICENESS = 5  # lower priority than the service
 
 
 class Job(msgspec.Struct):
-    """A file, and the outline of the landscape (longitude, latitude)."""
+    """An uploaded file, and the outline of the landscape (longitude, latitude)."""
 
     data: bytes
     file_name: str
@@ -34,39 +34,42 @@ class Job(msgspec.Struct):
 
 
 class Done(msgspec.Struct, tag="done"):
-    """The perimeter as GeoJSON, and a request for each of its outlines."""
+    """The perimeter as GeoJSON, and a correction request for each of its outlines."""
 
     perimeter: msgspec.Raw
-    wanted: list[dict[str, Any]]
+    corrections: list[dict[str, Any]]
 
 
 class Failed(msgspec.Struct, tag="failed"):
-    """Why there is none, in one line."""
+    """The reason why the file is unusable, in one line."""
 
     error: str
 
 
 def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
-    """A request for each outline, burning now. Raises FireModelError for too many outlines."""
+    """Return a correction request for each outline, which is burning now.
+
+    Raises FireModelError for more than ``MAX_RINGS`` outlines.
+    """
     rings = perimeter.rings()
     if len(rings) > MAX_RINGS:
         raise FireModelError(f"it has {len(rings)} outlines; at most {MAX_RINGS} are accepted")
-    asked = {"do": "correct", "state": "burning", "shape": "polygon"}
-    return [{**asked, "points": thinned(ring, MAX_POINTS)} for ring in rings]
+    request = {"do": "correct", "state": "burning", "shape": "polygon"}
+    return [{**request, "points": thinned(ring, MAX_POINTS)} for ring in rings]
 
 
 def answer_to(job: Job) -> Done | Failed:
-    """Read the file; never raises for its content."""
+    """Read the file of a job; return the result or the error."""
     try:
         found = read_perimeter_in(job.data, job.file_name, shapely.Polygon(job.outline))
-        wanted = corrections_of(found)
+        corrections = corrections_of(found)
     except (FireModelError, BridgeError) as error:
         return Failed(" ".join(str(error).split()))
-    return Done(msgspec.Raw(msgspec.json.encode(found.geojson())), wanted)
+    return Done(msgspec.Raw(msgspec.json.encode(found.geojson())), corrections)
 
 
 def main() -> None:
-    """One job, within limits of memory and time."""
+    """Process one job, within limits of memory and time."""
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

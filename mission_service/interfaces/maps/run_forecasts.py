@@ -14,17 +14,15 @@ if TYPE_CHECKING:
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
-    """The forecasts of the run's fire; in a burn those of the estimated fire used by its plans."""
+    """Return the forecasts of the run's fire, or in a burn of the estimated fire."""
     if context.estimated_fire is not None:
-        from mission_service.fire.estimated_forecast import (
-            EstimatedForecasts,  # imported only if needed
-        )
+        from mission_service.fire.estimated_forecast import EstimatedForecasts
 
-        def believed() -> "EstimatedFire":
+        def estimated() -> "EstimatedFire":
             assert context.estimated_fire is not None
             return context.estimated_fire
 
-        return EstimatedForecasts(believed, context.landscape, lambda: context.clock.now_us / 1e6)
+        return EstimatedForecasts(estimated, context.landscape, lambda: context.clock.now_us / 1e6)
     return Forecasts(
         lambda: context.world.fire, lambda: context.state_view.fire_version, context.scenario.seed
     )
@@ -33,7 +31,7 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
 async def front_now(
     context: "RunContext", forecasts: "Forecasts | EstimatedForecasts"
 ) -> dict[str, Any]:
-    """The area burned now, a GeoJSON Feature with ``at_us``; drawn in a thread."""
+    """Return the currently burned area, a GeoJSON Feature with ``at_us``; computed in a thread."""
     # The simulated fire may lag slightly behind the clock.
     at_us = min(context.clock.now_us, round(context.world.fire.time_s * 1e6))
     at_s = at_us / 1e6

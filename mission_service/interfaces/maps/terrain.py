@@ -20,18 +20,18 @@ from mission_service.interfaces.maps.mercator import (
 )
 
 TILE = 256  # pixels
-MAX_BYTES = 24_000_000  # of the cached tiles, each counted with its largest possible size
+MAX_BYTES = 24_000_000  # of all cached tiles, each counted with its maximum size
 LARGEST_TILE_BYTES = 3 * TILE * TILE + 4096
-SMALLEST_SHARE = 1 / 4  # least share of a tile that the landscape fills, at the lowest zoom
+SMALLEST_SHARE = 1 / 4  # minimum share of a tile that the landscape fills, at the lowest zoom
 HIGHEST_ZOOM = 22
-SOON_CELLS = 1.0  # from this distance beyond its edge means of 2 x 2 cells are used, then 4 x 4
+SOON_CELLS = 1.0  # distance beyond the edge from which means of 2 x 2 cells are used, then of 4 x 4
 TERRARIUM_ZERO_M = 32768
 
 Heights = NDArray[np.float32]
 
 
 class TerrainTiles:
-    """A landscape's elevation at ``/terrain/z/x/y.png``: z as in web maps, y from the north.
+    """Tiles of a landscape's elevation at ``/terrain/z/x/y.png``; y is counted from the north.
 
     Tiles are cached; the least recently used are dropped first. Thread-safe.
     """
@@ -41,24 +41,25 @@ class TerrainTiles:
         self._box = mercator_box(landscape)
         self._halved = [] if landscape.elevation_m is None else halved(landscape.elevation_m)
         west, south, east, north = self._box
-        across = WORLD_M / max(east - west, north - south)  # landscapes around the world
+        across = WORLD_M / max(east - west, north - south)  # in widths of the landscape
         cells = WORLD_M / cell_mercator_m(landscape)
         self._maxzoom = min(max(math.ceil(math.log2(cells / TILE)), 0), HIGHEST_ZOOM)
         self._minzoom = min(max(math.floor(math.log2(across * SMALLEST_SHARE)), 0), self._maxzoom)
         self._made = lru_cache(maxsize=MAX_BYTES // LARGEST_TILE_BYTES)(self._make)
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
-        """A PNG of 256 x 256; None off the landscape and at other zoom levels.
+        """Return a PNG of 256 x 256; None outside the landscape and the range of zoom levels.
 
-        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape its edge is extended, the
-        smoother the farther away, so that the hillshade shows no ridges outside the data.
+        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile extends the heights
+        of its edge, with smoothing that grows with the distance, so that the hillshade shows no
+        ridges there.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None
         return self._made(z, x, y)
 
     def describe(self) -> dict[str, Any]:
-        """TileJSON, with ``tiles`` relative to /api/v1/; none for a landscape without elevation."""
+        """Return TileJSON with ``tiles`` relative to /api/v1/; no tiles without elevation."""
         return {
             "tilejson": "3.0.0",
             "tiles": ["terrain/{z}/{x}/{y}.png"] if self._halved else [],
@@ -89,14 +90,14 @@ class TerrainTiles:
 
 
 def tile_box(z: int, x: int, y: int) -> Box:
-    """A tile's edges in metres of Web Mercator."""
+    """Return the edges of a tile in metres of Web Mercator."""
     side = WORLD_M / 2.0**z
     west, north = x * side - WORLD_M / 2.0, WORLD_M / 2.0 - y * side
     return west, north - side, west + side, north
 
 
 def halved(heights: Heights) -> list[Heights]:
-    """Heights (y, x), and their means over 2 x 2, 4 x 4, ... cells, for lower zoom levels."""
+    """Return heights (y, x) and their means over 2 x 2, 4 x 4, ... cells for lower zoom levels."""
     found = [heights]
     while min(found[-1].shape) > 2:
         rows, cols = found[-1].shape
@@ -108,7 +109,7 @@ def halved(heights: Heights) -> list[Heights]:
 def cells_off(
     row: NDArray[np.float64], col: NDArray[np.float64], shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Distance of positions from the grid's outermost cell centres, in cells; 0 inside."""
+    """Return the distance of positions from the outermost cell centres, in cells; 0 inside."""
     rows, cols = shape
     down = np.maximum(np.maximum(-row, row - (rows - 1)), 0.0)
     across = np.maximum(np.maximum(-col, col - (cols - 1)), 0.0)
@@ -119,7 +120,7 @@ def cells_off(
 def halved_at(
     levels: list[Heights], level: int, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights of one level of ``halved`` at positions in the grid of the first level."""
+    """Return heights of one level of ``halved`` at positions in the grid of the first level."""
     part = 0.5**level
     return between(levels[level], (row + 0.5) * part - 0.5, (col + 0.5) * part - 0.5)
 
@@ -130,43 +131,43 @@ def blurred(
     row: NDArray[np.float64],
     col: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Heights from float levels of ``halved``, one per position, interpolated linearly."""
+    """Return heights at positions, interpolated linearly between two levels of ``halved``."""
     level = np.minimum(level, len(levels) - 1.0)
     low = np.minimum(level.astype(np.int32), max(len(levels) - 2, 0))
     found = np.empty(level.shape)
     for each in np.unique(low):
         at = low == each
         share = level[at] - each
-        fix = halved_at(levels, each, row[at], col[at])
-        next_one = min(each + 1, len(levels) - 1)
-        found[at] = fix * (1.0 - share) + halved_at(levels, next_one, row[at], col[at]) * share
+        finer = halved_at(levels, each, row[at], col[at])
+        coarser = halved_at(levels, min(each + 1, len(levels) - 1), row[at], col[at])
+        found[at] = finer * (1.0 - share) + coarser * share
     return found
 
 
 def between(
     heights: Heights, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Heights at float rows and columns (bilinear); outside the grid the heights of its edge."""
+    """Return heights at float rows and columns (bilinear); outside the grid those of its edge."""
     rows, cols = heights.shape
     row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     top = np.minimum(row.astype(np.int32), max(rows - 2, 0))
     left = np.minimum(col.astype(np.int32), max(cols - 2, 0))
     down, right = row - top, col - left
     at, flat = top * cols + left, heights.ravel()
-    below, beside = cols if rows > 1 else 0, 1 if cols > 1 else 0
-    north = flat[at] * (1 - right) + flat[at + beside] * right
-    south = flat[at + below] * (1 - right) + flat[at + below + beside] * right
+    next_row, next_col = cols if rows > 1 else 0, 1 if cols > 1 else 0
+    north = flat[at] * (1 - right) + flat[at + next_col] * right
+    south = flat[at + next_row] * (1 - right) + flat[at + next_row + next_col] * right
     found: NDArray[np.float64] = north * (1 - down) + south * down
     return found
 
 
 def terrarium_png(heights: NDArray[np.floating]) -> bytes:
-    """Heights (y, x) in m as a Terrarium PNG, with a resolution of 1/256 m."""
+    """Return heights (y, x) in m as a Terrarium PNG, with a resolution of 1/256 m."""
     from PIL import Image
 
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, in which a search for longer matches is useless.
+    # The lowest bits are noise, which has no longer matches for the compression.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

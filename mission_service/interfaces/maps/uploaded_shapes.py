@@ -1,7 +1,7 @@
-"""Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
+"""Reading of shapes and their attributes from the bytes of an uploaded, untrusted file.
 
-GeoJSON and KML are parsed here and never passed to GDAL, which would also follow references to
-other files. Of archives only the bytes of few members are used, never their paths.
+This module parses GeoJSON and KML and does not pass them to GDAL, which would also follow
+references to other files. It reads few members of an archive and ignores their paths.
 """
 
 import io
@@ -26,12 +26,12 @@ MAX_UNPACKED_BYTES = 32_000_000
 MAX_MEMBERS = 1000  # of an archive
 MAX_FEATURES = 5000
 MAX_VERTICES = 200_000
-DEEPEST = 64  # elements of KML inside each other
+DEEPEST = 64  # nested elements of KML
 WGS84 = "EPSG:4326"
-# Names of longitude and latitude in the crs member of older GeoJSON; NAD83 is within 2 m of it.
+# Names of WGS84 in the crs member of older GeoJSON, and of NAD83, which differs by up to 2 m.
 LON_LAT = re.compile(r"(urn:ogc:def:crs:OGC:.*:CRS84|(urn:ogc:def:crs:)?EPSG:+(4326|4269))$")
 EPSG = re.compile(r"(?:urn:ogc:def:crs:)?EPSG:+(\d{4,6})$")
-SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # first number of a .shp; its types of polygons
+SHAPEFILE, POLYGONS = 9994, (5, 15, 25)  # first number of a .shp; shape types that are polygons
 SHAPEFILE_PARTS = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 
 
@@ -43,15 +43,15 @@ class Drawn(NamedTuple):
 
 
 def features_in(data: bytes, name: str) -> list[Drawn]:
-    """All features of a GeoJSON, KML, KMZ or zipped Shapefile; the format is detected.
+    """Return all features of a GeoJSON, KML, KMZ or zipped Shapefile; detect the format.
 
-    Shapes are not checked: they may be empty, invalid, or no polygons. ``name`` is for messages.
-    Raises FireModelError with one line for a file that is too large or cannot be read.
+    The shapes may be empty, invalid, or no polygons. ``name`` is for messages. Raises
+    FireModelError with one line for a file that is too large or cannot be read.
     """
     if len(data) > LARGEST_BYTES:
         raise FireModelError(
-            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are accepted: send this fire "
-            "only, or fewer vertices"
+            f"{name}: {len(data)} bytes; {LARGEST_BYTES} at most are accepted: send only this "
+            "fire, or fewer vertices"
         )
     start = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:4]
     if start.startswith(b"PK"):
@@ -62,7 +62,8 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
         found = _from_kml(data, name)
     else:
         raise FireModelError(
-            f"{name}: is neither GeoJSON, KML, KMZ nor a zipped Shapefile; export it as one"
+            f"{name}: is not GeoJSON, KML, KMZ or a zipped Shapefile; export it in one of these "
+            "formats"
         )
     if not found:
         raise FireModelError(f"{name}: has no features; send a file with at least one polygon")
@@ -75,25 +76,25 @@ def features_in(data: bytes, name: str) -> list[Drawn]:
 def _check_count(count: int, most: int, what: str, name: str) -> None:
     if count > most:
         raise FireModelError(
-            f"{name}: {count} {what}; {most} at most are accepted: send this fire only, simplified"
+            f"{name}: {count} {what}; {most} at most are accepted: send only this fire, simplified"
         )
 
 
 def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
-    """The usable members of an archive, by file name in lower case (without folders)."""
+    """Return the usable members of an archive, by file name in lower case (without folders)."""
     found: dict[str, bytes] = {}
-    left = MAX_UNPACKED_BYTES
+    left, suffixes = MAX_UNPACKED_BYTES, (*SHAPEFILE_PARTS, ".kml", ".geojson", ".json")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_count(len(archive.infolist()), MAX_MEMBERS, "files in the archive", name)
             for member in archive.infolist():
                 inside = member.filename.replace("\\", "/").rsplit("/", 1)[-1].lower()
-                wanted = (*SHAPEFILE_PARTS, ".kml", ".geojson", ".json")
-                if not inside.endswith(wanted) or inside.startswith("._"):  # macOS
+                if not inside.endswith(suffixes) or inside.startswith("._"):  # macOS
                     continue
                 if member.flag_bits & 1 or member.compress_type not in (0, zipfile.ZIP_DEFLATED):
                     raise FireModelError(
-                        f"{name}: {inside} is encrypted or packed in an unusual way; zip it plainly"
+                        f"{name}: {inside} is encrypted or has an unusual compression; use a plain "
+                        "ZIP"
                     )
                 # Sizes in an archive may be false: limit the bytes that are read.
                 with archive.open(member) as file:
@@ -101,8 +102,8 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
                 left -= len(found[inside])
                 if left < 0:
                     raise FireModelError(
-                        f"{name}: unpacks to more than {MAX_UNPACKED_BYTES} bytes; send this fire "
-                        "alone"
+                        f"{name}: contains more than {MAX_UNPACKED_BYTES} bytes; send only this "
+                        "fire"
                     )
     except (
         zipfile.BadZipFile,
@@ -115,7 +116,7 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
         struct.error,
     ) as error:
         raise FireModelError(
-            f"{name}: is not a whole ZIP archive ({_one_line(error)}); send it again"
+            f"{name}: is not a complete ZIP archive ({_one_line(error)}); send it again"
         ) from None
     return found
 
@@ -127,7 +128,7 @@ def _from_archive(members: dict[str, bytes], name: str) -> list[Drawn]:
         others = ["doc.kml"]  # the root of a KMZ
     if len(shp) + len(others) != 1:
         raise FireModelError(
-            f"{name}: the archive holds {len(shp) + len(others)} files of shapes; zip one "
+            f"{name}: the archive contains {len(shp) + len(others)} files of shapes; zip one "
             "Shapefile (.shp, .shx, .dbf, .prj), KML or GeoJSON"
         )
     if others:
@@ -147,12 +148,12 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
     shp = members[stem + ".shp"]
     for suffix in (".shp", ".shx"):
         if members[stem + suffix][:4] != struct.pack(">i", SHAPEFILE) or len(shp) < 100:
-            raise FireModelError(f"{name}: {stem}{suffix} is not of a Shapefile; export it again")
+            raise FireModelError(f"{name}: {stem}{suffix} is not a Shapefile; export it again")
     if (kind := struct.unpack("<i", shp[32:36])[0]) not in POLYGONS:
         raise FireModelError(
-            f"{name}: {stem}.shp is of type {kind}, not of polygons; send the perimeter's polygons"
+            f"{name}: {stem}.shp has shape type {kind}; send the perimeter as polygons"
         )
-    # Packed again under fixed names, so that GDAL reads only these files.
+    # Zipped again with fixed names, so that GDAL reads only these files.
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         for suffix in SHAPEFILE_PARTS:
@@ -160,7 +161,7 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
                 archive.writestr(f"perimeter{suffix}", members[stem + suffix])
     shapes, crs, records = records_of(packed.getvalue(), name)
     if crs is None:
-        raise FireModelError(f"{name}: {stem}.prj names an unknown CRS; export it in WGS84")
+        raise FireModelError(f"{name}: {stem}.prj contains an unknown CRS; export it in WGS84")
     return [
         Drawn(_in_wgs84(shape, crs, name), record)
         for shape, record in zip(shapes, records, strict=True)
@@ -175,17 +176,16 @@ def _from_geojson(data: bytes, name: str) -> list[Drawn]:
             f"{name}: is not JSON in UTF-8 ({_one_line(error)}); export it again"
         ) from None
     if not isinstance(content, dict):
-        raise FireModelError(f"{name}: is JSON but no GeoJSON; export it as GeoJSON")
+        raise FireModelError(f"{name}: is JSON but not GeoJSON; export it as GeoJSON")
     crs = _crs_of(content, name)
-    features = content.get("features", []) if content.get("type") == "FeatureCollection" else None
-    if features is None:
-        features = [content]
+    is_collection = content.get("type") == "FeatureCollection"
+    features = content.get("features", []) if is_collection else [content]
     if not isinstance(features, list):
-        raise FireModelError(f"{name}: its features are no list; export it as GeoJSON")
+        raise FireModelError(f"{name}: its features are not a list; export it as GeoJSON")
     found = []
     for number, feature in enumerate(features, start=1):
         if not isinstance(feature, dict):
-            raise FireModelError(f"{name}: feature {number} is no object; export it as GeoJSON")
+            raise FireModelError(f"{name}: feature {number} is not an object; export it as GeoJSON")
         is_feature = feature.get("type") == "Feature"
         geometry = feature.get("geometry") if is_feature else feature
         attributes = feature.get("properties") if is_feature else None
@@ -196,30 +196,30 @@ def _from_geojson(data: bytes, name: str) -> list[Drawn]:
 
 
 def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
-def _geometry(geometry: Any, where: str) -> BaseGeometry:
+def _geometry(geometry: Any, feature: str) -> BaseGeometry:
     if geometry is None:
         return shapely.Point()
     try:
         return shapely.force_2d(shapely.from_geojson(json.dumps(geometry)))
     except (shapely.errors.ShapelyError, ValueError, TypeError, RecursionError) as error:
         raise FireModelError(
-            f"{where} is not a geometry of GeoJSON ({_one_line(error)}); export it again"
+            f"{feature} is not a geometry of GeoJSON ({_one_line(error)}); export it again"
         ) from None
 
 
 def _crs_of(content: dict[str, Any], name: str) -> str | None:
-    """The CRS of the crs member of older GeoJSON; None for longitude and latitude."""
+    """Return the CRS of the crs member of older GeoJSON; None for longitude and latitude."""
     member = content.get("crs")
     if member is None:
         return None
     properties = member.get("properties") if isinstance(member, dict) else None
-    said = properties.get("name") if isinstance(properties, dict) else None
-    if isinstance(said, str) and LON_LAT.match(said):
+    crs = properties.get("name") if isinstance(properties, dict) else None
+    if isinstance(crs, str) and LON_LAT.match(crs):
         return None
-    if not (isinstance(said, str) and (code := EPSG.match(said))):
+    if not (isinstance(crs, str) and (code := EPSG.match(crs))):
         raise FireModelError(
             f"{name}: its crs member is invalid ({json.dumps(member)[:80]}); export it in "
             "longitude and latitude (RFC 7946)"
@@ -240,7 +240,7 @@ def _from_kml(data: bytes, name: str) -> list[Drawn]:
     _check_xml(data, name)
     root = ElementTree.fromstring(data)
     if _local(root) != "kml":
-        raise FireModelError(f"{name}: is XML but no KML ({_local(root)[:40]}); export it as KML")
+        raise FireModelError(f"{name}: is XML but not KML ({_local(root)[:40]}); export it as KML")
     return [
         Drawn(_kml_shape(placemark, f"{name}: placemark {number}"), _kml_attributes(placemark))
         for number, placemark in enumerate(_all(root, "Placemark"), start=1)
@@ -248,21 +248,23 @@ def _from_kml(data: bytes, name: str) -> list[Drawn]:
 
 
 def _check_xml(data: bytes, name: str) -> None:
-    """Refuse attacks by XML entities (all kinds need a document type) and by deep nesting."""
+    """Refuse attacks by XML entities (all of them need a document type) and by deep nesting."""
     depth = 0
 
     def begins(_name: str, _attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
         if depth > DEEPEST:
-            raise FireModelError(f"{name}: elements more than {DEEPEST} deep; export it as KML")
+            raise FireModelError(
+                f"{name}: has more than {DEEPEST} nested elements; export it as KML"
+            )
 
     def ends(_name: str) -> None:
         nonlocal depth
         depth -= 1
 
     def has_type(*_: Any) -> None:
-        raise FireModelError(f"{name}: has a DOCTYPE, which KML has not; export it again")
+        raise FireModelError(f"{name}: has a DOCTYPE, which KML does not have; export it again")
 
     parser = expat.ParserCreate(namespace_separator="}")
     parser.StartElementHandler, parser.EndElementHandler = begins, ends
@@ -280,24 +282,24 @@ def _local(element: Any) -> str:
 
 
 def _all(element: Any, tag: str) -> list[Any]:
-    """All descendants with a tag, in any namespace: KML has had several."""
+    """Return all descendants with a tag, in any of the namespaces of KML."""
     return [below for below in element.iter() if _local(below) == tag]
 
 
 def _kml_shape(placemark: Any, where: str) -> BaseGeometry:
-    """The polygons of a placemark; empty where there are none."""
+    """Return the polygons of a placemark, or an empty MultiPolygon."""
     polygons = []
     for polygon in _all(placemark, "Polygon"):
-        outer = [_ring(ring, where) for ring in _rings(polygon, "outerBoundaryIs")]
+        outer = _rings(polygon, "outerBoundaryIs", where)
         if len(outer) != 1:
             raise FireModelError(f"{where} has a polygon of {len(outer)} outlines; draw it again")
-        inner = [_ring(ring, where) for ring in _rings(polygon, "innerBoundaryIs")]
-        polygons.append(shapely.Polygon(outer[0], inner))
+        polygons.append(shapely.Polygon(outer[0], _rings(polygon, "innerBoundaryIs", where)))
     return shapely.MultiPolygon(polygons)
 
 
-def _rings(polygon: Any, side: str) -> list[Any]:
-    return [ring for edge in _all(polygon, side) for ring in _all(edge, "coordinates")]
+def _rings(polygon: Any, side: str, where: str) -> list[list[tuple[float, float]]]:
+    edges = _all(polygon, side)
+    return [_ring(ring, where) for edge in edges for ring in _all(edge, "coordinates")]
 
 
 def _ring(coordinates: Any, where: str) -> list[tuple[float, float]]:

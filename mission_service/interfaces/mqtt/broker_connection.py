@@ -1,7 +1,8 @@
 """The connection of a process to an MQTT broker.
 
-A lost connection is made again, at intervals that grow to ``MAX_WAIT_S``. Every wait for the
-broker has a time limit here. The users of the connection keep no queue that grows without a broker.
+The client reconnects after a lost connection, at intervals that grow to ``MAX_WAIT_S``. Every wait
+for the broker has a time limit. The users of the connection keep no queue that grows while the
+broker is unreachable.
 """
 
 import asyncio
@@ -23,12 +24,12 @@ from paho.mqtt.reasoncodes import ReasonCode
 from mission_service.config.mqtt_names import Broker
 from mission_service.errors import MissionServiceError
 
-MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # before the next attempt to reach the broker
-KEEPALIVE_S = 5  # a broker that is silent for twice as long is lost
-ANSWER_S = 3.0  # limit for an answer of the broker
-TAKE_S = 15.0  # limit for publishing: longer than the detection of a lost broker
+MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # before the next attempt to connect
+KEEPALIVE_S = 5  # the connection counts as lost after twice this time without a packet
+ANSWER_S = 3.0  # time limit for a response of the broker
+TAKE_S = 15.0  # time limit for publishing: longer than the detection of a lost broker
 STEADY_S = 5.0  # only a longer connection resets the interval between attempts
-RECEIVE_BYTES = 32_768  # a larger buffer would only hold old messages
+RECEIVE_BYTES = 32_768  # a larger socket buffer would only store outdated messages
 REFUSED = {
     132: "it does not support MQTT 5",
     133: "it rejects this client identifier",
@@ -53,13 +54,14 @@ OPEN = BrokerAccess()
 def tls_of(
     authority: Path | None = None, certificate: Path | None = None, key: Path | None = None
 ) -> ssl.SSLContext:
-    """TLS that trusts ``authority``, or else the machine's authorities; checks host names.
+    """Return a TLS context that trusts ``authority``, by default the system's authorities.
 
-    ``certificate`` and ``key`` authenticate the client. Raises MissionServiceError.
+    The context verifies host names. ``certificate`` and ``key`` authenticate the client. Raises
+    MissionServiceError.
     """
     try:
         context = ssl.create_default_context(cafile=authority)
-    except OSError as error:  # ssl.SSLError is one
+    except OSError as error:  # includes ssl.SSLError
         raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
     if certificate is not None:
         try:
@@ -84,29 +86,29 @@ def client_to(
     will: aiomqtt.Will | None = None,
     max_bytes: int | None = None,
 ) -> aiomqtt.Client:
-    """A client that is not connected yet. Messages that it receives go into ``inbox``.
+    """Return a client that is not connected yet and puts received messages in ``inbox``.
 
-    With ``max_bytes`` it uses MQTT 5, and the broker sends it no larger packet. Earlier versions
-    have no such limit, and a packet is in memory as a whole.
+    With ``max_bytes`` the client uses MQTT 5, and the broker sends no larger packet. Earlier
+    versions of MQTT have no such limit, and the client holds each packet in memory as a whole.
     """
-    limit = None
+    version, properties = aiomqtt.ProtocolVersion.V311, None
     if max_bytes is not None:
-        limit = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
-        limit.MaximumPacketSize = max_bytes
-    five = max_bytes is not None
+        version = aiomqtt.ProtocolVersion.V5
+        properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+        properties.MaximumPacketSize = max_bytes
     return aiomqtt.Client(
         broker.host,
         broker.port,
         username=access.user,
         password=access.password,
         tls_context=access.tls,
-        protocol=aiomqtt.ProtocolVersion.V5 if five else aiomqtt.ProtocolVersion.V311,
-        properties=limit,
+        protocol=version,
+        properties=properties,
         will=will,
         logger=logger,
         keepalive=KEEPALIVE_S,
         timeout=ANSWER_S,
-        queue_type=lambda maxsize: inbox,  # type: ignore[arg-type]  # any callable does
+        queue_type=lambda maxsize: inbox,  # type: ignore[arg-type]  # any callable works
         socket_options=((socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES),),
     )
 
@@ -116,18 +118,21 @@ async def keep_connected(
     use: Callable[[aiomqtt.Client], Awaitable[None]],
     lost: Callable[[str], None],
 ) -> None:
-    """Connect and ``use`` one client after another, until cancelled.
+    """Connect with a new client after each failure and run ``use`` on it, until cancelled.
 
-    ``lost`` is called with the reason of every attempt and connection that failed. The reason
-    contains the last line that the client logged, which is not printed.
+    Args:
+        make: returns a client that logs to the given logger.
+        use: exchanges messages until the connection fails.
+        lost: is called with the cause of each failed attempt and each lost connection. The cause
+            includes the last error that the client logged; that error is not printed.
     """
     loop = asyncio.get_running_loop()
-    loop.set_exception_handler(_all_but_known)
+    loop.set_exception_handler(_handle_loop_exception)
     wait_s, ends, task = MIN_WAIT_S, False, asyncio.current_task()
     while not ends:
-        began_s, last_words = loop.time(), LastClientError()
+        began_s, last_error = loop.time(), LastClientError()
         try:
-            async with make(last_words.logger) as client:
+            async with make(last_error.logger) as client:
                 began_s = loop.time()
                 try:
                     await use(client)
@@ -135,8 +140,8 @@ async def keep_connected(
                     ends = True  # even if disconnecting fails
                     raise
         except (aiomqtt.MqttError, OSError) as error:  # OSError: from disconnecting over TLS
-            lost(in_words(error, last_words.text))
-            # asyncio.wait_for (3.11) drops a cancellation that meets the end of an attempt.
+            lost(cause_of(error, last_error.text))
+            # asyncio.wait_for (3.11) drops a cancellation that arrives as an attempt ends.
             ends = ends or (task is not None and task.cancelling() > 0)
         if not ends:
             wait_s = MIN_WAIT_S if loop.time() - began_s > STEADY_S else wait_s
@@ -145,18 +150,20 @@ async def keep_connected(
     raise asyncio.CancelledError
 
 
-def in_words(error: aiomqtt.MqttError | OSError, last_words: str = "") -> str:
-    """The reason of a failed connection as text; never contains a password."""
+def cause_of(error: aiomqtt.MqttError | OSError, logged: str) -> str:
+    """Return the cause of a failed connection as text, without passwords."""
     code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
     if isinstance(code, ReasonCode) and code.value in REFUSED:
         return REFUSED[code.value]
-    cause = error.__cause__
-    words = [str(error), last_words, "" if cause is None else str(cause)]
-    return "; ".join(dict.fromkeys(filter(None, words)))
+    texts = (str(error), logged, str(error.__cause__ or ""))
+    return "; ".join(dict.fromkeys(filter(None, texts)))
 
 
 class LastClientError(logging.Handler):
-    """Keeps the last error that a client logged; aiomqtt itself only reports a missing answer."""
+    """Logging handler that stores the last error of a client.
+
+    Without it the cause is lost: the exceptions of aiomqtt only report a missing response.
+    """
 
     def __init__(self) -> None:
         super().__init__(logging.ERROR)
@@ -165,13 +172,13 @@ class LastClientError(logging.Handler):
         self.logger.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep the text of the record."""
+        """Store the text of the record."""
         self.text = record.getMessage()
 
 
-async def together(*peer_messaging: Coroutine[Any, Any, None]) -> None:
+async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
     """Run coroutines until one ends, then cancel the others; raises the exception of the first."""
-    tasks = {asyncio.create_task(talk) for talk in peer_messaging}
+    tasks = {asyncio.create_task(coroutine) for coroutine in coroutines}
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -180,33 +187,33 @@ async def together(*peer_messaging: Coroutine[Any, Any, None]) -> None:
         task.result()
 
 
-def _all_but_known(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Handle exceptions of the loop; drop two of aiomqtt that need no report.
+def _handle_loop_exception(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Pass exceptions to the loop's default handler, except two kinds that aiomqtt causes.
 
-    aiomqtt may register a writer for a socket that is just being closed (EBADF). It may also keep
-    the reason of a lost connection in a future that is not awaited; that reason is reported
-    elsewhere.
+    aiomqtt may register a writer for a socket that is being closed (EBADF). It may also store the
+    cause of a lost connection in a future that is not awaited; ``keep_connected`` reports that
+    cause.
     """
     error = context.get("exception")
     closed = isinstance(error, OSError) and error.errno == errno.EBADF
-    if not closed and not (error is not None and _is_clients(error)):
+    if not closed and not (error is not None and _from_client(error)):
         loop.default_exception_handler(context)
 
 
-def _is_clients(error: BaseException) -> bool:
-    """Whether an exception comes from aiomqtt or paho."""
+def _from_client(error: BaseException) -> bool:
+    """Return whether aiomqtt or paho raised an exception."""
     frames = traceback.walk_tb(error.__traceback__)
-    passed = {str(frame.f_globals.get("__name__")).partition(".")[0] for frame, _ in frames}
-    return isinstance(error, aiomqtt.MqttError) or not passed.isdisjoint(("aiomqtt", "paho"))
+    packages = {str(frame.f_globals.get("__name__")).partition(".")[0] for frame, _ in frames}
+    return isinstance(error, aiomqtt.MqttError) or not packages.isdisjoint(("aiomqtt", "paho"))
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they end: before Python 3.12 ``wait_for`` may swallow a cancellation."""
-    left = tasks
-    while left:
-        for task in left:
+    """Cancel tasks until they end: before Python 3.12 ``wait_for`` may drop a cancellation."""
+    running = tasks
+    while running:
+        for task in running:
             task.cancel()
-        _, left = await asyncio.wait(left, timeout=0.1)
+        _, running = await asyncio.wait(running, timeout=0.1)
     for task in tasks:
         if not task.cancelled():
-            task.exception()  # marks it as retrieved; the caller raises one
+            task.exception()  # marks it as retrieved; ``together`` raises the first one

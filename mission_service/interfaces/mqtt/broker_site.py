@@ -23,7 +23,7 @@ TABLE = "[service.mqtt]"
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A broker, the credentials for it, and the first part of all topics."""
+    """A broker, its credentials, and the prefix of all topics of a site."""
 
     broker: Broker
     access: BrokerAccess
@@ -31,16 +31,20 @@ class Site:
 
 
 def site_in(settings: MqttSection, scenario_name: str) -> Site:
-    """The configured site; reads files and environment variables. Raises MissionServiceError."""
+    """Return the configured site.
+
+    Reads the password and the certificates from files or environment variables. Raises
+    MissionServiceError.
+    """
     prefix = check_prefix(settings.prefix, f"{TABLE} prefix")
     topic = site_topic(prefix, site_of(scenario_name))
     return Site(_broker_in(settings), _access_in(settings), topic)
 
 
 def access_for(broker: Broker, settings: MqttSection | None) -> BrokerAccess:
-    """Credentials of the settings if they name this broker, else none.
+    """Return the credentials of ``settings`` if they configure this broker, else ``OPEN``.
 
-    Vehicles in separate processes may use the broker to which the run is published. Raises
+    Vehicles in separate processes may use the broker to which the service publishes the run. Raises
     MissionServiceError.
     """
     if settings is None or _broker_in(settings) != broker:
@@ -61,7 +65,7 @@ def _access_in(settings: MqttSection) -> BrokerAccess:
     password = None
     if settings.password is not None:
         if settings.user is None:
-            raise MissionServiceError(f"{TABLE} password: give a user as well")
+            raise MissionServiceError(f"{TABLE} password: requires a user; set user as well")
         try:
             password = held(settings.password, f"{TABLE} password")
             hide(password)

@@ -1,8 +1,8 @@
-"""Commands over MQTT: their checks before they are handled. Pure: times are arguments.
+"""Validation of commands over MQTT before the service handles them. Pure: times are arguments.
 
-The broker controls which user may publish to which topic, so every command has its own topic. The
-service itself cannot identify the sender. Therefore requests that permit drops are always refused,
-and an abort is accepted whatever its content.
+The broker controls which user may publish to which topic, so every command has a separate topic.
+The service cannot identify the sender. It therefore refuses every request that permits drops, and
+accepts an abort with any content.
 """
 
 import hashlib
@@ -16,14 +16,14 @@ import msgspec
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
 
-MQTT = "mqtt"  # prefix of names and stations
+MQTT = "mqtt"  # prefix of the names of operators and stations
 MAX_BYTES = 64 * 1024
 MAX_NAME = 40
 OLD_US = 30_000_000
 REMEMBERED_S = 600.0
-A_SECOND, AT_ONCE = 10.0, 30.0  # commands; further ones get no reply
+A_SECOND, AT_ONCE = 10.0, 30.0  # rate limit and burst of commands; above them no reply is sent
 MAX_REMEMBERED = int(REMEMBERED_S * A_SECOND + AT_ONCE)
-ABORTS_APART_S = 0.2  # an earlier one is a repetition
+ABORTS_APART_S = 0.2  # an abort within this time after another counts as a repetition
 TAKEN = tuple(name for name, kind in ALL_REQUESTS.items() if kind.over_mqtt)
 _ENVELOPE = ("schema", "id", "sent_at_unix_us")
 
@@ -46,9 +46,9 @@ class _Answered:
 
 
 class CommandGate:
-    """Passes valid commands to ``ask`` (of the request handler) and keeps the replies.
+    """Filter that passes valid commands to the request handler and stores the replies.
 
-    ``MAX_REMEMBERED`` replies are kept: as many as the rate limit allows in ``REMEMBERED_S``.
+    It stores ``MAX_REMEMBERED`` replies, as many as the rate limit allows in ``REMEMBERED_S``.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -61,7 +61,7 @@ class CommandGate:
     def accept(
         self, name: str, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply | None:
-        """Handle the command ``name``; returns the reply, or None above the rate limit.
+        """Handle the command ``name`` and return the reply, or None above the rate limit.
 
         ``at_us`` is mission time, ``now_s`` a monotonic clock, ``unix_us`` the wall clock.
         """
@@ -77,12 +77,13 @@ class CommandGate:
             command, request = _read(payload)
             _refuse_names(name)
             if retained:
-                raise _RefusedError("it is retained: the broker would repeat it at each start")
+                raise _RefusedError(
+                    "the message is retained: the broker would send it again at each start"
+                )
             _refuse_old(command, unix_us)
             return self._once(name, command, request, payload, at_us, now_s)
         except _RefusedError as problem:
-            what = name[:MAX_NAME]
-            return Reply(_id_in(payload), name, at_us, False, f"{what}: {problem}")
+            return Reply(_id_in(payload), name, at_us, False, f"{name[:MAX_NAME]}: {problem}")
 
     def _once(
         self,
@@ -93,46 +94,45 @@ class CommandGate:
         at_us: int,
         now_s: float,
     ) -> Reply:
-        """Handle a command, or repeat the reply if the same command was handled before."""
-        while self._answered and self._oldest_s() < now_s - REMEMBERED_S:
+        """Handle a command, or return the stored reply if the same command was handled before."""
+        while self._answered and next(iter(self._answered.values())).at_s < now_s - REMEMBERED_S:
             self._answered.popitem(last=False)
         key, digest = (name, command.by, command.id), hashlib.sha256(payload).digest()
         before = self._answered.get(key)
-        if before is not None and before.digest != digest:
-            raise _RefusedError(f"id {command.id} was that of another command before")
         if before is not None:
+            if before.digest != digest:
+                raise _RefusedError(f"id {command.id} belongs to an earlier command; use a new id")
             return msgspec.structs.replace(before.reply, again=True)
-        reply = self._done(name, command.id, request, at_us)
+        reply = self._handle(name, command.id, request, at_us)
         self._answered[key] = _Answered(now_s, digest, reply)
         if len(self._answered) > MAX_REMEMBERED:
             self._answered.popitem(last=False)
         return reply
 
-    def _oldest_s(self) -> float:
-        return next(iter(self._answered.values())).at_s
-
     def _abort(
         self, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply:
-        """Handle an abort. An old retained one is refused: it would stop the run at every start."""
-        name_of = _id_in(payload)
+        """Handle an abort; refuse an old retained one, which would stop the run at each start."""
+        command_id = _id_in(payload)
         try:
             command, request = _read(payload)
         except _RefusedError:
             command, request = None, {}
         if retained and (command is None or abs(unix_us - command.sent_at_unix_us) > OLD_US):
-            why = "abort: it is retained and old: the broker would repeat it at each start"
-            return Reply(name_of, ABORT, at_us, False, why)
+            why = "abort: the message is retained and old: the broker would send it at each start"
+            return Reply(command_id, ABORT, at_us, False, why)
         if now_s - self._aborted_s < ABORTS_APART_S:
-            return Reply(name_of, ABORT, at_us, True, event="Aborted", again=True)
+            return Reply(command_id, ABORT, at_us, True, event="Aborted", again=True)
         self._aborted_s = now_s
         user = {"by": request.get("by", f"{MQTT}:unknown"), "station": request.get("station", MQTT)}
-        return self._done(ABORT, name_of, user, at_us)
+        return self._handle(ABORT, command_id, user, at_us)
 
-    def _done(self, name: str, name_of: str | None, request: dict[str, Any], at_us: int) -> Reply:
+    def _handle(
+        self, name: str, command_id: str | None, request: dict[str, Any], at_us: int
+    ) -> Reply:
         answer = self._ask({**request, "do": name})
         return Reply(
-            name_of,
+            command_id,
             name,
             at_us,
             answer["ok"],
@@ -149,30 +149,31 @@ def _refuse_names(name: str) -> None:
             "never accepted over MQTT, which identifies no user; use the map or the control socket"
         )
     if name not in TAKEN:
-        raise _RefusedError(f"no such command; there are {', '.join(TAKEN)}")
+        raise _RefusedError(f"unknown command; the commands are {', '.join(TAKEN)}")
 
 
 def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
-    """Decode a command; returns it and the request for the request handler."""
+    """Decode a command; return it and the request for the request handler."""
     if len(payload) > MAX_BYTES:
-        raise _RefusedError(f"{len(payload)} bytes; at most {MAX_BYTES} are accepted")
+        raise _RefusedError(f"the message has {len(payload)} bytes; the limit is {MAX_BYTES}")
     try:
         found = msgspec.json.decode(payload)
         if isinstance(found, dict):
             found.setdefault("schema", "command/1")
         command = msgspec.convert(found, Command)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise _RefusedError(f"cannot be read: {error}") from None
+        raise _RefusedError(f"the message cannot be read: {error}") from None
     if "do" in found:
-        raise _RefusedError("unknown key do: the topic names the command")
+        raise _RefusedError("unknown key do: the topic contains the command")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}
-    # Without the prefix, a command would count as presence at a station that approves plans.
+    # Without the prefix, a command would count as the presence of an operator at a station that
+    # approves plans.
     station = f"{MQTT}:{command.station}" if command.station else MQTT
     return command, {**request, "by": f"{MQTT}:{command.by}", "station": station}
 
 
 def _id_in(payload: bytes) -> str | None:
-    """The id in a payload, whether that is a valid command or not; None if it has none."""
+    """Return the id in a payload, even of an invalid command, or None without an id."""
     if len(payload) > MAX_BYTES:
         return None
     try:
@@ -186,6 +187,6 @@ def _refuse_old(command: Command, unix_us: int) -> None:
     if abs(age_us) > OLD_US:
         when = "ago" if age_us > 0 else "in the future"
         raise _RefusedError(
-            f"sent {abs(age_us) / 1e6:.0f} s {when} by sent_at_unix_us; at most "
-            f"{OLD_US / 1e6:.0f} s are accepted: is a clock wrong?"
+            f"sent_at_unix_us is {abs(age_us) / 1e6:.0f} s {when}; the limit is "
+            f"{OLD_US / 1e6:.0f} s: check the clock of the sender"
         )

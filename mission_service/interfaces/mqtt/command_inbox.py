@@ -1,4 +1,4 @@
-"""Queue of messages that were received from a broker and not handled yet."""
+"""Queue of received messages that the service has not handled yet."""
 
 import asyncio
 from collections import deque
@@ -7,16 +7,19 @@ import aiomqtt
 
 
 class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Messages in order of arrival; bounded, and ``put_nowait`` never raises QueueFull.
+    """Bounded queue of messages in order of arrival; ``put_nowait`` never raises QueueFull.
 
-    With ``urgent`` the messages of topics with this ending precede all others. If the queue is
-    full, an urgent message replaces the last of the others, and any other message is dropped: its
-    sender gets no reply and may send it again. Without ``urgent`` the oldest message is dropped, so
-    that a slow process does not handle outdated messages.
+    With ``urgent``, messages of topics with this ending precede all others. If the queue is full,
+    an urgent message replaces the last of the others, and any other message is dropped: its sender
+    receives no reply and may send it again. Without ``urgent``, a full queue drops its oldest
+    message, so that a slow process does not handle outdated messages.
     """
 
     def __init__(self, size: int, urgent: str = "", newest: tuple[str, ...] = ()) -> None:
-        """``newest``: endings of topics of which only the newest message is kept."""
+        """Make a queue of ``size`` messages.
+
+        Of each topic with an ending in ``newest`` the queue stores only the newest message.
+        """
         super().__init__(size)
         self.dropped = 0
         self._urgent_ending, self._newest = urgent, newest
@@ -26,11 +29,11 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         self._others: dict[object, aiomqtt.Message] = {}
 
     def qsize(self) -> int:
-        """The number of waiting messages."""
+        """Return the number of waiting messages."""
         return len(self._urgent) + len(self._others)
 
     def empty(self) -> bool:
-        """Whether the queue is empty."""
+        """Return whether the queue is empty."""
         return self.qsize() == 0
 
     def _put(self, item: aiomqtt.Message) -> None:
@@ -46,7 +49,7 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         return self._others.pop(next(iter(self._others)))
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Add a message, or drop one."""
+        """Add a message; drop it or another one if the queue is full."""
         if self.full():
             self.dropped += 1
             if not self._urgent_ending:

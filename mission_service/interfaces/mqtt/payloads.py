@@ -1,4 +1,4 @@
-"""Messages over MQTT besides the states of the state view: flat JSON, units in keys."""
+"""MQTT messages that are not states of the state view: flat JSON with units in the keys."""
 
 from typing import Annotated
 
@@ -14,10 +14,10 @@ OperatorName = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)
 
 
 class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
-    """Whether the service runs, and with which scenario.
+    """State of the service: whether it runs, and its scenario.
 
     If the connection is lost, the broker publishes a status with ``online`` false; its times are
-    those of the connection's start.
+    those of the start of the connection.
     """
 
     at_us: int
@@ -27,9 +27,9 @@ class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
     rule: str
     vehicles: tuple[str, ...]
     not_ready: tuple[str, ...] = ()
-    commands: bool = False  # whether commands are accepted over MQTT
-    why: str = ""  # reason why it is not online
-    replay: bool = False  # it replays a logged flight; nothing is flown now
+    commands: bool = False  # whether the service accepts commands over MQTT
+    why: str = ""  # the reason for ``online`` false
+    replay: bool = False  # the service replays a logged flight; no vehicle flies
 
 
 class Alarms(msgspec.Struct, tag="alarms/1", tag_field="schema"):
@@ -40,23 +40,23 @@ class Alarms(msgspec.Struct, tag="alarms/1", tag_field="schema"):
 
 
 class Command(msgspec.Struct, tag="command/1", tag_field="schema"):
-    """The keys of every command. Further keys are those of its request; others are refused."""
+    """The keys of every command. A command also has the keys of its request and no others."""
 
-    id: CommandId  # set by the sender, repeated in the reply; carried out only once
+    id: CommandId  # set by the sender and copied to the reply; a repeated id has no effect
     by: OperatorName
     sent_at_unix_us: Annotated[int, Meta(ge=0)]
     station: Annotated[str, Meta(max_length=70, pattern=PRINTED)] = ""
 
 
 class Reply(msgspec.Struct, tag="reply/1", tag_field="schema"):
-    """The reply to a command with its ``id``: whether it was carried out, else why not."""
+    """The reply to a command: its ``id``, and whether the command was carried out."""
 
-    id: str | None  # None if it could not be read
+    id: str | None  # None if the command has no valid id
     command: str
     at_us: int
     ok: bool
-    error: str = ""
-    event: str = ""  # type of its event in the journal
+    error: str = ""  # the reason for ``ok`` false
+    event: str = ""  # type of the command's event in the journal
     messages: tuple[str, ...] = ()
-    confirm: bool = False  # not carried out: send it again with ``confirmed``
-    again: bool = False  # a repeated reply: it was not carried out again
+    confirm: bool = False  # not carried out: the sender must repeat it with ``confirmed``
+    again: bool = False  # reply to a repeated command, which was not carried out again

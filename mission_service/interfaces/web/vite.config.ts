@@ -1,7 +1,7 @@
 import { defineConfig } from "vite";
 
-// Relative addresses: the page works behind a proxy's path too. Nothing is inlined, so that the
-// page's content security policy needs no exceptions.
+// Relative addresses, so that the page works below any path of a proxy. No resource is inlined, so the
+// content security policy of the page needs no exceptions.
 export default defineConfig({
   base: "./",
   build: {

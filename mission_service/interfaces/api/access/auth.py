@@ -1,6 +1,6 @@
 """Authentication of HTTP clients by tokens with roles; only SHA-256 sums of tokens are stored.
 
-A token is 32 random bytes: it cannot be guessed, so its sum needs no salt and no slow hash.
+A token has 32 random bytes and cannot be guessed, so its sum needs no salt and no slow hash.
 """
 
 import hashlib
@@ -37,7 +37,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
-        """Whether the user has this role; every user has ``look``."""
+        """Return whether the user has this role; every user has ``look``."""
         return role == "look" or role in self.roles
 
 
@@ -46,17 +46,17 @@ class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def sum_of(token: str) -> str:
-    """The SHA-256 sum of a token, which is stored instead of it."""
+    """Return the SHA-256 sum of a token, which is stored instead of it."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
 def new_token() -> str:
-    """A new random token."""
+    """Return a new random token."""
     return secrets.token_urlsafe(32)
 
 
 def read_tokens(path: Path) -> tuple[User, ...]:
-    """The users in a tokens file; raises MissionServiceError in one line: file, place, error."""
+    """Return the users in a tokens file. Raises MissionServiceError with file, place and error."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -67,20 +67,20 @@ def read_tokens(path: Path) -> tuple[User, ...]:
         found = msgspec.convert(data, _TokensFile).tokens
     except msgspec.ValidationError as error:
         raise MissionServiceError(
-            f"{path}: {error}; a token is [[tokens]] with name, roles, station and sha256, as "
-            "`mission-service token` writes it"
+            f"{path}: {error}; a token is a table [[tokens]] with name, roles, station and sha256, "
+            "written by `mission-service token`"
         ) from None
     names = [user.name for user in found]
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise MissionServiceError(f"{path}: two tokens have the name {twice}")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise MissionServiceError(f"{path}: two tokens have the name {twice[0]}")
     return found
 
 
 def own_token(out: Path) -> str:
-    """The token of a run without a tokens file: made once, in OUT/token, readable by its user only.
+    """Return the token of a run without a tokens file; create it in OUT/token at the first start.
 
-    Raises MissionServiceError if other users may read it, or if it is no token.
+    Only the user that runs the service may read the file. Raises MissionServiceError if other users
+    may read it, or if it contains no token.
     """
     path = out / TOKEN_FILE
     try:
@@ -98,66 +98,73 @@ def own_token(out: Path) -> str:
     except OSError as error:
         raise MissionServiceError(f"{path}: cannot be read: {error.strerror}") from None
     if mode & 0o077:
-        raise MissionServiceError(f"{path}: others may read it; remove it, and a new one is made")
+        raise MissionServiceError(
+            f"{path}: other users may read it; remove it, and the service creates a new token"
+        )
     if _TOKEN.fullmatch(token) is None:
-        raise MissionServiceError(f"{path}: holds no token; remove it, and a new one is made")
+        raise MissionServiceError(
+            f"{path}: contains no token; remove it, and the service creates a new token"
+        )
     hide(token)
     return token
 
 
 class Tokens:
-    """The valid tokens: those of a file, read again when it changes, or the one of a run.
+    """The valid tokens: those of a file, which is read again after a change, or that of a run.
 
-    ``named``: each token belongs to one user and fixes the name in requests; the token of a run
-    does not. If the file becomes invalid, the tokens remain as they were and the log has a warning:
+    With ``named`` each token is personal and determines the name in requests; the token of a run is
+    not personal. If the file becomes invalid, the tokens stay valid and the log contains a warning:
     an error in the file must not lock out the operators of a fire.
     """
 
-    def __init__(self, known: tuple[User, ...], path: Path | None = None) -> None:
-        self._known = known
+    def __init__(self, users: tuple[User, ...], path: Path | None = None) -> None:
+        self._users = users
         self._path = path
         self._stamp = _stamp(path)
         self.named = path is not None
 
     @classmethod
     def of_file(cls, path: Path) -> "Tokens":
-        """The tokens of a file; raises MissionServiceError."""
+        """Return the tokens of a file. Raises MissionServiceError."""
         return cls(read_tokens(path), path)
 
     @classmethod
     def of_run(cls, out: Path) -> "Tokens":
-        """The token in the run's folder, with all roles."""
+        """Return the token in the run's folder, with all roles."""
         user = User("user", frozenset(ROLES), sum_of(own_token(out)))
         return cls((user,))
 
-    def whose(self, token: str) -> User | None:
-        """The user of a token, or None. Takes equal time for all tokens: all sums are compared."""
-        self._look_again()
-        mine = sum_of(token)
-        found = None
-        for user in self._known:
-            if hmac.compare_digest(user.sha256, mine):
+    def user_of(self, token: str) -> User | None:
+        """Return the user of a token, or None.
+
+        The comparison takes the same time for all tokens, because it always includes all sums.
+        """
+        self._read_again()
+        digest, found = sum_of(token), None
+        for user in self._users:
+            if hmac.compare_digest(user.sha256, digest):
                 found = user
         return found
 
     def still(self, user: User) -> bool:
-        """Whether a user's token is still valid, with the same roles."""
-        self._look_again()
-        return user in self._known
+        """Return whether a user's token is still valid, with the same roles."""
+        self._read_again()
+        return user in self._users
 
-    def _look_again(self) -> None:
+    def _read_again(self) -> None:
+        """Read the file again if it has changed."""
         stamp = _stamp(self._path)
         if self._path is None or stamp == self._stamp:
             return
         self._stamp = stamp
         try:
-            self._known = read_tokens(self._path)
+            self._users = read_tokens(self._path)
         except MissionServiceError as error:
-            log.warning("%s; the tokens stay as they were", error)
+            log.warning("%s; the tokens from before the change stay valid", error)
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """A value that differs after a change of the file; empty without a file."""
+    """Return a value that differs after a change of the file; empty without a file."""
     if path is None:
         return ()
     try:

@@ -1,20 +1,21 @@
-"""Open connections. Beyond a limit the oldest connection without a valid token is closed."""
+"""Open connections and their limits: the oldest connections without a valid token are closed."""
 
 import ipaddress
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
-MAX_UNPROVEN = 384  # connections without a valid token; together with those that have one they ...
-MAX_PROVEN = 256  # ... stay below the 1024 files that a process usually may have open
-MAX_OF_AN_ADDRESS = 192  # of the unproven
+# Connections without and with a valid token: together below the usual limit of 1024 open files.
+MAX_UNPROVEN, MAX_PROVEN = 384, 256
+MAX_OF_AN_ADDRESS = 192  # unproven connections of one client
 
 
+@dataclass(eq=False)
 class ClientConnection:
-    """One connection, from its acceptance on. ``cut`` closes it."""
+    """One accepted connection of ``client``. ``cut`` closes it."""
 
-    def __init__(self, client: str, cut: Callable[[], None]) -> None:
-        self.client = client
-        self.cut = cut
+    client: str
+    cut: Callable[[], None]
 
 
 class ClientConnections:
@@ -24,31 +25,30 @@ class ClientConnections:
         self._unproven: dict[ClientConnection, None] = {}
         self._proven: dict[ClientConnection, None] = {}
 
-    def come(self, caller: ClientConnection) -> None:
-        """Add a connection; beyond a limit close one, of its own or of the busiest address."""
-        self._unproven[caller] = None
+    def add(self, connection: ClientConnection) -> None:
+        """Add a connection; beyond a limit close one of the same or of the busiest client."""
+        self._unproven[connection] = None
         counts = Counter(each.client for each in self._unproven)
-        if counts[caller.client] > MAX_OF_AN_ADDRESS:
-            self._cut_oldest(caller.client)
+        if counts[connection.client] > MAX_OF_AN_ADDRESS:
+            self._cut_oldest(connection.client)
         elif len(self._unproven) > MAX_UNPROVEN:
             self._cut_oldest(max(counts, key=lambda client: counts[client]))
 
-    def prove(self, caller: ClientConnection) -> None:
-        """Keep a connection with a valid token; at most ``MAX_PROVEN`` are kept."""
-        if caller in self._unproven and len(self._proven) < MAX_PROVEN:
-            del self._unproven[caller]
-            self._proven[caller] = None
+    def prove(self, connection: ClientConnection) -> None:
+        """Mark a connection as one with a valid token; at most ``MAX_PROVEN`` are marked."""
+        if connection in self._unproven and len(self._proven) < MAX_PROVEN:
+            del self._unproven[connection]
+            self._proven[connection] = None
 
-    def remove(self, caller: ClientConnection) -> None:
+    def remove(self, connection: ClientConnection) -> None:
         """Remove a connection that has ended."""
-        self._unproven.pop(caller, None)
-        self._proven.pop(caller, None)
+        self._unproven.pop(connection, None)
+        self._proven.pop(connection, None)
 
     def cut_one(self) -> None:
         """Close the oldest connection without a valid token."""
-        for caller in self._unproven:
-            self._cut_oldest(caller.client)
-            return
+        if self._unproven:
+            self._cut_oldest(next(iter(self._unproven)).client)
 
     def _cut_oldest(self, client: str) -> None:
         oldest = next(each for each in self._unproven if each.client == client)
@@ -57,7 +57,7 @@ class ClientConnections:
 
 
 def client_at(address: object) -> str:
-    """What counts as one client: an IPv4 address, the /64 network of an IPv6 one."""
+    """Return the client at an address: the IPv4 address, or the /64 network of an IPv6 address."""
     host = address[0] if isinstance(address, tuple) and address else ""
     try:
         found = ipaddress.ip_address(host)

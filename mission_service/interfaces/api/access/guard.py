@@ -1,10 +1,10 @@
 """The guard in front of all routes: checks origin, token, rate, size and speed of each request.
 
-Plain ASGI, so that it covers all routes behind it. The order: wrong host and other origins,
-tokens, rates, concurrent requests. Clients without a token have a separate limit. An abort with a
-valid token passes all limits and is carried out here, as soon as its headers have arrived; health
-routes pass all limits too. Bodies are read here before anything else is awaited, so that a complete
-request is carried out even if its client has closed the connection meanwhile.
+The guard is plain ASGI, so that it covers all routes. It checks in this order: host and origin,
+token, rate, concurrent requests. Clients without a token have a separate limit. An abort with a
+valid token passes all limits; the guard carries it out as soon as its headers have arrived. Health
+routes pass all limits too. The guard reads bodies before it awaits anything else, so that a
+complete request is carried out even if its client has closed the connection meanwhile.
 """
 
 import asyncio
@@ -32,8 +32,10 @@ PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
 # Concurrent requests with a token: those that read (including live streams), those that change.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
-MAX_STRANGERS, MAX_OF_A_STRANGER = 32, 16  # without a token: the page
-SEND_WITHIN_S, STRANGER_WITHIN_S = 30.0, 10.0  # a client that reads nothing for so long is cut off
+# Concurrent requests without a token (for the page): of all clients, and of each client.
+MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS = 32, 16
+# A client that reads nothing for this time is disconnected, with and without a token.
+SEND_WITHIN_S, ANONYMOUS_WITHIN_S = 30.0, 10.0
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "font-src 'self'; media-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -60,11 +62,12 @@ class AccessGuard:
         now_s: Callable[[], float],
         abort: Callable[[User, bytes], Any],
     ) -> None:
-        """``abort`` is called at once with the user and the query string; it may raise ApiError.
+        """Make the guard of ``app``.
 
-        ``hosts``: the accepted host names and addresses, without ports. Loopback and the address
-        that a connection came to are always accepted. A TLS proxy in front of the service needs
-        its name here.
+        ``abort`` carries out an abort, with the user and the query string; it may raise ApiError.
+        ``hosts`` are the accepted host names and addresses without ports, including the name of a
+        TLS proxy in front of the service. Loopback and the local address of a connection are always
+        accepted. ``now_s`` is a monotonic clock.
         """
         self._app = app
         self._tokens = tokens
@@ -74,53 +77,53 @@ class AccessGuard:
         self._abort = abort
         self._readers = ConcurrencyLimiter(MAX_READING, MAX_READING)
         self._changers = ConcurrencyLimiter(MAX_CHANGING, MAX_CHANGING)
-        self._strangers = ConcurrencyLimiter(MAX_STRANGERS, MAX_OF_A_STRANGER)
+        self._anonymous = ConcurrencyLimiter(MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS)
         self._reading = RateLimiter(rate_s=100.0, burst=400.0)
         self._changing = RateLimiter(rate_s=10.0, burst=40.0)
         self._failing = RateLimiter(rate_s=1.0, burst=20.0)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":  # nothing else is served
+        if scope["type"] != "http":  # no other protocol is served
             return
         bounded = _Bounded(scope, send)
         try:
-            client = self._let_in(scope)
+            client = self._admit(scope)
             if scope["path"] == ABORT and scope["method"] == "POST":
-                user, words = scope["state"]["user"], scope["query_string"]
-                scope["state"]["aborted"] = self._abort(user, words)
-            places = self._places(scope)
-            if places is not None and not places.acquire(client):
-                text = f"{places.most} requests are under way already"
+                user, query = scope["state"]["user"], scope["query_string"]
+                scope["state"]["aborted"] = self._abort(user, query)
+            limiter = self._limiter(scope)
+            if limiter is not None and not limiter.acquire(client):
+                text = f"too many concurrent requests; the limit is {limiter.most}"
                 raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)
             return
         try:
-            if places is self._changers:
+            if limiter is self._changers:
                 receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
             return
-        except ApiError as error:  # of its body
+        except ApiError as error:  # raised for the body
             await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
         finally:
-            if places is not None:
-                places.release(client)
+            if limiter is not None:
+                limiter.release(client)
 
-    def _places(self, scope: Scope) -> ConcurrencyLimiter | None:
-        """The limit that a request counts against; None for routes that are always served."""
+    def _limiter(self, scope: Scope) -> ConcurrencyLimiter | None:
+        """Return the limiter that applies to a request; None for routes without a limit."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
         if scope["state"]["user"] is None:
-            return self._strangers
+            return self._anonymous
         return self._readers if _reads(scope) else self._changers
 
-    def _let_in(self, scope: Scope) -> str:
-        """Check a request, note its user in its state, return its client. Raises ApiError."""
+    def _admit(self, scope: Scope) -> str:
+        """Check a request, store its user in its state, return its client. Raises ApiError."""
         headers = _headers(scope)
-        host = self._right_host(headers.get(b"host", []), scope.get("server"))
+        host = self._check_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
         path, client = scope["path"], client_at(scope.get("client"))
         scope.setdefault("state", {})["user"] = None
@@ -130,35 +133,35 @@ class AccessGuard:
             client = f"token {user.name}"
             scope["state"].get("proven", _nothing)()
         if path != ABORT and path not in HEALTH:
-            self._refuse_often(self._reading if _reads(scope) else self._changing, client)
+            self._check_rate(self._reading if _reads(scope) else self._changing, client)
             _refuse_long(headers.get(b"content-length", []))
         return client
 
-    def _right_host(self, given: list[bytes], server: object) -> str:
+    def _check_host(self, given: list[bytes], server: object) -> str:
         host = given[0].decode("latin-1").lower() if len(given) == 1 else ""
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
         if name not in self._hosts and not _is_own_address(name.strip("[]"), server):
-            raise ApiError(403, "wrong Host: call the service by its address or a name in hosts")
+            raise ApiError(403, "wrong Host: use the service's address or a name in hosts")
         return host
 
     def _user_of(self, given: list[bytes], client: str) -> User:
-        word = {"www-authenticate": "Bearer"}
+        scheme = {"www-authenticate": "Bearer"}
         if not given:
-            raise ApiError(401, "a token is needed: Authorization: Bearer TOKEN", word)
+            raise ApiError(401, "a token is required: Authorization: Bearer TOKEN", scheme)
         kind, _, token = given[0].decode("latin-1").strip().partition(" ")
         token = token.strip()
         if len(given) == 1 and kind.lower() == "bearer" and len(token) <= LONGEST_TOKEN:
-            user = self._tokens.whose(token)
+            user = self._tokens.user_of(token)
             if user is not None:
                 return user
-        self._refuse_often(self._failing, client)
-        raise ApiError(401, "this token is not valid", word)
+        self._check_rate(self._failing, client)
+        raise ApiError(401, "this token is not valid", scheme)
 
-    def _refuse_often(self, buckets: RateLimiter, client: str) -> None:
-        wait_s = buckets.consume(client, self._now_s())
-        if wait_s > 0.0:
-            again = {"retry-after": str(math.ceil(wait_s))}
-            raise ApiError(429, f"too many requests; try again in {math.ceil(wait_s)} s", again)
+    def _check_rate(self, limiter: RateLimiter, client: str) -> None:
+        wait_s = math.ceil(limiter.consume(client, self._now_s()))
+        if wait_s > 0:
+            text = f"too many requests; try again in {wait_s} s"
+            raise ApiError(429, text, {"retry-after": str(wait_s)})
 
 
 class _DisconnectedError(Exception):
@@ -166,9 +169,10 @@ class _DisconnectedError(Exception):
 
 
 async def _whole(scope: Scope, receive: Receive) -> Receive:
-    """Read a whole body; returns a ``receive`` that gives it to the routes as one message.
+    """Read a whole body; return a ``receive`` that passes it to the routes as one message.
 
-    Raises ApiError 413 if it is too long, 408 if it does not arrive in time; _GoneError.
+    Raises ApiError 413 for a body that is too long, ApiError 408 for a body that does not arrive in
+    time, and _DisconnectedError.
     """
     max_bytes = MAX_PERIMETER_BYTES if scope["path"] == PERIMETER else MAX_BODY_BYTES
     body, more = bytearray(), True
@@ -184,16 +188,16 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
                     raise ApiError(413, f"the body has more than {max_bytes} bytes")
     except TimeoutError:
         raise ApiError(408, f"the body did not arrive within {BODY_WITHIN_S:g} s") from None
-    left = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+    unread = [{"type": "http.request", "body": bytes(body), "more_body": False}]
 
-    async def again() -> Message:
-        return left.pop() if left else await receive()
+    async def receive_whole() -> Message:
+        return unread.pop() if unread else await receive()
 
-    return again
+    return receive_whole
 
 
 class _Bounded:
-    """``send`` with common headers; ends the connection of a client that does not read."""
+    """A ``send`` that adds the common headers and raises TooSlowError if a client does not read."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
@@ -204,19 +208,17 @@ class _Bounded:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", []), *self._headers(message)]}
         try:
-            known = self._scope.get("state", {}).get("user") is not None
-            async with asyncio.timeout(SEND_WITHIN_S if known else STRANGER_WITHIN_S):
+            anonymous = self._scope.get("state", {}).get("user") is None
+            async with asyncio.timeout(ANONYMOUS_WITHIN_S if anonymous else SEND_WITHIN_S):
                 await self._send(message)
         except TimeoutError:
             raise TooSlowError from None
 
     def _headers(self, message: Message) -> list[tuple[bytes, bytes]]:
-        there = {name.lower() for name, _ in message.get("headers", [])}
-        added = [(name, value) for name, value in HEADERS.items() if name not in there]
-        if b"cache-control" not in there:
-            kept = b"no-store" if self._path.startswith(PREFIXES_WITH_TOKEN) else b"no-cache"
-            added.append((b"cache-control", kept))
-        return added
+        present = {name.lower() for name, _ in message.get("headers", [])}
+        private = self._path.startswith(PREFIXES_WITH_TOKEN)
+        headers = {**HEADERS, b"cache-control": b"no-store" if private else b"no-cache"}
+        return [header for header in headers.items() if header[0] not in present]
 
 
 def _reads(scope: Scope) -> bool:
@@ -224,7 +226,7 @@ def _reads(scope: Scope) -> bool:
 
 
 def _nothing() -> None:
-    """A default for servers without the callback ``proven``."""
+    """Do nothing: the default callback for servers without ``proven`` and ``cut``."""
 
 
 def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
@@ -235,7 +237,7 @@ def _headers(scope: Scope) -> dict[bytes, list[bytes]]:
 
 
 def _is_own_address(name: str, server: object) -> bool:
-    """Whether a host is loopback, or the address (``server``) that the connection came to."""
+    """Return whether a host is loopback or the connection's local address (``server``)."""
     try:
         address = ipaddress.ip_address(name)
         own = ipaddress.ip_address(server[0] if isinstance(server, tuple) else "")
@@ -249,7 +251,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Refuse pages of other sites, by the headers in which browsers state a request's origin."""
+    """Refuse requests of pages of other sites, by the headers that browsers add."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")
@@ -274,11 +276,11 @@ async def _refuse(send: Send, error: ApiError) -> None:
     try:
         await send({"type": "http.response.start", "status": error.status, "headers": headers})
         await send({"type": "http.response.body", "body": body})
-    except TooSlowError:  # a short answer waits only behind others of this connection
+    except TooSlowError:  # the client has not read earlier responses of this connection
         return
 
 
 async def _cut(scope: dict[str, Any] | Scope) -> None:
     """Close a connection even if its buffer is not empty, if the server supports that."""
     scope.get("state", {}).get("cut", _nothing)()
-    await asyncio.sleep(0)  # lets the server process the closing
+    await asyncio.sleep(0)  # the server processes the end of the connection

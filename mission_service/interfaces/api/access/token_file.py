@@ -1,4 +1,4 @@
-"""Adds tokens to a tokens file; the existing content of the file is not changed."""
+"""Adding of tokens to a tokens file; the existing content of the file does not change."""
 
 import os
 import tempfile
@@ -9,17 +9,17 @@ from mission_service.interfaces.api.access.auth import ROLES, new_token, read_to
 
 
 def added(path: Path, name: str, roles: tuple[str, ...], station: str) -> str:
-    """Add a new token to a file (0600, replaced as a whole) and return it.
+    """Add a new token to a file and return it.
 
-    Raises MissionServiceError for an unknown role, a name that is in use or has invalid
-    characters, and a file that cannot be used.
+    The file is replaced as a whole, with mode 0600. Raises MissionServiceError for an unknown role,
+    a name that is in use or has invalid characters, and an unusable file.
     """
     for role in roles:
         if role not in ROLES:
-            raise MissionServiceError(f"--roles {role}: there are {', '.join(ROLES)}")
+            raise MissionServiceError(f"--roles {role}: the roles are {', '.join(ROLES)}")
     before = _text(path)
     if before and any(user.name == name for user in read_tokens(path)):
-        raise MissionServiceError(f"{path}: has a token for {name} already; remove it first")
+        raise MissionServiceError(f"{path}: already has a token for {name}; remove it first")
     token = new_token()
     text = before + ("" if not before or before.endswith("\n") else "\n")
     text += ("\n" if before else "") + "[[tokens]]\n"
@@ -56,6 +56,6 @@ def _text(path: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A basic string of TOML; ``read_tokens`` refuses control characters."""
+    """Return a text as a basic string of TOML; ``read_tokens`` refuses control characters."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'

@@ -1,8 +1,8 @@
-// The abort: one red button that is always there. It is held for a moment or pressed twice, so that
-// nobody aborts by brushing it; Ctrl+Shift+X aborts at once.
+// The abort button, always visible and red. To prevent accidental aborts it must be held for 0.7 s
+// or pressed twice; Ctrl+Shift+X aborts at once.
 
-import { say } from "./actions.ts";
-import { post, wordsOf } from "./api.ts";
+import { showMessage } from "./actions.ts";
+import { errorText, post } from "./api.ts";
 import { byId, h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
 import type { Store } from "./store.ts";
@@ -21,14 +21,14 @@ export function abortButton(store: Store): HTMLButtonElement {
   let held = 0;
   let fired = false;
 
-  const rest = (): void => {
+  const disarm = (): void => {
     clearTimeout(armed);
     armed = 0;
     button.classList.remove("armed");
     button.textContent = "ABORT";
   };
   const fire = (): void => {
-    rest();
+    disarm();
     fired = true;
     button.classList.add("sent");
     void abort().finally(() => setTimeout(() => button.classList.remove("sent"), 3000));
@@ -36,8 +36,8 @@ export function abortButton(store: Store): HTMLButtonElement {
   const arm = (): void => {
     button.classList.add("armed");
     button.textContent = "PRESS AGAIN";
-    byId("aloud").textContent = "Press again to abort";
-    armed = window.setTimeout(rest, ARMED_MS);
+    byId("announcer").textContent = "Press again to abort";
+    armed = window.setTimeout(disarm, ARMED_MS);
   };
   button.addEventListener("pointerdown", () => {
     fired = false;
@@ -53,26 +53,27 @@ export function abortButton(store: Store): HTMLButtonElement {
   }
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   button.addEventListener("click", () => {
-    if (fired) return; // was held long enough
+    if (fired) return; // the hold has sent the abort
     if (armed) fire();
     else arm();
     fired = false;
   });
-  const flies = (): boolean => !store.state?.replay;
-  shortcut("Ctrl+Shift+X", "ABORT at once: all vehicles stop, climb and hold", fire, true, flies);
+  const isLive = (): boolean => !store.state?.replay;
+  shortcut("Ctrl+Shift+X", "ABORT at once: all vehicles stop, climb and hold", fire, true, isLive);
   return button;
 }
 
-/** Tell it until it is taken: a lost request must not be a lost abort. */
+/** Send the abort; repeat it after an error, up to TRIES times. */
 async function abort(): Promise<void> {
   for (let tries = 1; ; tries++) {
     try {
-      say("ABORT: sending …", true);
+      showMessage("ABORT: sending …", true);
       await post("abort");
-      say("ABORT accepted: vehicles stop, climb and hold", true);
+      showMessage("ABORT accepted: vehicles stop, climb and hold", true);
       return;
     } catch (error) {
-      say(`ABORT NOT ACCEPTED (try ${tries}): ${wordsOf(error)}. Use the radio and the transmitter.`, true);
+      const text = `ABORT NOT ACCEPTED (attempt ${tries}): ${errorText(error)}`;
+      showMessage(`${text}. Use the radio and the transmitter.`, true);
       if (tries === TRIES) return;
       await new Promise((done) => setTimeout(done, 500));
     }

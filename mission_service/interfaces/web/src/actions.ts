@@ -1,6 +1,6 @@
-// Things people ask for: said in a line whether they were done, and why not.
+// Requests of the operator, each with a message about its result.
 
-import { wordsOf } from "./api.ts";
+import { errorText } from "./api.ts";
 import { byId } from "./dom.ts";
 import type { Store } from "./store.ts";
 import type { Role } from "./types.ts";
@@ -8,46 +8,42 @@ import type { Role } from "./types.ts";
 const SHOWN_MS = 6000;
 let timer = 0;
 
-/** Say a line to who looks and who listens; errors stay until the next line. */
-export function say(words: string, bad = false): void {
-  const element = byId("said");
-  element.textContent = words;
+/** Show a message, also to screen readers; errors stay until the next message. */
+export function showMessage(text: string, bad = false): void {
+  const element = byId("message");
+  element.textContent = text;
   element.className = bad ? "bad shown" : "shown";
   clearTimeout(timer);
   if (!bad) timer = window.setTimeout(() => element.classList.remove("shown"), SHOWN_MS);
 }
 
-/** Do something and say what came of it; whether it was done. */
-export async function attempt(
-  words: string,
-  work: () => Promise<{ messages?: string[] } | void>,
-): Promise<boolean> {
+/** Send a request and show the result; returns whether it succeeded. */
+export async function attempt(action: string, work: () => Promise<{ messages?: string[] } | void>): Promise<boolean> {
   try {
     const answer = await work();
-    const said = (answer?.messages ?? []).join("; ");
-    say(said ? `${words}: ${said}` : `${words}: done`);
+    showMessage(`${action}: ${(answer?.messages ?? []).join("; ") || "done"}`);
     return true;
   } catch (error) {
-    say(`${words}: failed: ${wordsOf(error)}`, true);
+    showMessage(`${action}: failed: ${errorText(error)}`, true);
     return false;
   }
 }
 
-const WORDS: Record<Role, string> = {
+const PERMISSIONS: Record<Role, string> = {
   look: "look",
   correct: "correct the fire",
   fly: "command vehicles",
   approve: "approve drops",
 };
 
-/** Why nobody may order anything here, or this token not what takes a role; "" if it may. */
+/** The reason why a request with a role is impossible (a replay, or the token); "" if possible. */
 export function lacking(store: Store, role: Role): string {
   return store.state?.replay ? "A replay accepts no orders" : withoutRole(store, role);
 }
 
-/** Why this token may not do what takes a role; "" if it may. */
+/** The reason why the token does not permit requests with a role; "" if it permits them. */
 export function withoutRole(store: Store, role: Role): string {
   const roles = store.state?.roles ?? [];
   if (roles.includes(role)) return "";
-  return `Your token may not ${WORDS[role]}: it lacks the role "${role}"`;
+  return `Your token does not permit you to ${PERMISSIONS[role]}: it does not have the role "${role}"`;
 }

@@ -1,5 +1,6 @@
-// Alarms: a banner until they are acknowledged or gone, and a sound. Severe ones sound again every
-// few seconds; muting lasts two minutes for them. The lost service is an alarm of the page's own.
+// Alarms: a banner until an alarm is acknowledged or cleared, and a sound. Severe alarms repeat their
+// sound every few seconds; for them muting lasts two minutes. The page raises two alarms itself: lost
+// service and old data.
 
 import { byId, fill, h, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
@@ -10,13 +11,13 @@ import { clock, duration } from "./units.ts";
 
 const AGAIN_MS = 5000;
 const MUTED_MS = 120_000;
-const LOST_S = 3; // a short break is not an alarm
-const STILL_S = 20; // heard, but mission time stands
+const LOST_S = 3; // a shorter loss of the connection is not an alarm
+const STILL_S = 20; // limit of the time in which mission time does not advance
 const MAX_SHOWN = 3;
 
 export class Alarms {
   readonly button = h("button", { id: "sound", type: "button" });
-  private known = new Set<string>(); // acknowledged: alarm and since when
+  private acknowledged = new Set<string>(); // keys: alarm and start time
   private sounded = new Set<string>();
   private muted = false;
   private mutedAt = 0;
@@ -34,15 +35,15 @@ export class Alarms {
     this.nameButton();
   }
 
-  /** All that is wrong now, the worst and latest first. */
+  /** All active alarms: severe alarms first, then the latest. */
   current(): Alarm[] {
-    const told = (this.store.state?.alarms ?? []).filter((alarm) => alarm.cleared_at_us === null);
-    return [...this.own(), ...told].sort(
+    const active = (this.store.state?.alarms ?? []).filter((alarm) => alarm.cleared_at_us === null);
+    return [...this.own(), ...active].sort(
       (a, b) => Number(b.severity === "severe") - Number(a.severity === "severe") || b.at_us - a.at_us,
     );
   }
 
-  /** The page's own alarms: the service is not heard, or mission time stands still. */
+  /** Alarms of the page: no connection to the service, or mission time does not advance. */
   private own(): Alarm[] {
     const { store } = this;
     if (store.linked) this.lostAt = 0;
@@ -50,7 +51,7 @@ export class Alarms {
     const lostS = this.lostAt ? (performance.now() - this.lostAt) / 1000 : 0;
     const base = { vehicle: "", severity: "severe", cleared_at_us: null } as const;
     if (store.state && lostS > LOST_S) {
-      const text = `Service lost (${store.why}). The data are ${duration(store.ageS)} old`;
+      const text = `Service lost (${store.lossReason}). The data are ${duration(store.ageS)} old`;
       return [{ ...base, alarm: "page/service", at_us: Math.round(this.lostAt), text }];
     }
     if (store.state && !store.state.replay && store.linked && store.stillS > STILL_S) {
@@ -63,9 +64,9 @@ export class Alarms {
   private renew(): void {
     const current = this.current();
     const keys = new Set(current.map(keyOf));
-    for (const key of this.known) if (!keys.has(key)) this.known.delete(key);
+    for (const key of this.acknowledged) if (!keys.has(key)) this.acknowledged.delete(key);
     for (const key of this.sounded) if (!keys.has(key)) this.sounded.delete(key);
-    const open = current.filter((alarm) => !this.known.has(keyOf(alarm)));
+    const open = current.filter((alarm) => !this.acknowledged.has(keyOf(alarm)));
     const fresh = open.find((alarm) => !this.sounded.has(keyOf(alarm)));
     if (fresh) {
       for (const alarm of open) this.sounded.add(keyOf(alarm));
@@ -93,10 +94,10 @@ export class Alarms {
         element.append(h("p", {}, `Still active: ${current.map((alarm) => alarm.text).join("; ")}`));
       }
     }
-    // The age of the picture runs on without the banner being made anew.
+    // The age of the data in the texts changes without a new banner.
     for (const [i, alarm] of open.slice(0, MAX_SHOWN).entries()) {
-      const words = element.children[i]?.querySelector("span");
-      if (words) setText(words, wordsOfAlarm(alarm));
+      const label = element.children[i]?.querySelector("span");
+      if (label) setText(label, alarmText(alarm));
     }
   }
 
@@ -105,26 +106,24 @@ export class Alarms {
       "div",
       { class: `alarm ${alarm.severity}` },
       h("strong", {}, alarm.severity === "severe" ? "ALARM" : "WARNING"),
-      h("span", {}, wordsOfAlarm(alarm)),
+      h("span", {}, alarmText(alarm)),
       h("button", { type: "button", onclick: () => this.acknowledge([alarm]) }, "Acknowledge"),
     );
   }
 
   private acknowledge(alarms: Alarm[]): void {
-    for (const alarm of alarms) this.known.add(keyOf(alarm));
+    for (const alarm of alarms) this.acknowledged.add(keyOf(alarm));
     this.renew();
   }
 
   private soundSevere(): void {
-    const open = this.current().some(
-      (alarm) => alarm.severity === "severe" && !this.known.has(keyOf(alarm)),
-    );
+    const open = this.current().some((alarm) => alarm.severity === "severe" && !this.acknowledged.has(keyOf(alarm)));
     if (open && this.mayBeep(true)) beep("severe");
     if (this.muted) this.nameButton();
   }
 
   private mayBeep(severe: boolean): boolean {
-    if (this.store.state?.replay) return false; // nothing is wrong now
+    if (this.store.state?.replay) return false; // the alarms are of the logged flight
     return !this.muted || (severe && performance.now() - this.mutedAt > MUTED_MS);
   }
 
@@ -136,8 +135,8 @@ export class Alarms {
 
   private nameButton(): void {
     const severeOnly = this.muted && performance.now() - this.mutedAt > MUTED_MS;
-    const words = !canSound() ? "Sound off: press" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
-    setText(this.button, words);
+    const mode = !canSound() ? "Sound off: press" : !this.muted ? "Sound on" : severeOnly ? "Severe only" : "Muted 2 min";
+    setText(this.button, mode);
     this.button.title = "Mute alarms (M); severe alarms sound again after two minutes";
     this.button.setAttribute("aria-pressed", String(this.muted));
   }
@@ -145,6 +144,6 @@ export class Alarms {
 
 const keyOf = (alarm: Alarm): string => `${alarm.alarm}@${alarm.at_us}`;
 
-function wordsOfAlarm(alarm: Alarm): string {
+function alarmText(alarm: Alarm): string {
   return alarm.alarm.startsWith("page/") ? alarm.text : `${alarm.text} (since ${clock(alarm.at_us / 1e6)})`;
 }

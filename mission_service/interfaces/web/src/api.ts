@@ -1,4 +1,4 @@
-// Requests to the service: the token goes along, errors become one line for people.
+// Requests to the service with the token; errors become one line of text.
 
 import { forgetToken, token } from "./token.ts";
 
@@ -6,26 +6,23 @@ export const BASE = new URL("api/v1/", document.baseURI).href;
 
 const MAX_KEPT_ALIVE = 32_000;
 
-/** What the service said when it did not do what was asked. */
+/** The service refused a request; the message is its reason. */
 export class Refused extends Error {
-  constructor(
-    readonly status: number,
-    message: string,
-  ) {
+  constructor(readonly status: number, message: string) {
     super(message);
   }
 }
 
 let onUnauthorised: () => void = () => undefined;
 
-/** What is to be done when the service does not know the token. */
+/** Set the action for an invalid token. */
 export function whenUnauthorised(act: () => void): void {
   onUnauthorised = act;
 }
 
 export const headers = (): Record<string, string> => ({ Authorization: `Bearer ${token()}` });
 
-/** Ask for `path` below /api/v1; raises Refused, or TypeError where the service is not reached. */
+/** Request `path` below /api/v1. Throws Refused, or TypeError without a connection. */
 export async function ask(path: string, init: RequestInit = {}): Promise<Response> {
   const response = await fetch(BASE + path, {
     cache: "no-store",
@@ -44,39 +41,35 @@ async function reasonOf(response: Response): Promise<string> {
   const text = await response.text();
   try {
     const body = JSON.parse(text) as { error?: unknown; detail?: unknown };
-    const said = body.error ?? body.detail;
-    if (typeof said === "string") return said;
-    if (said !== undefined) return JSON.stringify(said);
+    const reason = body.error ?? body.detail;
+    if (typeof reason === "string") return reason;
+    if (reason !== undefined) return JSON.stringify(reason);
   } catch {
-    // not JSON: the text itself is the reason
+    // not JSON: the text is the reason
   }
   return text.trim().slice(0, 300) || `${response.status} ${response.statusText}`;
 }
 
-/** The JSON at `path`. */
+/** Return the JSON at `path`. */
 export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
   const response = await ask(path, signal ? { signal } : {});
   return (await response.json()) as T;
 }
 
-/** Ask for something to be done; the answer is what was said to it. */
-export async function post<T = { messages?: string[] }>(
-  path: string,
-  body: object = {},
-  method = "POST",
-): Promise<T> {
+/** Send a request that changes something; returns the reply. */
+export async function post<T = { messages?: string[] }>(path: string, body: object = {}, method = "POST"): Promise<T> {
   const text = JSON.stringify(body);
   const response = await ask(path, {
     method,
     headers: { "Content-Type": "application/json" },
     body: text,
-    // Sent though the page is closed or left meanwhile; browsers do that for 64 kB at most.
+    // The browser sends the request even if the page is closed, for bodies of at most 64 kB.
     keepalive: text.length < MAX_KEPT_ALIVE,
   });
   return (await response.json()) as T;
 }
 
-/** Have the browser keep what is at `path` as a file. */
+/** Save the content at `path` as a file. */
 export async function download(path: string, name: string): Promise<void> {
   const blob = await (await ask(path)).blob();
   const address = URL.createObjectURL(blob);
@@ -87,8 +80,8 @@ export async function download(path: string, name: string): Promise<void> {
   setTimeout(() => URL.revokeObjectURL(address), 10_000);
 }
 
-/** What went wrong, in one line. */
-export function wordsOf(error: unknown): string {
+/** The text of an error, in one line. */
+export function errorText(error: unknown): string {
   if (error instanceof Refused) return error.message;
   if (error instanceof TypeError) return "no connection to the service";
   return error instanceof Error ? error.message : String(error);

@@ -1,23 +1,23 @@
-// Jobs that are asked for more often than they can be done.
+// Limit for jobs that are requested more often than they can run.
 
 /**
- * `job` so that one runs at a time, the last asked for is always done, and none begins within
- * `leastMs` of the one before. What fails is tried again when it is asked for again.
+ * Return a function that requests `job`. One job runs at a time, with a pause of at least `minMs`
+ * after it; requests during this time cause one more run. A failed job is not repeated.
  */
-export function coalesced(job: () => Promise<void>, leastMs: number): () => void {
+export function coalesced(job: () => Promise<void>, minMs: number): () => void {
   let running = false;
-  let wanted = false;
+  let requested = false;
   const run = async (): Promise<void> => {
     running = true;
-    while (wanted) {
-      wanted = false;
-      await job().catch((error: unknown) => console.info("not done:", String(error)));
-      await new Promise((done) => setTimeout(done, leastMs));
+    while (requested) {
+      requested = false;
+      await job().catch((error: unknown) => console.info("job failed:", String(error)));
+      await new Promise((done) => setTimeout(done, minMs));
     }
     running = false;
   };
   return () => {
-    wanted = true;
+    requested = true;
     if (!running) void run();
   };
 }

@@ -1,10 +1,10 @@
-// The login (asks for a token), questions before an order, and the list of keys.
+// Dialogs: the token, the confirmation of an order, and the list of keys.
 
 import { byId, fill, h } from "./dom.ts";
 import { allShortcuts } from "./keys.ts";
 import { keepToken } from "./token.ts";
 
-/** Close the list of keys; whether it was open. */
+/** Close the list of keys; return whether it was open. */
 export function closeHelp(): boolean {
   const help = byId("help") as HTMLDialogElement;
   const was = help.open;
@@ -12,16 +12,16 @@ export function closeHelp(): boolean {
   return was;
 }
 
-/** Ask for a token; `entered` when there is one. */
-export function askForToken(why: string, entered: () => void): void {
-  const door = byId("door") as HTMLDialogElement;
-  if (door.open) return;
+/** Show the dialog for the token; call `entered` after its input. */
+export function askForToken(reason: string, entered: () => void): void {
+  const login = byId("login") as HTMLDialogElement;
+  if (login.open) return;
   const field = h("input", { type: "password", id: "token", autocomplete: "off", required: true });
   const form = h(
     "form",
     { method: "dialog" },
     h("h2", {}, "Token"),
-    h("p", {}, why),
+    h("p", {}, reason),
     h("label", { for: "token" }, "Token from the output of the service, or from its operator"),
     field,
     h("button", { class: "primary" }, "Open the map"),
@@ -30,15 +30,15 @@ export function askForToken(why: string, entered: () => void): void {
     keepToken(field.value);
     entered();
   });
-  fill(door, form);
-  door.oncancel = (event) => event.preventDefault();
-  door.showModal();
+  fill(login, form);
+  login.oncancel = (event) => event.preventDefault();
+  login.showModal();
 }
 
 let unanswered: (yes: boolean) => void = () => undefined;
 
-/** Ask a question; whether the answer is yes. One asked before it is answered by no. */
-export function confirmed(words: string): Promise<boolean> {
+/** Show a question; return whether the answer is yes. Answers an earlier open question with no. */
+export function confirmed(text: string): Promise<boolean> {
   const question = byId("question") as HTMLDialogElement;
   unanswered(false);
   return new Promise((answer) => {
@@ -50,11 +50,11 @@ export function confirmed(words: string): Promise<boolean> {
     unanswered = end;
     const no = h("button", { type: "button", onclick: () => end(false) }, "No");
     const yes = h("button", { type: "button", class: "primary", onclick: () => end(true) }, "Yes, do it");
-    fill(question, h("p", {}, words), h("div", { class: "row" }, no, yes));
+    fill(question, h("p", {}, text), h("div", { class: "row" }, no, yes));
     question.onkeydown = (event) => {
       if (event.key === "Escape") end(false);
     };
-    question.show(); // not modal: the abort button stays in reach
+    question.show(); // not modal: the abort button remains accessible
     no.focus();
   });
 }
@@ -67,14 +67,8 @@ const BUILT_IN: [string, string][] = [
 
 export function showHelp(): void {
   const help = byId("help") as HTMLDialogElement;
-  if (help.open) {
-    help.close();
-    return;
-  }
-  const rows = [
-    ...allShortcuts().map(({ keys, does }): [string, string] => [keys, does]),
-    ...BUILT_IN,
-  ];
+  if (closeHelp()) return;
+  const rows = [...allShortcuts().map(({ keys, does }): [string, string] => [keys, does]), ...BUILT_IN];
   const close = h("button", { type: "button", class: "primary", onclick: () => help.close() }, "Close");
   fill(
     help,
@@ -85,6 +79,6 @@ export function showHelp(): void {
       ...rows.map(([keys, does]) => h("tr", {}, h("th", { scope: "row" }, h("kbd", {}, keys)), h("td", {}, does))),
     ),
   );
-  help.show(); // not modal: the abort button stays in reach
+  help.show(); // not modal: the abort button remains accessible
   close.focus();
 }

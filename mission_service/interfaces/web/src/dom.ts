@@ -1,9 +1,9 @@
-// Making elements. Text only ever becomes text, never markup.
+// Creation of elements. Text is never interpreted as markup.
 
 type Child = Node | string | number | null | undefined | false;
 type Attributes = Record<string, unknown>;
 
-/** An element: `on…` are listeners, `class` and `aria-…` attributes, true and false switch them. */
+/** Create an element: `on…` are listeners, all others attributes; false omits an attribute. */
 export function h<K extends keyof HTMLElementTagNameMap>(
   tag: K,
   attributes: Attributes = {},
@@ -32,19 +32,19 @@ export function fill(element: Element, ...children: Child[]): void {
   );
 }
 
-/** Set a text only where it changes: screen readers and layout are left alone otherwise. */
+/** Set a text if it differs: an unchanged text must not affect screen readers and layout. */
 export function setText(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** The element of this id in the page. */
+/** Return the element with an id. */
 export function byId(id: string): HTMLElement {
   const element = document.getElementById(id);
   if (element === null) throw new Error(`the page has no #${id}`);
   return element;
 }
 
-/** Switch a control off, saying why; no reason switches it on. */
+/** Disable a control and show the reason as its title; an empty reason enables it. */
 export function setReason(control: HTMLButtonElement | HTMLInputElement, reason: string): void {
   control.disabled = reason !== "";
   if (reason) {

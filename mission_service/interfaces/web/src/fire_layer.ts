@@ -1,9 +1,13 @@
-// The fire: now, at the slider's time, when it comes where, how sure that is, +30 and +60 minutes.
+// The fire: now, at the slider's time, after 30 and 60 minutes, arrival times, and uncertainty.
 
 import type { ExpressionSpecification, ImageSource, Map as MapView } from "maplibre-gl";
 import { BASE, get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
-import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import {
+  circleLayer, collection, empty, feature, fillLayer, type Group, labelLayer,
+  type Layers, line, lineLayer, point, show,
+} from "./map.ts";
+import { COLOURS } from "./pens.ts";
 import type { Store } from "./store.ts";
 import type { Correction, LonLat } from "./types.ts";
 
@@ -12,11 +16,8 @@ export interface ArrivalScale {
   scale: { at_s: number; colour: string }[];
 }
 
-const STATE_COLOURS: [string, string][] = [
-  ["burned", "#5a1a00"],
-  ["burning", "#d40000"],
-  ["unburned", "#00529b"],
-];
+const HIDDEN = { layout: { visibility: "none" } } as const; // until its box is checked
+
 export const fireLayers: Layers = {
   sources: {
     uncertainty: empty(),
@@ -26,130 +27,60 @@ export const fireLayers: Layers = {
     corrections: empty(),
   },
   layers: [
-    {
-      id: "uncertainty",
-      type: "fill",
-      source: "uncertainty",
-      layout: { visibility: "none" },
-      paint: { "fill-color": "#5b2a9d", "fill-opacity": 0.12 },
-    },
-    {
-      id: "uncertainty-line",
-      type: "line",
-      source: "uncertainty",
-      layout: { visibility: "none" },
-      paint: {
-        "line-color": "#4a148c",
-        "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5],
-      },
-    },
-    {
-      id: "uncertainty-name",
-      type: "symbol",
-      source: "uncertainty",
-      layout: {
-        visibility: "none",
-        ...FONT,
-        "symbol-placement": "line",
-        "text-field": ["concat", ["to-string", ["round", ["*", 100, ["get", "probability"]]]], " %"],
-        "text-size": 14,
-      },
-      paint: { "text-color": "#2e0a5e", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
-    {
-      id: "front-now",
-      type: "fill",
-      source: "front-now",
-      paint: { "fill-color": "#d7301f", "fill-opacity": 0.42 },
-    },
-    {
-      id: "front-now-line",
-      type: "line",
-      source: "front-now",
-      paint: { "line-color": "#8b0000", "line-width": 3 },
-    },
-    {
-      id: "contours",
-      type: "line",
-      source: "contours",
-      layout: { visibility: "none" },
-      paint: { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] },
-    },
-    {
-      id: "contours-name",
-      type: "symbol",
-      source: "contours",
-      layout: {
-        visibility: "none",
-        ...FONT,
-        "symbol-placement": "line",
-        "text-field": ["concat", "+", ["to-string", ["*", 5, ["round", ["/", ["get", "in_s"], 300]]]], " min"],
-        "text-size": 14,
-      },
-      paint: { "text-color": "#4a2400", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
-    {
-      id: "front-then",
-      type: "fill",
-      source: "front-then",
-      paint: { "fill-color": "#ff8c00", "fill-opacity": 0.25 },
-    },
-    {
-      id: "front-then-line",
-      type: "line",
-      source: "front-then",
-      paint: { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] },
-    },
-    {
-      id: "corrections-area",
-      type: "fill",
-      source: "corrections",
-      filter: ["==", ["geometry-type"], "Polygon"],
-      paint: { "fill-color": stateColour(), "fill-opacity": 0.15 },
-    },
-    {
-      id: "corrections-line",
-      type: "line",
-      source: "corrections",
-      filter: ["!=", ["geometry-type"], "Point"],
-      paint: { "line-color": stateColour(), "line-width": 3 },
-    },
-    {
-      id: "corrections-point",
-      type: "circle",
-      source: "corrections",
-      filter: ["==", ["geometry-type"], "Point"],
-      paint: {
-        "circle-color": stateColour(),
-        "circle-radius": 6,
-        "circle-stroke-color": "#fff",
-        "circle-stroke-width": 2,
-      },
-    },
+    fillLayer("uncertainty", "uncertainty", { "fill-color": "#5b2a9d", "fill-opacity": 0.12 }, HIDDEN),
+    lineLayer("uncertainty-line", "uncertainty", {
+      "line-color": "#4a148c",
+      "line-width": ["case", ["==", ["get", "probability"], 0.5], 3, 1.5],
+    }, HIDDEN),
+    labelLayer("uncertainty-name", "uncertainty", "#2e0a5e", {
+      visibility: "none", "symbol-placement": "line",
+      "text-field": ["concat", ["to-string", ["round", ["*", 100, ["get", "probability"]]]], " %"],
+      "text-size": 14,
+    }),
+    fillLayer("front-now", "front-now", { "fill-color": "#d7301f", "fill-opacity": 0.42 }),
+    lineLayer("front-now-line", "front-now", { "line-color": "#8b0000", "line-width": 3 }),
+    lineLayer("contours", "contours", { "line-color": "#7a3b00", "line-width": 2.5, "line-dasharray": [3, 2] }, HIDDEN),
+    labelLayer("contours-name", "contours", "#4a2400", {
+      visibility: "none", "symbol-placement": "line",
+      "text-field": ["concat", "+", ["to-string", ["*", 5, ["round", ["/", ["get", "in_s"], 300]]]], " min"],
+      "text-size": 14,
+    }),
+    fillLayer("front-then", "front-then", { "fill-color": "#ff8c00", "fill-opacity": 0.25 }),
+    lineLayer("front-then-line", "front-then", { "line-color": "#b34700", "line-width": 3, "line-dasharray": [2, 1] }),
+    fillLayer("corrections-area", "corrections", { "fill-color": stateColour(), "fill-opacity": 0.15 },
+      { filter: ["==", ["geometry-type"], "Polygon"] }),
+    lineLayer("corrections-line", "corrections", { "line-color": stateColour(), "line-width": 3 },
+      { filter: ["!=", ["geometry-type"], "Point"] }),
+    circleLayer("corrections-point", "corrections", {
+      "circle-color": stateColour(),
+      "circle-radius": 6,
+      "circle-stroke-color": "#fff",
+      "circle-stroke-width": 2,
+    }, { filter: ["==", ["geometry-type"], "Point"] }),
   ],
 };
 
 function stateColour(): ExpressionSpecification {
-  return ["match", ["get", "state"], ...STATE_COLOURS.flat(), "#333"] as never;
+  return ["match", ["get", "state"], ...Object.entries(COLOURS).flat(), "#333"] as never;
 }
 
-export const FIRE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
-  arrival: { words: "Time of arrival", layers: ["arrival"], shown: false },
+export const FIRE_GROUPS: Record<string, Group> = {
+  arrival: { label: "Time of arrival", layers: ["arrival"], shown: false },
   uncertainty: {
-    words: "Uncertainty (10, 50, 90 %)",
+    label: "Uncertainty (10, 50, 90 %)",
     layers: ["uncertainty", "uncertainty-line", "uncertainty-name"],
     shown: false,
   },
-  contours: { words: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
+  contours: { label: "In 30 and 60 min", layers: ["contours", "contours-name"], shown: false },
   corrections: {
-    words: "Corrections",
+    label: "Corrections",
     layers: ["corrections-area", "corrections-line", "corrections-point"],
     shown: true,
   },
-  hillshade: { words: "Hills", layers: ["hillshade"], shown: true },
+  hillshade: { label: "Hills", layers: ["hillshade"], shown: true },
 };
 
-/** Keeps the fire's sources up to date; what is not shown is not asked for. */
+/** Keep the sources of the fire up to date; request only the layers that are visible. */
 export function followFire(
   map: MapView,
   store: Store,
@@ -212,11 +143,11 @@ export function followFire(
   };
 }
 
-/** The picture of arrival times, below the fire. */
+/** Show the image of arrival times, below the fire. */
 function overlay(map: MapView, url: string, coordinates: ArrivalScale["corners"]): void {
-  const there = map.getSource("arrival") as ImageSource | undefined;
-  if (there) {
-    there.updateImage({ url, coordinates });
+  const source = map.getSource("arrival") as ImageSource | undefined;
+  if (source) {
+    source.updateImage({ url, coordinates });
     return;
   }
   map.addSource("arrival", { type: "image", url, coordinates });
@@ -233,9 +164,9 @@ function overlay(map: MapView, url: string, coordinates: ArrivalScale["corners"]
 
 /** A correction as a map feature. */
 export function markOf(mark: Correction): GeoJSON.Feature {
-  const places = mark.points.map(([lat, lon]): [number, number] => [lon, lat]);
+  const points = mark.points.map(([lat, lon]): [number, number] => [lon, lat]);
   const properties = { state: mark.state };
-  if (mark.shape === "point") return feature(point(places[0]!), properties);
-  if (mark.shape === "line") return feature(line(places), properties);
-  return feature({ type: "Polygon", coordinates: [[...places, places[0]!]] }, properties);
+  if (mark.shape === "point") return feature(point(points[0]!), properties);
+  if (mark.shape === "line") return feature(line(points), properties);
+  return feature({ type: "Polygon", coordinates: [[...points, points[0]!]] }, properties);
 }

@@ -1,62 +1,53 @@
-// A little geodesy on a sphere: good to a metre or so over a fire.
+// Geodesy on a sphere, with errors of about a metre at the size of a fire.
 
 import type { LonLat } from "./types.ts";
 
 const M_PER_DEG = 111194.9266;
 const RAD = Math.PI / 180;
 
-/** The place `distanceM` away on `bearingDeg` (clockwise from north). */
-export function away(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
+/** The point at `distanceM` from a point, in the direction `bearingDeg` (clockwise from north). */
+function pointAt(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
   const north = Math.cos(bearingDeg * RAD) * distanceM;
   const east = Math.sin(bearingDeg * RAD) * distanceM;
-  return [
-    from[0] + east / (M_PER_DEG * Math.cos(from[1] * RAD)),
-    from[1] + north / M_PER_DEG,
-  ];
+  return [from[0] + east / (M_PER_DEG * Math.cos(from[1] * RAD)), from[1] + north / M_PER_DEG];
 }
 
-/** Metres between two places. */
-export function between(a: LonLat, b: LonLat): number {
-  const north = (b[1] - a[1]) * M_PER_DEG;
-  const east = (b[0] - a[0]) * M_PER_DEG * Math.cos(((a[1] + b[1]) / 2) * RAD);
-  return Math.hypot(north, east);
-}
-
-/** A closed ring around a place; `squeeze` and `axisDeg` make it an ellipse. */
-export function circle(middle: LonLat, radiusM: number, corners = 48): LonLat[] {
+/** A circle as a closed ring. */
+export function circle(middle: LonLat, radiusM: number): LonLat[] {
+  const corners = 48;
   const ring: LonLat[] = [];
-  for (let i = 0; i <= corners; i++) ring.push(away(middle, (360 * (i % corners)) / corners, radiusM));
+  for (let i = 0; i <= corners; i++) ring.push(pointAt(middle, (360 * (i % corners)) / corners, radiusM));
   return ring;
 }
 
-/** West, south, east, north around all of it, at least `leastM` wide and high; null of nothing. */
-export function around(places: LonLat[], leastM: number): [number, number, number, number] | null {
-  if (!places.length) return null;
-  const [lons, lats] = [places.map(([lon]) => lon), places.map(([, lat]) => lat)];
+/** West, south, east, north of some points, at least `minM` wide and high; null without points. */
+export function extentOf(points: LonLat[], minM: number): [number, number, number, number] | null {
+  if (!points.length) return null;
+  const [lons, lats] = [points.map(([lon]) => lon), points.map(([, lat]) => lat)];
   const [west, south] = [Math.min(...lons), Math.min(...lats)];
   const [east, north] = [Math.max(...lons), Math.max(...lats)];
   const middle: LonLat = [(west + east) / 2, (south + north) / 2];
-  const [left, low] = away(middle, 225, leastM * Math.SQRT1_2);
-  const [right, high] = away(middle, 45, leastM * Math.SQRT1_2);
+  const [left, low] = pointAt(middle, 225, minM * Math.SQRT1_2);
+  const [right, high] = pointAt(middle, 45, minM * Math.SQRT1_2);
   return [Math.min(west, left), Math.min(south, low), Math.max(east, right), Math.max(north, high)];
 }
 
-/** All places of some map features. */
-export function placesOf(data: GeoJSON.GeoJSON): LonLat[] {
+/** All points of some map features. */
+export function pointsOf(data: GeoJSON.GeoJSON): LonLat[] {
   const found: LonLat[] = [];
-  const take = (value: unknown): void => {
+  const collect = (value: unknown): void => {
     if (!Array.isArray(value)) return;
     if (typeof value[0] === "number") found.push([value[0], value[1] as number]);
-    else for (const part of value) take(part);
+    else for (const part of value) collect(part);
   };
-  if (data.type === "FeatureCollection") for (const one of data.features) found.push(...placesOf(one));
-  else if (data.type === "Feature") return data.geometry ? placesOf(data.geometry) : [];
-  else if (data.type === "GeometryCollection") for (const one of data.geometries) found.push(...placesOf(one));
-  else take(data.coordinates);
+  if (data.type === "FeatureCollection") for (const one of data.features) found.push(...pointsOf(one));
+  else if (data.type === "Feature") return data.geometry ? pointsOf(data.geometry) : [];
+  else if (data.type === "GeometryCollection") for (const one of data.geometries) found.push(...pointsOf(one));
+  else collect(data.coordinates);
   return found;
 }
 
-/** The same line with fewer corners, none moved by more than `tolerance` (Douglas and Peucker). */
+/** A line with fewer corners; its distance from the original is at most `tolerance` (Douglas-Peucker). */
 export function simplified(points: [number, number][], tolerance: number): [number, number][] {
   if (points.length < 3) return points;
   const keep = new Uint8Array(points.length);
@@ -78,10 +69,7 @@ export function simplified(points: [number, number][], tolerance: number): [numb
   return points.filter((_, i) => keep[i]);
 }
 
-/**
- * A drawn loop without crossings: hands overshoot where they began. Of two parts that a crossing
- * leaves the larger is kept.
- */
+/** A drawn loop without crossings, which occur near its start: keeps the larger part at each one. */
 export function uncrossed(loop: [number, number][]): [number, number][] {
   for (let ring = loop; ; ) {
     const crossing = firstCrossing(ring);
@@ -93,12 +81,12 @@ export function uncrossed(loop: [number, number][]): [number, number][] {
   }
 }
 
-/** The sides i and j (i < j, not neighbours) of a closed loop that meet first, and where. */
+/** The first two sides i < j of a closed loop that intersect and are not adjacent, and the point. */
 function firstCrossing(ring: [number, number][]): [number, number, [number, number]] | null {
   const n = ring.length;
   for (let i = 0; i < n - 2; i++) {
     for (let j = i + 2; j < n - (i === 0 ? 1 : 0); j++) {
-      const at = meeting(ring[i]!, ring[i + 1]!, ring[j]!, ring[(j + 1) % n]!);
+      const at = intersection(ring[i]!, ring[i + 1]!, ring[j]!, ring[(j + 1) % n]!);
       if (at) return [i, j, at];
     }
   }
@@ -107,8 +95,8 @@ function firstCrossing(ring: [number, number][]): [number, number, [number, numb
 
 type Corner = [number, number];
 
-/** Where two sides meet, their ends too; null if they do not. */
-function meeting(a: Corner, b: Corner, c: Corner, d: Corner): Corner | null {
+/** The intersection of two sides including their ends, or null. */
+function intersection(a: Corner, b: Corner, c: Corner, d: Corner): Corner | null {
   const [rx, ry, sx, sy] = [b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]];
   const cross = rx * sy - ry * sx;
   if (cross === 0) return null;

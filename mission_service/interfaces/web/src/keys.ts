@@ -1,11 +1,11 @@
-// Keyboard shortcuts: one table, which "?" shows too.
+// Keyboard shortcuts: one table, which "?" displays.
 
 export interface Shortcut {
-  keys: string; // as event.key, with "Ctrl+Shift+" before it
+  keys: string; // as event.key, with a prefix like "Ctrl+Shift+"
   does: string;
   act: () => void;
-  inFields?: boolean; // also while somebody types
-  there: () => boolean; // whether it does anything in this run
+  inFields: boolean; // active also while a text field has the focus
+  available: () => boolean; // whether this run has the function
 }
 
 const shortcuts: Shortcut[] = [];
@@ -15,14 +15,14 @@ export function shortcut(
   does: string,
   act: () => void,
   inFields = false,
-  there: () => boolean = () => true,
+  available: () => boolean = () => true,
 ): void {
-  shortcuts.push({ keys, does, act, inFields, there });
+  shortcuts.push({ keys, does, act, inFields, available });
 }
 
-export const allShortcuts = (): readonly Shortcut[] => shortcuts.filter((one) => one.there());
+export const allShortcuts = (): readonly Shortcut[] => shortcuts.filter((one) => one.available());
 
-/** The name of a key press as the table has it. */
+/** The name of a key press in the table. */
 export function nameOf(event: KeyboardEvent): string {
   const chord = (event.ctrlKey || event.metaKey ? "Ctrl+" : "") + (event.altKey ? "Alt+" : "");
   const key = event.key.length === 1 && chord ? event.key.toUpperCase() : event.key;
@@ -33,22 +33,22 @@ export function nameOf(event: KeyboardEvent): string {
 const isField = (target: EventTarget | null): boolean =>
   target instanceof HTMLElement && target.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
 
-// What buttons, sliders and the map do themselves with a key is theirs.
-const TAKEN: [RegExp, string][] = [
+// Keys that buttons, sliders and the map handle themselves.
+const HANDLED: [RegExp, string][] = [
   [/^Space$/, "button, a, summary, input, select"],
   [/^Arrow/, "input, select, canvas, [role=tab]"],
 ];
 
-const takes = (target: EventTarget | null, name: string): boolean =>
-  target instanceof HTMLElement && TAKEN.some(([keys, who]) => keys.test(name) && target.matches(who));
+const handles = (target: EventTarget | null, name: string): boolean =>
+  target instanceof HTMLElement && HANDLED.some(([keys, controls]) => keys.test(name) && target.matches(controls));
 
 export function listenForKeys(): void {
   document.addEventListener("keydown", (event) => {
     if (event.defaultPrevented || event.repeat) return;
     const name = nameOf(event);
-    if (takes(event.target, name)) return;
+    if (handles(event.target, name)) return;
     const found = shortcuts.find(
-      (one) => one.keys === name && one.there() && (one.inFields || !isField(event.target)),
+      (one) => one.keys === name && one.available() && (one.inFields || !isField(event.target)),
     );
     if (!found) return;
     event.preventDefault();

@@ -1,4 +1,4 @@
-// The stream of changes: server-sent events read by fetch, for EventSource cannot send a token.
+// The live stream: server-sent events, read by fetch because EventSource cannot send a token.
 
 export interface StreamEvent {
   event: string;
@@ -6,11 +6,11 @@ export interface StreamEvent {
   data: string;
 }
 
-/** Cuts what comes into events; keeps what is not whole yet. Comments are heard, not told. */
+/** Splits received text into events and stores an incomplete event; ignores comments. */
 export class EventReader {
   private rest = "";
 
-  take(text: string): StreamEvent[] {
+  read(text: string): StreamEvent[] {
     const blocks = (this.rest + text).replaceAll("\r\n", "\n").split("\n\n");
     this.rest = blocks.pop() ?? "";
     return blocks.map(eventOf).filter((event) => event.data !== "");
@@ -18,7 +18,7 @@ export class EventReader {
 }
 
 function eventOf(block: string): StreamEvent {
-  const told: StreamEvent = { event: "message", id: "", data: "" };
+  const found: StreamEvent = { event: "message", id: "", data: "" };
   const data: string[] = [];
   for (const line of block.split("\n")) {
     const colon = line.indexOf(":");
@@ -26,12 +26,12 @@ function eventOf(block: string): StreamEvent {
     const value = line.slice(colon + 1).replace(/^ /, "");
     const field = line.slice(0, colon);
     if (field === "data") data.push(value);
-    else if (field === "event") told.event = value;
-    else if (field === "id") told.id = value;
+    else if (field === "event") found.event = value;
+    else if (field === "id") found.id = value;
   }
-  told.data = data.join("\n");
-  return told;
+  found.data = data.join("\n");
+  return found;
 }
 
-/** Seconds to wait before the next try: 0.5, 1, 2, 4, then 5. */
+/** Seconds before the next attempt to connect: 0.5, 1, 2, 4, then 5. */
 export const backoffS = (failures: number): number => Math.min(5, 0.5 * 2 ** Math.max(0, failures - 1));

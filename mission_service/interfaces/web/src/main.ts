@@ -1,4 +1,4 @@
-// The page: everything is made here and follows the one store.
+// The page: creates all parts, which follow one store.
 
 import "./style.css";
 import type { Map as MapView } from "maplibre-gl";
@@ -8,11 +8,11 @@ import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
 import { askForToken, showHelp } from "./dialogs.ts";
 import { byId } from "./dom.ts";
 import { FIRE_GROUPS, fireLayers, followFire } from "./fire_layer.ts";
-import { around, placesOf } from "./geo.ts";
+import { extentOf, pointsOf } from "./geo.ts";
 import { listenForKeys, shortcut } from "./keys.ts";
-import { makeMap } from "./map.ts";
+import { type Group, makeMap } from "./map.ts";
 import { BurnPanel } from "./panels/burn.ts";
-import { FirePanel, type Group } from "./panels/fire.ts";
+import { FirePanel } from "./panels/fire.ts";
 import { logPanel } from "./panels/log.ts";
 import { PlannerPanel } from "./panels/planner.ts";
 import { VehiclesPanel } from "./panels/vehicles.ts";
@@ -30,7 +30,7 @@ import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./ve
 const groups: Record<string, Group> = { ...FIRE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
-const TRACKS_OF_REPLAY_MS = 2000; // which may go a hundred times as fast
+const TRACKS_OF_REPLAY_MS = 2000; // a replay may run at a hundred times real time
 let map: MapView | null = null;
 let pens: Pens | null = null;
 let refreshFire: () => void = () => undefined;
@@ -51,26 +51,21 @@ replayBar(store);
 const toolbar = new Toolbar(store, () => pens);
 const fire = new FirePanel(store, groups, toggle);
 side(store, [
-  { key: "vehicles", words: "Vehicles", element: new VehiclesPanel(store).element, there: () => true },
-  { key: "burn", words: "Burn", element: new BurnPanel(store).element, there: () => Boolean(store.state?.burn) },
-  { key: "fire", words: "Fire", element: fire.element, there: () => true },
-  {
-    key: "planner",
-    words: "Planner",
-    element: new PlannerPanel(store).element,
-    there: () => true,
-  },
-  { key: "log", words: "Log", element: logPanel(store), there: () => true },
+  { key: "vehicles", label: "Vehicles", element: new VehiclesPanel(store).element, available: () => true },
+  { key: "burn", label: "Burn", element: new BurnPanel(store).element, available: () => Boolean(store.state?.burn) },
+  { key: "fire", label: "Fire", element: fire.element, available: () => true },
+  { key: "planner", label: "Planner", element: new PlannerPanel(store).element, available: () => true },
+  { key: "log", label: "Log", element: logPanel(store), available: () => true },
 ]);
 shortcut("?", "Show this list of keys", showHelp);
 shortcut("c", "Centre the map on the chosen vehicle", () => {
-  const here = store.telemetry.get(store.chosen);
-  if (here) map?.panTo([here.lon_deg, here.lat_deg]);
+  const fix = store.telemetry.get(store.chosen);
+  if (fix) map?.panTo([fix.lon_deg, fix.lat_deg]);
 });
 listenForKeys();
 acceptFiles();
 
-/** The map is made once the first picture says where it is. */
+/** Create the map when the first state with the landscape has arrived. */
 async function makeMapOnce(): Promise<void> {
   if (!store.state || map) return;
   const { landscape } = store.state;
@@ -80,8 +75,8 @@ async function makeMapOnce(): Promise<void> {
     vehicleLayers,
   ]);
   map = made;
-  pens = new Pens(made, (stroke) => void toolbar.send(stroke), (words) => {
-    byId("aloud").textContent = words;
+  pens = new Pens(made, (stroke) => void toolbar.send(stroke), (text) => {
+    byId("announcer").textContent = text;
   });
   refreshFire = followFire(made, store, (group) => groups[group]?.shown ?? false, (scale) => fire.showScale(scale)).refresh;
   followVehicles(made, store);
@@ -101,13 +96,13 @@ async function makeMapOnce(): Promise<void> {
   });
 }
 
-/** Where fire, vehicles and burn unit are. */
+/** Return the extent of fire, vehicles and burn unit. */
 async function firstView(): Promise<[number, number, number, number] | null> {
   const MIN_M = 500;
   const front = await get<GeoJSON.GeoJSON>("fire/front").catch(() => null);
   const unit = (store.state?.burn?.guidance.unit ?? []).flat().map(([lat, lon]): LonLat => [lon, lat]);
-  const vehicles = [...store.telemetry.values()].map((here): LonLat => [here.lon_deg, here.lat_deg]);
-  return around([...(front ? placesOf(front) : []), ...unit, ...vehicles], MIN_M);
+  const vehicles = [...store.telemetry.values()].map((fix): LonLat => [fix.lon_deg, fix.lat_deg]);
+  return extentOf([...(front ? pointsOf(front) : []), ...unit, ...vehicles], MIN_M);
 }
 
 let making = false;
@@ -121,19 +116,17 @@ store.on([], () => {
 });
 
 function acceptFiles(): void {
-  const place = byId("map");
-  place.addEventListener("dragover", (event) => event.preventDefault());
-  place.addEventListener("drop", (event) => {
+  const target = byId("map");
+  target.addEventListener("dragover", (event) => event.preventDefault());
+  target.addEventListener("drop", (event) => {
     event.preventDefault();
     void fire.upload(event.dataTransfer?.files[0]);
   });
 }
 
-function enter(): void {
-  void store.follow();
-}
+const enter = (): void => void store.follow();
 
 takeToken();
-whenUnauthorised(() => askForToken("This token is not valid, or no longer valid.", enter));
+whenUnauthorised(() => askForToken("This token is not valid.", enter));
 if (token()) enter();
-else askForToken("This map needs a token.", enter);
+else askForToken("This map requires a token.", enter);

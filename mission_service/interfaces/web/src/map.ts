@@ -1,16 +1,20 @@
-// The map: terrain from the service, then layers from below to above. Everything else only sets
-// the data of sources. Labels are drawn with the machine's own fonts; nothing comes from elsewhere.
+// The map: terrain of the service, then layers from bottom to top. Other modules only set the data
+// of sources. Labels use fonts of the system; the page loads no resource from another host.
 
 import "maplibre-gl/dist/maplibre-gl.css";
 import {
   AttributionControl,
+  type CircleLayerSpecification,
+  type FillLayerSpecification,
   type GeoJSONSource,
   type LayerSpecification,
+  type LineLayerSpecification,
   Map as MapView,
   NavigationControl,
   ScaleControl,
   setWorkerUrl,
   type SourceSpecification,
+  type SymbolLayerSpecification,
 } from "maplibre-gl";
 import workerUrl from "maplibre-gl/dist/maplibre-gl-worker.mjs?worker&url";
 import { BASE, get, headers } from "./api.ts";
@@ -23,32 +27,50 @@ export interface Layers {
   layers: LayerSpecification[];
 }
 
-/** A set of map features that is drawn as it is given. */
+/** Layers that one checkbox shows and hides. */
+export interface Group {
+  label: string;
+  layers: string[];
+  shown: boolean;
+}
+
 export function collection(features: GeoJSON.Feature[] = []): GeoJSON.FeatureCollection {
   return { type: "FeatureCollection", features };
 }
 
-export function feature(
-  geometry: GeoJSON.Geometry,
-  properties: Record<string, unknown> = {},
-): GeoJSON.Feature {
+export function feature(geometry: GeoJSON.Geometry, properties: Record<string, unknown> = {}): GeoJSON.Feature {
   return { type: "Feature", geometry, properties };
 }
 
-export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({
-  type: "LineString",
-  coordinates,
-});
-export const point = (coordinates: [number, number]): GeoJSON.Point => ({
-  type: "Point",
-  coordinates,
-});
+export const line = (coordinates: [number, number][]): GeoJSON.LineString => ({ type: "LineString", coordinates });
+export const point = (coordinates: [number, number]): GeoJSON.Point => ({ type: "Point", coordinates });
 
-/** An empty source to be filled later. */
+/** A source without data. */
 export const empty = (): SourceSpecification => ({ type: "geojson", data: collection() });
 
-/** Fonts of the machine: with no glyph server the browser draws all letters itself. */
+/** Fonts of the system: without a glyph server MapLibre renders all letters locally. */
 export const FONT = { "text-font": ["sans-serif"] };
+
+type More = Pick<LineLayerSpecification, "filter" | "minzoom"> & { layout?: { visibility: "none" } };
+
+export const fillLayer = (id: string, source: string, paint: FillLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "fill", source, paint, ...more }) as LayerSpecification;
+export const lineLayer = (id: string, source: string, paint: LineLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "line", source, paint, ...more }) as LayerSpecification;
+export const circleLayer = (id: string, source: string, paint: CircleLayerSpecification["paint"], more: More = {}) =>
+  ({ id, type: "circle", source, paint, ...more }) as LayerSpecification;
+
+/** A layer of texts with a white halo. */
+export const labelLayer = (
+  id: string, source: string, colour: string, text: SymbolLayerSpecification["layout"], more: More = {},
+): LayerSpecification => ({
+  id,
+  type: "symbol",
+  source,
+  layout: { ...FONT, ...text },
+  paint: { "text-color": colour, "text-halo-color": "#fff", "text-halo-width": 2 },
+  ...(more as Omit<More, "layout">),
+});
 
 export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {
   (map.getSource(source) as GeoJSONSource | undefined)?.setData(data);
@@ -62,7 +84,7 @@ interface TileJson {
   tileSize?: number;
 }
 
-/** Make the map in `container`; resolves when layers can be filled. */
+/** Create the map in `container`; resolves when sources accept data. */
 export async function makeMap(
   container: HTMLElement,
   landscape: Landscape,

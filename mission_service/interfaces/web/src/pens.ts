@@ -1,6 +1,7 @@
-// Pens: draw where fire is, on a sheet over the map. One finger, pen or mouse draws; two fingers
-// and the wheel still move the map; with a real pen about, single fingers (and the palm) do too.
-// By keyboard: the map's middle is the pen, Space puts a corner there, Enter ends the stroke.
+// Pens that draw corrections of the fire on a canvas over the map. One finger, stylus or mouse draws;
+// two fingers and the wheel move the map. After the first use of a stylus, a single finger (or the
+// palm) moves the map too. With the keyboard, Space adds a corner at the centre of the map and Enter
+// ends the stroke.
 
 import type { Map as MapView } from "maplibre-gl";
 import { h } from "./dom.ts";
@@ -16,16 +17,12 @@ export interface Stroke {
   radiusM: number; // of the eraser
 }
 
-export const COLOURS: Record<State, string> = {
-  burned: "#5a1a00",
-  burning: "#d40000",
-  unburned: "#00529b",
-};
+export const COLOURS: Record<State, string> = { burned: "#5a1a00", burning: "#d40000", unburned: "#00529b" };
 const TOLERANCE_PX = 1.5;
 const MAX_POINTS = 900;
 const ERASER_COLOUR = "#444444";
 
-type Dot = [number, number]; // pixels of the sheet
+type Dot = [number, number]; // pixels of the canvas
 
 export class Pens {
   tool: Tool = null;
@@ -34,12 +31,12 @@ export class Pens {
   private drawing: number | null = null; // the pointer that draws
   private touches = new Map<number, Dot>();
   private penSeen = false;
-  private corners: [number, number][] = []; // by keyboard: lat, lon
+  private corners: [number, number][] = []; // entered with the keyboard: lat, lon
 
   constructor(
     private readonly map: MapView,
     private readonly drawn: (stroke: Stroke) => void,
-    private readonly said: (words: string) => void,
+    private readonly announce: (text: string) => void,
   ) {
     this.element = h("canvas", { class: "sheet", "aria-hidden": "true" });
     map.getContainer().append(this.element);
@@ -59,23 +56,18 @@ export class Pens {
 
   use(tool: Tool): void {
     this.tool = tool;
-    this.forget();
+    this.clear();
     this.element.classList.toggle("active", tool !== null);
   }
 
-  /** Whether something is begun and not sent. */
-  get begun(): boolean {
-    return this.dots.length > 0 || this.corners.length > 0;
-  }
-
-  forget(): void {
+  private clear(): void {
     this.dots = [];
     this.corners = [];
     this.drawing = null;
     this.paint();
   }
 
-  // By hand --------------------------------------------------------------------------------------
+  // Pointer input --------------------------------------------------------------------------------
 
   private at(event: PointerEvent | WheelEvent): Dot {
     const box = this.element.getBoundingClientRect();
@@ -93,15 +85,15 @@ export class Pens {
       this.drawing = event.pointerId;
       this.dots = [this.at(event)];
     } else if (this.touches.size > 1 && this.drawing !== null && this.touches.has(this.drawing)) {
-      this.forget(); // a second finger: the map is meant
+      this.clear(); // a second finger moves the map
     }
     this.paint();
   }
 
   private move(event: PointerEvent): void {
     if (this.drawing === event.pointerId) {
-      const told = event.getCoalescedEvents();
-      for (const each of told.length ? told : [event]) this.dots.push(this.at(each));
+      const events = event.getCoalescedEvents();
+      for (const each of events.length ? events : [event]) this.dots.push(this.at(each));
       if (this.tool && "shape" in this.tool && this.tool.shape === "point") {
         this.dots = this.dots.slice(-1);
       }
@@ -111,12 +103,12 @@ export class Pens {
     }
   }
 
-  private up(event: PointerEvent, whole: boolean): void {
+  private up(event: PointerEvent, complete: boolean): void {
     this.touches.delete(event.pointerId);
     if (this.drawing !== event.pointerId) return;
     const dots = this.dots;
-    this.forget();
-    if (whole) this.end(dots);
+    this.clear();
+    if (complete) this.end(dots);
   }
 
   private moveMap(pointer: number, to: Dot): void {
@@ -130,9 +122,9 @@ export class Pens {
     const [a, b] = [middle(before), middle(after)];
     this.map.panBy([a[0] - b[0], a[1] - b[1]], { duration: 0 });
     if (after.length < 2) return;
-    const wide = (dots: Dot[]): number =>
+    const spread = (dots: Dot[]): number =>
       Math.hypot(dots[0]![0] - dots[1]![0], dots[0]![1] - dots[1]![1]) || 1;
-    const zoom = this.map.getZoom() + Math.log2(wide(after) / wide(before));
+    const zoom = this.map.getZoom() + Math.log2(spread(after) / spread(before));
     this.map.zoomTo(zoom, { duration: 0, around: this.map.unproject(b) });
   }
 
@@ -143,7 +135,7 @@ export class Pens {
     this.map.zoomTo(this.map.getZoom() + step, { duration: 0, around });
   }
 
-  private place([x, y]: Dot): [number, number] {
+  private latLon([x, y]: Dot): [number, number] {
     const { lat, lng } = this.map.unproject([x, y]);
     return [Number(lat.toFixed(7)), Number(lng.toFixed(7))];
   }
@@ -153,17 +145,17 @@ export class Pens {
     if (!tool || !dots.length) return;
     if ("eraser" in tool) {
       const middle = dots.at(-1)!;
-      this.drawn({ tool, points: [this.place(middle)], radiusM: this.metresAt(middle, tool.radiusPx) });
+      this.drawn({ tool, points: [this.latLon(middle)], radiusM: this.metresAt(middle, tool.radiusPx) });
       return;
     }
     if (tool.shape === "point") {
-      this.drawn({ tool, points: [this.place(dots.at(-1)!)], radiusM: 0 });
+      this.drawn({ tool, points: [this.latLon(dots.at(-1)!)], radiusM: 0 });
       return;
     }
     let kept = simplified(dots, TOLERANCE_PX);
     for (let px = 2 * TOLERANCE_PX; kept.length > MAX_POINTS; px *= 2) kept = simplified(dots, px);
     if (tool.shape === "polygon") kept = uncrossed(kept);
-    this.finish(kept.map((dot) => this.place(dot)));
+    this.finish(kept.map((dot) => this.latLon(dot)));
   }
 
   private metresAt([x, y]: Dot, px: number): number {
@@ -176,13 +168,13 @@ export class Pens {
     if (!tool || "eraser" in tool) return;
     const least = tool.shape === "polygon" ? 3 : tool.shape === "line" ? 2 : 1;
     if (points.length < least) {
-      this.said(`Stroke too short for ${tool.shape === "polygon" ? "an area" : "a line"}`);
+      this.announce(`Stroke too short for ${tool.shape === "polygon" ? "an area" : "a line"}`);
       return;
     }
     this.drawn({ tool, points, radiusM: 0 });
   }
 
-  // By keyboard ----------------------------------------------------------------------------------
+  // Keyboard input -------------------------------------------------------------------------------
 
   private key(event: KeyboardEvent): void {
     if (!this.tool) return;
@@ -193,14 +185,14 @@ export class Pens {
       else if (this.tool.shape === "point") this.finish([[lat, lng]]);
       else {
         this.corners.push([lat, lng]);
-        this.said(`Corner ${this.corners.length}; Enter ends the stroke`);
+        this.announce(`Corner ${this.corners.length}; Enter ends the stroke`);
       }
     } else if (event.key === "Enter" && this.corners.length) {
       const corners = this.corners;
       this.corners = [];
       this.finish("shape" in this.tool && this.tool.shape === "polygon" ? uncrossed(corners) : corners);
-    } else if (event.key === "Escape" && this.begun) {
-      this.forget();
+    } else if (event.key === "Escape" && (this.dots.length || this.corners.length)) {
+      this.clear();
     } else {
       return;
     }
@@ -209,7 +201,7 @@ export class Pens {
     this.paint();
   }
 
-  // What is seen ---------------------------------------------------------------------------------
+  // Drawing --------------------------------------------------------------------------------------
 
   private fit(): void {
     const box = this.map.getContainer();
@@ -263,7 +255,7 @@ export class Pens {
     ink.stroke();
   }
 
-  /** The keyboard's pen, while the map has the focus. */
+  /** Draw a cross at the centre for keyboard input, while the map has the focus. */
   private middle(ink: CanvasRenderingContext2D, colour: string): void {
     if (!this.map.getContainer().contains(document.activeElement)) return;
     const box = this.map.getContainer();

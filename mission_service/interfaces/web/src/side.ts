@@ -1,4 +1,4 @@
-// The panels beside the map, one at a time.
+// The side bar with panels as tabs, of which one is visible.
 
 import { byId, h } from "./dom.ts";
 import { shortcut } from "./keys.ts";
@@ -6,13 +6,13 @@ import type { Store } from "./store.ts";
 
 export interface Tab {
   key: string;
-  words: string;
+  label: string;
   element: HTMLElement;
-  there: () => boolean;
+  available: () => boolean;
 }
 
 export function side(store: Store, tabs: Tab[]): void {
-  const buttons = tabs.map(({ key, words }, i) => {
+  const buttons = tabs.map(({ key, label }, i) => {
     const button = h(
       "button",
       {
@@ -20,12 +20,12 @@ export function side(store: Store, tabs: Tab[]): void {
         role: "tab",
         id: `tab-${key}`,
         "aria-controls": `panel-${key}`,
-        title: `${words} (Alt+${i + 1})`,
+        title: `${label} (Alt+${i + 1})`,
         onclick: () => open(key),
       },
-      words,
+      label,
     );
-    shortcut(`Alt+${i + 1}`, `Panel: ${words}`, () => {
+    shortcut(`Alt+${i + 1}`, `Panel: ${label}`, () => {
       open(key);
       button.focus();
     });
@@ -34,10 +34,10 @@ export function side(store: Store, tabs: Tab[]): void {
   const list = h("div", { role: "tablist", class: "tabs" }, ...buttons);
   list.addEventListener("keydown", (event) => {
     const by = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
-    const there = buttons.filter((button) => !button.hidden);
-    const at = there.findIndex((button) => button === document.activeElement);
+    const visible = buttons.filter((button) => !button.hidden);
+    const at = visible.findIndex((button) => button === document.activeElement);
     if (!by || at < 0) return;
-    const next = there[(at + by + there.length) % there.length];
+    const next = visible[(at + by + visible.length) % visible.length];
     next?.click();
     next?.focus();
   });
@@ -61,7 +61,7 @@ export function side(store: Store, tabs: Tab[]): void {
   open(tabs[0]!.key);
   let first = true;
   store.on(["burn"], () => {
-    for (const [i, tab] of tabs.entries()) buttons[i]!.hidden = !tab.there();
+    for (const [i, tab] of tabs.entries()) buttons[i]!.hidden = !tab.available();
     if (first && store.state?.burn) open("burn");
     first = false;
   });

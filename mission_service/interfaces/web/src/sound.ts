@@ -1,10 +1,10 @@
-// Beeps by WebAudio: nothing to load. Browsers let a page sound only after it was touched once.
+// Beeps by WebAudio, without files. Browsers permit sound only after the first touch or key press.
 
 import type { Level } from "./types.ts";
 
 let context: AudioContext | null = null;
 
-/** Be allowed to sound from the first touch or key on. */
+/** Enable sound at the next touch or key press, then call `changed`. */
 export function readySound(changed: () => void): void {
   const wake = (): void => {
     context ??= new AudioContext();
@@ -21,7 +21,7 @@ const BEEPS: Record<Level, { hertz: number; times: number }> = {
   severe: { hertz: 960, times: 4 },
 };
 
-/** Sound an alarm of this level once. */
+/** Play the sound of an alarm of this level once. */
 export function beep(level: Level): void {
   if (context === null || !canSound()) return;
   const { hertz, times } = BEEPS[level];

@@ -1,7 +1,7 @@
-// The one picture that the page shows: filled by /state, kept by /live. Changes are told at most
-// once a frame, and at least four times a second while the page is hidden (alarms must be heard).
+// The state that the page shows, read from /state and updated by /live. Listeners are called at most
+// once a frame, and four times a second while the page is hidden, because alarms must sound.
 
-import { ask, BASE, get, Refused, wordsOf } from "./api.ts";
+import { ask, BASE, errorText, get, Refused } from "./api.ts";
 import { backoffS, EventReader, type StreamEvent } from "./live.ts";
 import type {
   Alarm,
@@ -19,7 +19,7 @@ import type {
 export type TrackPoint = [number, number, number]; // lon, lat, mission time in seconds
 
 export type Topic =
-  | "all" // a new picture as a whole
+  | "all" // a new complete state
   | "vehicle"
   | "telemetry"
   | "mission"
@@ -29,23 +29,23 @@ export type Topic =
   | "announcements"
   | "status"
   | "replay"
-  | "link" // whether the service is heard
-  | "chosen" // the vehicle that is looked at
-  | "moment"; // the time that is looked at
+  | "link" // connection to the service
+  | "chosen" // the selected vehicle
+  | "moment"; // the selected time
 
 const MAX_ANNOUNCEMENTS = 200;
-const MISSED_S = 5; // between two places of a vehicle: this page was too slow for more
-export const TRACK_S = 900; // longer ones hide the fire
-const SILENT_MS = 15_000; // the service says something each 10 s
+const MISSED_S = 5; // a longer interval between two positions of a vehicle: the page was too slow
+export const TRACK_S = 900; // longer tracks would cover the fire
+const SILENT_MS = 15_000; // the service sends at least a comment each 10 s
 const HIDDEN_MS = 250;
 
-/** A replay is at another moment: the whole picture is to be asked for. */
+/** A replay has jumped to another time: the complete state must be read again. */
 class Jumped extends Error {}
 
-/** Old and new lines, each once. */
-function joined(before: Announcement[], told: Announcement[]): Announcement[] {
+/** Old and new lines, without repetition. */
+function joined(before: Announcement[], received: Announcement[]): Announcement[] {
   const last = before.at(-1)?.id ?? 0;
-  return [...before, ...told.filter((line) => line.id > last)];
+  return [...before, ...received.filter((line) => line.id > last)];
 }
 
 export class Store {
@@ -54,20 +54,20 @@ export class Store {
   telemetry = new Map<string, Telemetry>();
   missions = new Map<string, MissionState>();
   tracks = new Map<string, TrackPoint[]>();
-  missed = false; // places that the service knows and this page does not
+  missed = false; // positions are missing that the service has
   chosen = "";
-  inMin = 0; // the time looked at, from now
+  inMin = 0; // the selected time, from now
   linked = false;
-  why = "not connected yet";
-  heardAt = 0; // performance.now() when the service was last heard
+  lossReason = "not connected yet";
+  receivedAt = 0; // performance.now() of the last received data
   private atUs = 0;
-  private atHeard = 0;
+  private advancedAt = 0; // performance.now() of the last advance of mission time
   private listeners: { topics: Set<Topic>; act: () => void }[] = [];
   private dirty = new Set<Topic>();
   private waiting = false;
   private running: AbortController | null = null;
 
-  /** Call `act` after any of these changed, once a frame at most. */
+  /** Call `act` after a change of one of these topics, at most once a frame. */
   on(topics: Topic[], act: () => void): void {
     this.listeners.push({ topics: new Set<Topic>([...topics, "all"]), act });
   }
@@ -84,8 +84,8 @@ export class Store {
     const topics = this.dirty;
     this.dirty = new Set();
     this.waiting = false;
-    for (const { topics: wanted, act } of this.listeners) {
-      if ([...topics].some((topic) => wanted.has(topic))) act();
+    for (const listener of this.listeners) {
+      if ([...topics].some((topic) => listener.topics.has(topic))) listener.act();
     }
   }
 
@@ -95,25 +95,25 @@ export class Store {
     this.changed("chosen");
   }
 
-  look(inMin: number): void {
+  selectTime(inMin: number): void {
     if (this.inMin === inMin) return;
     this.inMin = inMin;
     this.changed("moment");
   }
 
-  /** Mission time in seconds, as last told. */
+  /** The last received mission time in seconds. */
   get nowS(): number {
     return this.atUs / 1e6;
   }
 
-  /** How old the picture is, by the wall clock. */
+  /** Age of the state in seconds, by the wall clock. */
   get ageS(): number {
-    return this.heardAt ? (performance.now() - this.heardAt) / 1000 : 0;
+    return this.receivedAt ? (performance.now() - this.receivedAt) / 1000 : 0;
   }
 
   // The service ----------------------------------------------------------------------------------
 
-  /** Follow the service until stopped; every loss of it is followed by another try. */
+  /** Follow the service until stopped; reconnect after each loss of the connection. */
   async follow(): Promise<void> {
     this.running?.abort();
     const stop = new AbortController();
@@ -121,12 +121,12 @@ export class Store {
     for (let failures = 0; !stop.signal.aborted; ) {
       const began = performance.now();
       try {
-        await this.once(stop.signal);
+        await this.connect(stop.signal);
         this.lost("the service closed the connection");
       } catch (error) {
         if (stop.signal.aborted) return;
         if (error instanceof Jumped) continue;
-        this.lost(wordsOf(error));
+        this.lost(errorText(error));
         if (error instanceof Refused && error.status === 401) return;
       }
       failures = performance.now() - began > 10_000 ? 1 : failures + 1;
@@ -134,22 +134,23 @@ export class Store {
     }
   }
 
-  private lost(why: string): void {
+  private lost(reason: string): void {
     this.linked = false;
-    this.why = why;
+    this.lossReason = reason;
     this.changed("link");
   }
 
-  private heard(): void {
-    this.heardAt = performance.now();
+  private received(): void {
+    this.receivedAt = performance.now();
     if (this.linked) return;
     this.linked = true;
     this.changed("link");
   }
 
-  private async once(stop: AbortSignal): Promise<void> {
-    this.whole(await get<State>("state", stop));
-    this.heard();
+  /** Read the state, then its changes until the connection ends. */
+  private async connect(stop: AbortSignal): Promise<void> {
+    this.replace(await get<State>("state", stop));
+    this.received();
     const silent = new AbortController();
     const ended = AbortSignal.any([stop, silent.signal]);
     const response = await ask(`live?since=${this.state?.version ?? 0}`, { signal: ended });
@@ -163,8 +164,8 @@ export class Store {
         const { done, value } = await reader.read();
         clearTimeout(timer);
         if (done) return;
-        this.heard();
-        for (const event of events.take(value)) this.take(event);
+        this.received();
+        for (const event of events.read(value)) this.update(event);
       }
     } finally {
       clearTimeout(timer);
@@ -172,54 +173,53 @@ export class Store {
     }
   }
 
-  /** A picture as a whole takes the place of what was. */
-  private whole(state: State): void {
-    if (state.replay?.jumps !== this.state?.replay?.jumps) this.tracks.clear(); // of the future
+  /** Replace the complete state. */
+  private replace(state: State): void {
+    if (state.replay?.jumps !== this.state?.replay?.jumps) this.tracks.clear(); // of another time
     this.state = state;
     this.atUs = 0;
     this.vehicles = new Map(state.vehicles.map((one) => [one.vehicle, one]));
     this.missions = new Map(state.missions.map((one) => [one.vehicle, one]));
     this.telemetry = new Map();
-    for (const one of state.telemetry) this.moved(one);
-    this.time(state.status.at_us);
+    for (const one of state.telemetry) this.move(one);
+    this.advance(state.status.at_us);
     if (!this.vehicles.has(this.chosen)) this.chosen = state.vehicles[0]?.vehicle ?? "";
     this.changed("all");
   }
 
-  private take({ event, data }: StreamEvent): void {
+  /** Apply an event of the live stream. */
+  private update({ event, data }: StreamEvent): void {
     if (!this.state) return;
-    const told: unknown = JSON.parse(data);
+    const part: unknown = JSON.parse(data);
     switch (event) {
       case "vehicle":
-        this.vehicles.set((told as Vehicle).vehicle, told as Vehicle);
+        this.vehicles.set((part as Vehicle).vehicle, part as Vehicle);
         break;
       case "telemetry":
-        this.moved(told as Telemetry);
+        this.move(part as Telemetry);
         break;
       case "mission":
-        this.missions.set((told as MissionState).vehicle, told as MissionState);
+        this.missions.set((part as MissionState).vehicle, part as MissionState);
         break;
       case "fire":
-        this.state.fire = told as Fire;
+        this.state.fire = part as Fire;
         break;
       case "burn":
-        this.state.burn = told as Burn | null;
+        this.state.burn = part as Burn | null;
         break;
       case "alarms":
-        this.state.alarms = told as Alarm[];
+        this.state.alarms = part as Alarm[];
         break;
       case "announcements":
-        this.state.announcements = joined(this.state.announcements, told as Announcement[]).slice(-MAX_ANNOUNCEMENTS);
+        this.state.announcements = joined(this.state.announcements, part as Announcement[]).slice(-MAX_ANNOUNCEMENTS);
         break;
-      case "replay": {
-        const jumped = (told as Replay).jumps !== this.state.replay?.jumps;
-        if (jumped) throw new Jumped();
-        this.state.replay = told as Replay;
+      case "replay":
+        if ((part as Replay).jumps !== this.state.replay?.jumps) throw new Jumped();
+        this.state.replay = part as Replay;
         break;
-      }
       case "status":
-        this.state.status = told as Status;
-        this.time(this.state.status.at_us);
+        this.state.status = part as Status;
+        this.advance(this.state.status.at_us);
         break;
       default:
         return;
@@ -227,36 +227,37 @@ export class Store {
     this.changed(event);
   }
 
-  /** Another try of what a replay was told: shown until the service says how it is. */
+  /** Show the expected state of a replay until the service sends its state. */
   expect(replay: Partial<Replay>): void {
     if (!this.state?.replay) return;
     this.state.replay = { ...this.state.replay, ...replay };
     this.changed("replay");
   }
 
-  private moved(here: Telemetry): void {
-    this.telemetry.set(here.vehicle, here);
-    this.time(here.at_us);
-    const track = this.tracks.get(here.vehicle) ?? [];
-    const now: TrackPoint = [here.lon_deg, here.lat_deg, here.at_us / 1e6];
-    // The last point moves on with the vehicle until it is far enough from the one before.
+  /** Store a position and extend the track of its vehicle. */
+  private move(fix: Telemetry): void {
+    this.telemetry.set(fix.vehicle, fix);
+    this.advance(fix.at_us);
+    const track = this.tracks.get(fix.vehicle) ?? [];
+    const now: TrackPoint = [fix.lon_deg, fix.lat_deg, fix.at_us / 1e6];
+    // The position replaces the last point until that is `everyS` later than the point before it.
     const everyS = Math.max(1, this.telemetry.size / 10);
     if (track.length > 1 && now[2] - track.at(-2)![2] < everyS) track.pop();
     this.missed ||= now[2] - (track.at(-1)?.[2] ?? now[2]) > MISSED_S;
     track.push(now);
     while (track[0]![2] < this.nowS - TRACK_S) track.shift();
-    this.tracks.set(here.vehicle, track);
+    this.tracks.set(fix.vehicle, track);
   }
 
-  private time(atUs: number | undefined): void {
-    if (atUs !== undefined && atUs > this.atUs) {
+  private advance(atUs: number): void {
+    if (atUs > this.atUs) {
       this.atUs = atUs;
-      this.atHeard = performance.now();
+      this.advancedAt = performance.now();
     }
   }
 
-  /** Seconds by the wall clock since mission time last moved. */
+  /** Seconds since the last advance of mission time, by the wall clock. */
   get stillS(): number {
-    return this.atHeard ? (performance.now() - this.atHeard) / 1000 : 0;
+    return this.advancedAt ? (performance.now() - this.advancedAt) / 1000 : 0;
   }
 }

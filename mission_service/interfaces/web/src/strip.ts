@@ -1,5 +1,5 @@
-// The next decision as a strip: the front unrolled, the vehicle in the middle, what lies behind it
-// to the left, what lies ahead to the right, as high as it matters; below, both sums.
+// The next decision as a strip: the vehicle in the middle, the front behind it to the left, the front
+// ahead to the right, with a bar for the importance of each cell; below, both sums.
 
 import { h } from "./dom.ts";
 import type { Importance } from "./types.ts";
@@ -11,7 +11,7 @@ const BEHIND = "#8e3b00";
 
 export function makeStrip(): {
   element: HTMLCanvasElement;
-  show: (told: Importance | null) => void;
+  show: (importance: Importance | null) => void;
 } {
   const canvas = h("canvas", {
     class: "strip",
@@ -20,19 +20,18 @@ export function makeStrip(): {
     height: HEIGHT * 2,
     "aria-label": "Importance of the front behind and ahead",
   });
-  return { element: canvas, show: (told) => paint(canvas, told) };
+  return { element: canvas, show: (importance) => paint(canvas, importance) };
 }
 
-/** In words, for the label and for who does not see the strip. */
-export function inWords(told: Importance): string {
-  const { importance_back: back, importance_front: front } = told;
+/** The next decision as text, also for screen readers. */
+export function importanceText({ importance_back: back, importance_front: front }: Importance): string {
   const next = back > front ? "the vehicle may turn back" : "the vehicle continues";
   return `behind ${short(back)}, ahead ${short(front)}: ${next}`;
 }
 
-/** The nearer half of the front behind and ahead, each from the vehicle outwards. */
-export function sides(told: Importance): [number[], number[]] {
-  const values = told.cells.map(([, , importance]) => importance);
+/** The importances of the nearer halves of the front behind and ahead, from the vehicle outwards. */
+function sides({ cells }: Importance): [number[], number[]] {
+  const values = cells.map(([, , importance]) => importance);
   const half = Math.ceil(values.length / 2);
   return [values.slice(0, half), values.slice(half).reverse()];
 }
@@ -40,7 +39,7 @@ export function sides(told: Importance): [number[], number[]] {
 const short = (value: number): string =>
   value === 0 ? "0" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3);
 
-function paint(canvas: HTMLCanvasElement, told: Importance | null): void {
+function paint(canvas: HTMLCanvasElement, importance: Importance | null): void {
   const pen = canvas.getContext("2d");
   if (!pen) return;
   pen.setTransform(2, 0, 0, 2, 0, 0);
@@ -49,26 +48,26 @@ function paint(canvas: HTMLCanvasElement, told: Importance | null): void {
   pen.font = "bold 15px sans-serif";
   pen.textBaseline = "top";
   const middle = WIDTH / 2;
-  if (!told) {
+  if (!importance) {
     pen.textAlign = "center";
     pen.fillText("No decision before arrival at the front", middle, 54);
     return;
   }
-  canvas.setAttribute("aria-label", inWords(told));
+  canvas.setAttribute("aria-label", importanceText(importance));
   pen.textAlign = "left";
   pen.fillStyle = BEHIND;
   pen.fillText("◀ behind", 4, 2);
   pen.textAlign = "right";
   pen.fillStyle = AHEAD;
   pen.fillText("ahead ▶", WIDTH - 4, 2);
-  const [back, front] = sides(told);
+  const [back, front] = sides(importance);
   const cells = Math.max(front.length, back.length, 1);
   const most = Math.max(...front, ...back, 1e-9);
   const wide = (middle - 14) / cells;
   bars(pen, back, (i) => middle - 14 - (i + 1) * wide, wide, most, BEHIND);
   bars(pen, front, (i) => middle + 14 + i * wide, wide, most, AHEAD);
   vehicle(pen, middle);
-  sums(pen, told, middle);
+  sums(pen, importance, middle);
 }
 
 function bars(
@@ -96,8 +95,8 @@ function vehicle(pen: CanvasRenderingContext2D, x: number): void {
   pen.fill();
 }
 
-function sums(pen: CanvasRenderingContext2D, told: Importance, middle: number): void {
-  const { importance_back: back, importance_front: front } = told;
+function sums(pen: CanvasRenderingContext2D, importance: Importance, middle: number): void {
+  const { importance_back: back, importance_front: front } = importance;
   const most = Math.max(back, front, 1e-9);
   const side = middle - 14;
   pen.fillStyle = BEHIND;

@@ -1,8 +1,8 @@
-// The token: from `#token=…` into this tab's storage, and out of the address bar.
+// The token: moved from `#token=…` in the address to the storage of this tab.
 
 const KEY = "mission-service-token";
 
-/** Take the token out of the address, where there is one. */
+/** Store the token in the address, if it has one, and remove it from the address bar. */
 export function takeToken(): void {
   const found = /[#&]token=([^&]+)/.exec(location.hash);
   if (found?.[1]) {

@@ -1,6 +1,6 @@
-// The pens' buttons: what the fire is there, with which shape, for which time; eraser, undo, redo.
+// The toolbar: state of the fire that a pen draws, shape and time of the stroke; eraser, undo, redo.
 
-import { attempt, lacking, say } from "./actions.ts";
+import { attempt, lacking, showMessage } from "./actions.ts";
 import { post } from "./api.ts";
 import { closeHelp } from "./dialogs.ts";
 import { byId, h, setReason, setText } from "./dom.ts";
@@ -14,11 +14,7 @@ const PENS: [State, string, string][] = [
   ["burning", "Burning", "f"],
   ["unburned", "Unburned", "u"],
 ];
-const SHAPES: [Shape, string, string][] = [
-  ["point", "Point", "1"],
-  ["line", "Line", "2"],
-  ["polygon", "Area", "3"],
-];
+const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
 const ERASER_PX = 22;
 
 export class Toolbar {
@@ -28,59 +24,59 @@ export class Toolbar {
   private atSlider = h("input", { type: "checkbox", id: "for-slider" });
   private when = h("span", {}, "now");
 
-  constructor(
-    private readonly store: Store,
-    private readonly pens: () => Pens | null,
-  ) {
-    const one = (key: string, words: string, title: string, act: () => void): HTMLButtonElement => {
-      const button = h("button", { type: "button", title, class: `pen ${key}`, onclick: act }, words);
+  constructor(private readonly store: Store, private readonly pens: () => Pens | null) {
+    const one = (key: string, label: string, title: string, act: () => void): HTMLButtonElement => {
+      const button = h("button", { type: "button", title, class: `pen ${key}`, onclick: act }, label);
       this.buttons.set(key, button);
       return button;
     };
     byId("tools").append(
-      one("move", "Move", "Move the map (V)", () => this.take(null)),
-      ...PENS.map(([state, words, key]) =>
-        one(state, words, `${words} here (${key.toUpperCase()})`, () => this.take(state)),
+      one("move", "Move", "Move the map (V)", () => this.selectPen(null)),
+      ...PENS.map(([state, label, key]) =>
+        one(state, label, `${label} here (${key.toUpperCase()})`, () => this.selectPen(state)),
       ),
       h("hr"),
-      ...SHAPES.map(([shape, words, key]) => one(shape, words, `${words} (${key})`, () => this.form(shape))),
+      ...SHAPES.map(([shape, label, key]) => one(shape, label, `${label} (${key})`, () => this.selectShape(shape))),
       h("hr"),
-      one("eraser", "Erase", "Erase corrections (E)", () => this.take("eraser")),
+      one("eraser", "Erase", "Erase corrections (E)", () => this.selectPen("eraser")),
       one("undo", "Undo", "Undo the last correction (Ctrl+Z)", () => this.back("undo")),
       one("redo", "Redo", "Redo the last undone correction (Ctrl+Y)", () => this.back("redo")),
       h("label", { class: "when", for: "for-slider", title: "Draw for the time of the slider instead of now" },
         this.atSlider, this.when),
     );
-    shortcut("v", "Move the map", () => this.take(null));
-    for (const [state, words, key] of PENS) {
-      shortcut(key, `Pen: ${words.toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.take(state));
+    shortcut("v", "Move the map", () => this.selectPen(null));
+    for (const [state, label, key] of PENS) {
+      shortcut(key, `Pen: ${label.toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
     }
-    for (const [shape, words, key] of SHAPES) shortcut(key, `Shape of the pen: ${words.toLowerCase()}`, () => this.form(shape));
-    shortcut("e", "Eraser", () => this.take("eraser"));
+    for (const [shape, label, key] of SHAPES) {
+      shortcut(key, `Shape of the pen: ${label.toLowerCase()}`, () => this.selectShape(shape));
+    }
+    shortcut("e", "Eraser", () => this.selectPen("eraser"));
     shortcut("Ctrl+Z", "Undo the last correction", () => this.back("undo"));
     shortcut("Ctrl+Y", "Redo", () => this.back("redo"));
     shortcut("Ctrl+Shift+Z", "Redo", () => this.back("redo"));
     shortcut("Escape", "Close this list, or deselect the pen", () => {
-      if (!closeHelp()) this.take(null);
+      if (!closeHelp()) this.selectPen(null);
     });
     this.atSlider.addEventListener("change", () => this.renew());
     store.on(["status", "moment"], () => this.renew());
     this.renew();
   }
 
-  private take(pen: State | "eraser" | null): void {
-    if (pen && lacking(this.store, "correct")) return say(lacking(this.store, "correct"), true);
+  private selectPen(pen: State | "eraser" | null): void {
+    const reason = pen ? lacking(this.store, "correct") : "";
+    if (reason) return showMessage(reason, true);
     this.pen = pen;
-    this.hand();
+    this.applyTool();
     if (pen) document.querySelector<HTMLElement>("#map canvas.maplibregl-canvas")?.focus({ preventScroll: true });
   }
 
-  private form(shape: Shape): void {
+  private selectShape(shape: Shape): void {
     this.shape = shape;
-    this.hand();
+    this.applyTool();
   }
 
-  private hand(): void {
+  private applyTool(): void {
     const tool: Tool =
       this.pen === null
         ? null
@@ -102,25 +98,24 @@ export class Toolbar {
     setText(this.when, `for ${moment(this.inMin)}`);
   }
 
-  /** The time that marks are for, in minutes from now. */
+  /** The time to which a stroke applies, in minutes from now. */
   private get inMin(): number {
     return this.atSlider.checked ? this.store.inMin : 0;
   }
 
   private back(which: "undo" | "redo"): void {
     const reason = lacking(this.store, "correct");
-    if (reason) return say(reason, true);
+    if (reason) return showMessage(reason, true);
     void attempt(which === "undo" ? "Undo" : "Redo", () => post(`fire/${which}`));
   }
 
-  /** Send what was drawn. */
+  /** Send a stroke as a correction or an erasure. */
   async send({ tool, points, radiusM }: Stroke): Promise<boolean> {
     if ("eraser" in tool) {
       const [lat_deg, lon_deg] = points[0]!;
       return attempt("Erase", () => post("fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) }));
     }
-    const words = `Correction (${tool.pen}, ${moment(this.inMin)})`;
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
-    return attempt(words, () => post("fire/corrections", body));
+    return attempt(`Correction (${tool.pen}, ${moment(this.inMin)})`, () => post("fire/corrections", body));
   }
 }

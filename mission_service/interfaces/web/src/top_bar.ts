@@ -1,4 +1,4 @@
-// The line above: what is run, mission time, fire, wind, whether the service is heard, and abort.
+// The top bar: scenario, mission time, burned area, connection to the service, and abort.
 
 import { abortButton } from "./abort.ts";
 import type { Alarms } from "./alarms.ts";
@@ -9,7 +9,7 @@ import { area, clock } from "./units.ts";
 
 const STALE_S = 3;
 
-/** The first log by name, and how many more. */
+/** The name of the first log, and the number of the others. */
 const logsOf = ({ logs }: Replay): string => `${logs[0]}${logs.length > 1 ? ` + ${logs.length - 1}` : ""}`;
 
 export function topBar(store: Store, alarms: Alarms, help: () => void): void {
@@ -43,9 +43,9 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     badge.title = replay ? `Replay of a logged flight: ${replay.logs.join(", ")}` : "";
     setText(link, store.linked ? (replay ? "" : "● live") : `○ NOT LIVE${old ? `, ${Math.round(store.ageS)} s old` : ""}`);
     link.classList.toggle("lost", !store.linked);
-    const lacks = state?.status.not_ready ?? [];
-    setText(ready, lacks.length ? `Not ready: ${lacks[0]}` : "");
-    ready.title = lacks.join("; ");
+    const notReady = state?.status.not_ready ?? [];
+    setText(ready, notReady.length ? `Not ready: ${notReady[0]}` : "");
+    ready.title = notReady.join("; ");
     document.title = state ? `${replay ? "REPLAY · " : ""}${state.status.scenario} · fire map` : "Fire map";
   };
   store.on(["status", "fire", "link", "telemetry"], renew);

@@ -1,4 +1,4 @@
-// What the service tells, as docs/api.md and /api/v1/openapi.json have it. Times are mission time.
+// Messages of the service, described in docs/api.md and /api/v1/openapi.json. Times are mission time.
 
 export type LonLat = [number, number];
 export type Role = "look" | "correct" | "fly" | "approve";
@@ -22,7 +22,7 @@ export interface Orbit {
   lon_deg: number;
   altitude_amsl_m: number;
   radius_m: number; // negative: anticlockwise
-  view_width_m: number; // of what the camera covers along it
+  view_width_m: number; // width of the camera's coverage along the orbit
 }
 
 export interface Vehicle {
@@ -40,7 +40,7 @@ export interface Vehicle {
   battery_pct: number | null;
   position_good: boolean;
   position_fix: string;
-  order: string; // a person's that holds: hold, return
+  order: string; // an operator's order in force: hold, return
   direction: string;
   decisions: number;
   reversals: number;
@@ -68,7 +68,7 @@ export interface Mission {
   mission_id: number;
   at_us: number;
   why: string;
-  outcome: string; // proposed, sending, accepted, or what went wrong
+  outcome: string; // proposed, sending, accepted, or an error
   reason: string;
   mission_hash: string;
   items: Item[];
@@ -101,7 +101,7 @@ export interface Announcement {
 
 export interface Fire {
   at_us: number;
-  version: number; // grows when people change the fire
+  version: number; // increases with each correction by an operator
   area_ha: number;
   wind_speed_m_s: number | null;
   wind_from_deg: number | null;
@@ -165,7 +165,7 @@ export interface ListItem {
 
 export type Ring = [number, number][]; // lat, lon; the last corner is the first
 
-export interface KnownPlan {
+export interface CheckedPlan {
   plan_hash: string;
   approved: { by: string; station: string } | null;
   why_not: string | null;
@@ -173,7 +173,7 @@ export interface KnownPlan {
 
 export interface Burn {
   at_us: number;
-  plans: KnownPlan[]; // as the second lock has them
+  plans: CheckedPlan[]; // as the interlock has checked them
   open_items: string[];
   guidance: {
     phase: string;
@@ -206,7 +206,7 @@ export interface Status {
   formation?: unknown;
 }
 
-/** What would be sent to a vehicle now, and how it differs from what it has. */
+/** The mission that would be sent to a vehicle now, and its difference from the one on board. */
 export interface Preview {
   at_us: number;
   vehicle: string;
@@ -224,7 +224,7 @@ export interface Preview {
   difference: { alike_first: number; added: number; removed: number; farthest_moved_m: number };
 }
 
-/** What the planner compares: cells (lat, lon, importance) from the vehicle backwards all round. */
+/** Importances that the planner compares: cells (lat, lon, importance) from the vehicle backwards. */
 export interface Importance {
   at_us: number;
   vehicle: string;
@@ -244,7 +244,7 @@ export interface Landscape {
 
 export type Planner = Record<string, unknown>;
 
-/** Where a replay is. Times but `at_us` and `begin_us` are of the log's own clock. */
+/** State of a replay. All times except `at_us` and `begin_us` are times of the log's clock. */
 export interface Replay {
   at_us: number;
   logs: string[];
@@ -256,10 +256,10 @@ export interface Replay {
   paused: boolean;
   seeking: boolean;
   ended: boolean;
-  jumps: number; // another one: all is as of another moment
+  jumps: number; // changes when the replay jumps to another time
 }
 
-/** What /state answers: everything for a new page. */
+/** The response of /state: the complete state for a new page. */
 export interface State {
   version: number;
   status: Status;
@@ -275,5 +275,5 @@ export interface State {
   landscape: Landscape;
   rule: string;
   planner: Planner;
-  replay: Replay | null; // null: it is happening
+  replay: Replay | null; // null: a live run
 }

@@ -1,10 +1,13 @@
-// Vehicles, their tracks, missions and orbits: one source each for all of them, however many.
+// Vehicles, their tracks, missions and orbits: one source of each kind for all vehicles.
 
 import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { circle } from "./geo.ts";
-import { collection, empty, feature, FONT, type Layers, line, point, show } from "./map.ts";
+import {
+  circleLayer, collection, empty, feature, fillLayer, FONT, type Group,
+  labelLayer, type Layers, line, lineLayer, point, show,
+} from "./map.ts";
 import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
 import type { Item, LonLat, Mission, Telemetry, Vehicle } from "./types.ts";
 import { feet } from "./units.ts";
@@ -12,83 +15,39 @@ import { feet } from "./units.ts";
 const LOITER_UNLIMITED = 17;
 const LOITER_RADIUS_PARAM: Record<number, number> = { 17: 2, 18: 2, 19: 2, 31: 1 };
 const DEFAULT_RADIUS_M = 80;
-const FULL_LABELS = 16; // with more vehicles labels have the name only
-// How often each is drawn anew at most: a hundred vehicles must not keep the browser busy.
-const [PLACES_MS, MISSIONS_MS, TRACKS_MS] = [200, 300, 1000];
+const FULL_LABELS = 16; // with more vehicles labels contain only the name
+// Minimum times between two updates of a source, which limit the load of a hundred vehicles.
+const [POSITIONS_MS, MISSIONS_MS, TRACKS_MS] = [200, 300, 1000];
 const COLOURS = { online: "#111111", lost: "#c40000", chosen: "#0b3d91" };
 
 export const vehicleLayers: Layers = {
   sources: { tracks: empty(), missions: empty(), orbits: empty(), vehicles: empty() },
   layers: [
-    {
-      id: "coverage",
-      type: "fill",
-      source: "orbits",
-      filter: ["==", ["get", "part"], "coverage"],
-      paint: { "fill-color": "#00838f", "fill-opacity": 0.18 },
-    },
-    {
-      id: "tracks",
-      type: "line",
-      source: "tracks",
-      paint: {
-        "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
-        "line-width": ["case", ["get", "chosen"], 2, 1],
-        "line-opacity": 0.75,
-      },
-    },
-    {
-      id: "orbits",
-      type: "line",
-      source: "orbits",
-      filter: ["==", ["get", "part"], "orbit"],
-      paint: { "line-color": "#006064", "line-width": 2 },
-    },
-    {
-      id: "mission-halo",
-      type: "line",
-      source: "missions",
-      filter: ["all", ["==", ["get", "part"], "way"], ["get", "chosen"]],
-      paint: { "line-color": "#ffffff", "line-width": 7 },
-    },
-    {
-      id: "mission-way",
-      type: "line",
-      source: "missions",
-      filter: ["==", ["get", "part"], "way"],
-      paint: {
-        "line-color": missionColour(),
-        "line-width": ["case", ["get", "chosen"], 4, 2],
-        "line-opacity": ["case", ["get", "chosen"], 1, 0.6],
-      },
-    },
-    {
-      id: "mission-place",
-      type: "circle",
-      source: "missions",
-      filter: ["==", ["get", "part"], "place"],
-      paint: {
-        "circle-color": ["case", ["get", "current"], "#ffd600", "#ffffff"],
-        "circle-radius": ["case", ["get", "current"], 9, 5],
-        "circle-stroke-color": missionColour(),
-        "circle-stroke-width": ["case", ["get", "current"], 4, 2],
-      },
-    },
-    {
-      id: "mission-number",
-      type: "symbol",
-      source: "missions",
-      minzoom: 12,
-      filter: ["==", ["get", "part"], "place"],
-      layout: {
-        ...FONT,
-        "text-field": ["get", "number"],
-        "text-size": 13,
-        "text-offset": [0.9, -0.9],
-        "text-optional": true,
-      },
-      paint: { "text-color": "#0b3d91", "text-halo-color": "#fff", "text-halo-width": 2 },
-    },
+    fillLayer("coverage", "orbits", { "fill-color": "#00838f", "fill-opacity": 0.18 },
+      { filter: ["==", ["get", "part"], "coverage"] }),
+    lineLayer("tracks", "tracks", {
+      "line-color": ["case", ["get", "chosen"], "#0b3d91", "#444444"],
+      "line-width": ["case", ["get", "chosen"], 2, 1],
+      "line-opacity": 0.75,
+    }),
+    lineLayer("orbits", "orbits", { "line-color": "#006064", "line-width": 2 },
+      { filter: ["==", ["get", "part"], "orbit"] }),
+    lineLayer("mission-halo", "missions", { "line-color": "#ffffff", "line-width": 7 },
+      { filter: ["all", ["==", ["get", "part"], "path"], ["get", "chosen"]] }),
+    lineLayer("mission-path", "missions", {
+      "line-color": missionColour(),
+      "line-width": ["case", ["get", "chosen"], 4, 2],
+      "line-opacity": ["case", ["get", "chosen"], 1, 0.6],
+    }, { filter: ["==", ["get", "part"], "path"] }),
+    circleLayer("mission-item", "missions", {
+      "circle-color": ["case", ["get", "current"], "#ffd600", "#ffffff"],
+      "circle-radius": ["case", ["get", "current"], 9, 5],
+      "circle-stroke-color": missionColour(),
+      "circle-stroke-width": ["case", ["get", "current"], 4, 2],
+    }, { filter: ["==", ["get", "part"], "item"] }),
+    labelLayer("mission-number", "missions", "#0b3d91", {
+      "text-field": ["get", "number"], "text-size": 13, "text-offset": [0.9, -0.9], "text-optional": true,
+    }, { minzoom: 12, filter: ["==", ["get", "part"], "item"] }),
     {
       id: "vehicles",
       type: "symbol",
@@ -118,27 +77,27 @@ function missionColour(): ExpressionSpecification {
   return ["match", ["get", "kind"], "on board", "#0b3d91", "sending", "#6a1b9a", "#ad1457"];
 }
 
-export const VEHICLE_GROUPS: Record<string, { words: string; layers: string[]; shown: boolean }> = {
-  tracks: { words: "Tracks", layers: ["tracks"], shown: true },
+export const VEHICLE_GROUPS: Record<string, Group> = {
+  tracks: { label: "Tracks", layers: ["tracks"], shown: true },
   missions: {
-    words: "Missions",
-    layers: ["mission-halo", "mission-way", "mission-place", "mission-number"],
+    label: "Missions",
+    layers: ["mission-halo", "mission-path", "mission-item", "mission-number"],
     shown: true,
   },
-  orbits: { words: "Orbits", layers: ["orbits"], shown: true },
-  coverage: { words: "Coverage of orbits", layers: ["coverage"], shown: true },
+  orbits: { label: "Orbits", layers: ["orbits"], shown: true },
+  coverage: { label: "Coverage of orbits", layers: ["coverage"], shown: true },
 };
 
-/** Keeps the vehicles' sources up to date; a click on one chooses it. */
+/** Keep the sources of the vehicles up to date; select a vehicle that is clicked. */
 export function followVehicles(map: MapView, store: Store): void {
   for (const kind of ["plane", "copter"]) {
     for (const [state, colour] of Object.entries(COLOURS)) {
       map.addImage(`${kind}-${state}`, icon(kind, colour), { pixelRatio: 2 });
     }
   }
-  const places = coalesced(async () => {
-    show(map, "vehicles", collection([...store.telemetry.values()].map((here) => mark(store, here))));
-  }, PLACES_MS);
+  const positions = coalesced(async () => {
+    show(map, "vehicles", collection([...store.telemetry.values()].map((fix) => mark(store, fix))));
+  }, POSITIONS_MS);
   const tracks = coalesced(async () => {
     show(map, "tracks", collection(tracksOf(store)));
   }, TRACKS_MS);
@@ -146,7 +105,7 @@ export function followVehicles(map: MapView, store: Store): void {
     show(map, "missions", collection(missionsOf(store)));
     show(map, "orbits", collection(orbitsOf(store)));
   }, MISSIONS_MS);
-  store.on(["telemetry", "vehicle", "chosen"], places);
+  store.on(["telemetry", "vehicle", "chosen"], positions);
   store.on(["telemetry", "chosen"], tracks);
   store.on(["mission", "vehicle", "chosen"], missions);
   map.on("click", "vehicles", ({ features }) => {
@@ -160,17 +119,17 @@ interface FlownTrack {
   properties: { at_us: number[] };
 }
 
-/** Tracks flown before this page was there, or while it was too slow. */
+/** Read the tracks from before this page was opened, or while it was too slow. */
 export async function fetchTracks(store: Store): Promise<void> {
   store.missed = false;
   const MOST = 20;
   for (const name of [...store.vehicles.keys()].slice(0, MOST)) {
     const afterUs = Math.round((store.nowS - TRACK_S) * 1e6);
-    const told = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=${TRACK_S}`);
-    const flown = (told.geometry?.coordinates ?? []).map(([lon, lat], i): TrackPoint => [
+    const track = await get<FlownTrack>(`vehicles/${name}/track?after_us=${afterUs}&limit=${TRACK_S}`);
+    const flown = (track.geometry?.coordinates ?? []).map(([lon, lat], i): TrackPoint => [
       lon!,
       lat!,
-      (told.properties.at_us[i] ?? 0) / 1e6,
+      (track.properties.at_us[i] ?? 0) / 1e6,
     ]);
     const untilS = flown.at(-1)?.[2] ?? -Infinity;
     const since = (store.tracks.get(name) ?? []).filter(([, , atS]) => atS > untilS);
@@ -179,34 +138,34 @@ export async function fetchTracks(store: Store): Promise<void> {
   store.changed("telemetry");
 }
 
-function mark(store: Store, here: Telemetry): GeoJSON.Feature {
-  const vehicle = store.vehicles.get(here.vehicle);
-  const chosen = store.chosen === here.vehicle;
+function mark(store: Store, fix: Telemetry): GeoJSON.Feature {
+  const vehicle = store.vehicles.get(fix.vehicle);
+  const chosen = store.chosen === fix.vehicle;
   const lost = vehicle?.link !== "online";
   const state = lost ? "lost" : chosen ? "chosen" : "online";
-  return feature(point([here.lon_deg, here.lat_deg]), {
-    vehicle: here.vehicle,
-    heading: here.heading_deg,
+  return feature(point([fix.lon_deg, fix.lat_deg]), {
+    vehicle: fix.vehicle,
+    heading: fix.heading_deg,
     chosen,
     icon: `${vehicle?.kind === "copter" ? "copter" : "plane"}-${state}`,
-    label: labelOf(here, vehicle, store.telemetry.size <= FULL_LABELS || chosen),
+    label: labelOf(fix, vehicle, store.telemetry.size <= FULL_LABELS || chosen),
   });
 }
 
-/** Name, height above the ground (or home) and speed, and what is wrong. */
-export function labelOf(here: Telemetry, vehicle: Vehicle | undefined, full: boolean): string {
-  if (vehicle && vehicle.link === "lost") return `${here.vehicle}\nLINK LOST`;
-  if (!full) return here.vehicle;
-  const height = here.height_agl_m ?? here.altitude_relative_m;
-  const speed = `${here.ground_speed_m_s.toFixed(0)} m/s`;
-  return `${here.vehicle}\n${height.toFixed(0)} m (${feet(height).toFixed(0)} ft)  ${speed}`;
+/** Name, height above ground (or home) and speed, or a lost link. */
+function labelOf(fix: Telemetry, vehicle: Vehicle | undefined, full: boolean): string {
+  if (vehicle?.link === "lost") return `${fix.vehicle}\nLINK LOST`;
+  if (!full) return fix.vehicle;
+  const height = fix.height_agl_m ?? fix.altitude_relative_m;
+  const speed = `${fix.ground_speed_m_s.toFixed(0)} m/s`;
+  return `${fix.vehicle}\n${height.toFixed(0)} m (${feet(height).toFixed(0)} ft)  ${speed}`;
 }
 
 function tracksOf(store: Store): GeoJSON.Feature[] {
   return [...store.tracks]
-    .filter(([, places]) => places.length > 1)
-    .map(([name, places]) =>
-      feature(line(places.map(([lon, lat]): LonLat => [lon, lat])), { chosen: name === store.chosen }),
+    .filter(([, points]) => points.length > 1)
+    .map(([name, points]) =>
+      feature(line(points.map(([lon, lat]): LonLat => [lon, lat])), { chosen: name === store.chosen }),
     );
 }
 
@@ -222,34 +181,29 @@ function missionsOf(store: Store): GeoJSON.Feature[] {
   });
 }
 
-/** A mission as features: its way, and for the chosen vehicle its places. */
-function parts(
-  mission: Mission | null,
-  kind: string,
-  chosen: boolean,
-  currentSeq: number | null,
-): GeoJSON.Feature[] {
+/** A mission as features: its path, and for the chosen vehicle its items. */
+function parts(mission: Mission | null, kind: string, chosen: boolean, currentSeq: number | null): GeoJSON.Feature[] {
   if (!mission) return [];
-  const way: LonLat[] = [];
-  const told: GeoJSON.Feature[] = [];
+  const path: LonLat[] = [];
+  const features: GeoJSON.Feature[] = [];
   for (const [seq, item] of mission.items.entries()) {
-    const place = placeOf(item);
-    if (!place) continue;
-    way.push(place);
+    const position = positionOf(item);
+    if (!position) continue;
+    path.push(position);
     const radius = radiusOf(item);
-    if (radius) told.push(feature(line(circle(place, radius)), { part: "way", kind, chosen }));
+    if (radius) features.push(feature(line(circle(position, radius)), { part: "path", kind, chosen }));
     if (chosen) {
       const current = seq === currentSeq;
-      told.push(feature(point(place), { part: "place", kind, chosen, current, number: `${seq}` }));
+      features.push(feature(point(position), { part: "item", kind, chosen, current, number: `${seq}` }));
     }
-    // What is behind an endless loiter (a landing) is not flown by itself.
+    // The vehicle flies the items after an unlimited loiter (a landing) only on an order.
     if (item.command === LOITER_UNLIMITED) break;
   }
-  if (way.length > 1) told.unshift(feature(line(way), { part: "way", kind, chosen }));
-  return told;
+  if (path.length > 1) features.unshift(feature(line(path), { part: "path", kind, chosen }));
+  return features;
 }
 
-export function placeOf(item: Item): LonLat | null {
+function positionOf(item: Item): LonLat | null {
   return item.lat_deg === null || item.lon_deg === null ? null : [item.lon_deg, item.lat_deg];
 }
 
@@ -265,15 +219,15 @@ function orbitsOf(store: Store): GeoJSON.Feature[] {
     const { lat_deg, lon_deg, radius_m, view_width_m } = vehicle.orbit;
     const middle: LonLat = [lon_deg, lat_deg];
     const [inner, outer] = [-1, 1].map((side) => Math.abs(radius_m) + (side * view_width_m) / 2);
-    const seen = [circle(middle, outer!), ...(inner! > 0 ? [circle(middle, inner!)] : [])];
+    const covered = [circle(middle, outer!), ...(inner! > 0 ? [circle(middle, inner!)] : [])];
     return [
-      feature({ type: "Polygon", coordinates: seen }, { part: "coverage" }),
+      feature({ type: "Polygon", coordinates: covered }, { part: "coverage" }),
       feature(line(circle(middle, Math.abs(radius_m))), { part: "orbit" }),
     ];
   });
 }
 
-/** A plane or a copter that flies up, with a white rim so that it is seen on everything. */
+/** The icon of a plane or copter with heading north, with a white rim for contrast. */
 function icon(kind: string, colour: string): ImageData {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 72;

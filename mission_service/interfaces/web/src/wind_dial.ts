@@ -1,38 +1,35 @@
-// A dial to draw the wind: the arrow comes from where the wind comes from, its length is the speed.
+// A dial to draw the wind: the arrow has the direction of the wind, its length is the speed.
 
 import { h } from "./dom.ts";
 
 const SIZE = 180;
 const MIDDLE = SIZE / 2;
-const RIM = 78; // pixels at the greatest speed
-export const MAX_M_S = 20;
+const RIM = 78; // pixels at the maximum speed
+const MAX_M_S = 20;
 
 export interface Wind {
   from_deg: number;
   speed_m_s: number;
 }
 
-/** The wind that a drag to (x, y) from the middle means, y down; to 5° and half a metre a second. */
-export function windOf(x: number, y: number): Wind {
+/** The wind of a drag from the middle to (x, y), y down; rounded to 5° and 0.5 m/s. */
+function windOf(x: number, y: number): Wind {
   const deg = (Math.atan2(x, -y) * 180) / Math.PI;
   const share = Math.min(1, Math.hypot(x, y) / RIM);
-  return {
-    from_deg: (Math.round(deg / 5) * 5 + 360) % 360,
-    speed_m_s: Math.round(share * MAX_M_S * 2) / 2,
-  };
+  return { from_deg: (Math.round(deg / 5) * 5 + 360) % 360, speed_m_s: Math.round(share * MAX_M_S * 2) / 2 };
 }
 
-/** Where the arrow's tail is for a wind, from the middle, y down. */
-export function tailOf(wind: Wind): [number, number] {
+/** The tail of a wind's arrow relative to the middle, y down. */
+function tailOf(wind: Wind): [number, number] {
   const length = (Math.min(wind.speed_m_s, MAX_M_S) / MAX_M_S) * RIM;
   const angle = (wind.from_deg * Math.PI) / 180;
   return [Math.sin(angle) * length, -Math.cos(angle) * length];
 }
 
-/** A dial; `changed` is called while the arrow is drawn. `show` sets both winds. */
+/** A dial that calls `changed` while the arrow is drawn. `show` displays the current and a new wind. */
 export function windDial(changed: (wind: Wind) => void): {
   element: HTMLCanvasElement;
-  show: (now: Wind | null, wanted: Wind | null) => void;
+  show: (now: Wind | null, entered: Wind | null) => void;
 } {
   const canvas = h("canvas", {
     width: SIZE * 2,
@@ -44,12 +41,7 @@ export function windDial(changed: (wind: Wind) => void): {
   const draw = (event: PointerEvent): void => {
     const box = canvas.getBoundingClientRect();
     const scale = SIZE / box.width;
-    changed(
-      windOf(
-        (event.clientX - box.left) * scale - MIDDLE,
-        (event.clientY - box.top) * scale - MIDDLE,
-      ),
-    );
+    changed(windOf((event.clientX - box.left) * scale - MIDDLE, (event.clientY - box.top) * scale - MIDDLE));
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
@@ -58,10 +50,10 @@ export function windDial(changed: (wind: Wind) => void): {
   canvas.addEventListener("pointermove", (event) => {
     if (canvas.hasPointerCapture(event.pointerId)) draw(event);
   });
-  return { element: canvas, show: (now, wanted) => paint(canvas, now, wanted) };
+  return { element: canvas, show: (now, entered) => paint(canvas, now, entered) };
 }
 
-function paint(canvas: HTMLCanvasElement, now: Wind | null, wanted: Wind | null): void {
+function paint(canvas: HTMLCanvasElement, now: Wind | null, entered: Wind | null): void {
   const pen = canvas.getContext("2d");
   if (!pen) return;
   pen.setTransform(2, 0, 0, 2, 0, 0);
@@ -87,10 +79,10 @@ function paint(canvas: HTMLCanvasElement, now: Wind | null, wanted: Wind | null)
     pen.fillText(name, x * (RIM - 9), y * (RIM - 9));
   }
   if (now) arrow(pen, now, "#1a4fa0", 3);
-  if (wanted) arrow(pen, wanted, "#b00020", 5);
+  if (entered) arrow(pen, entered, "#b00020", 5);
 }
 
-/** From the tail (where the wind comes from) to the middle. */
+/** Draw an arrow from the side from which the wind blows to the middle. */
 function arrow(pen: CanvasRenderingContext2D, wind: Wind, colour: string, width: number): void {
   const [x, y] = tailOf(wind);
   const length = Math.hypot(x, y);

@@ -1,4 +1,4 @@
-// A prescribed burn: the GO list, the plan with its safety figures, who watches.
+// The burn panel: GO list, plan with its safety figures, and presence at a station.
 
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
@@ -21,19 +21,14 @@ export class BurnPanel {
   private plan = h("div");
   private line = h("input", { type: "number", min: 1, max: 1000, id: "line-spacing", placeholder: "unchanged" });
   private drop = h("input", { type: "number", min: 1, max: 1000, id: "drop-spacing", placeholder: "unchanged" });
-  private planNow = button("Plan the next line", () => void this.wanted(), "", "primary");
+  private planNow = button("Plan the next line", () => this.planLine(), "", "primary");
   private shown = "";
 
   constructor(private readonly store: Store) {
     this.element.append(
       this.state,
       h("div", { class: "row" }, h("label", { for: "station" }, "My station"), this.station),
-      h(
-        "label",
-        { class: "check" },
-        this.watch,
-        "I am present and watching (required for drops)",
-      ),
+      h("label", { class: "check" }, this.watch, "I am present and watching (required for drops)"),
       section("Plan", this.plan),
       section("GO / NO-GO", this.listState, this.list),
       section(
@@ -46,25 +41,25 @@ export class BurnPanel {
     );
     setInterval(() => {
       if (this.watch.checked && !lacking(store, "approve")) {
-        void post("burn/present", this.who()).catch(() => undefined);
+        void post("burn/present", this.operator()).catch(() => undefined);
       }
     }, PRESENT_MS);
     store.on(["burn"], () => this.renew());
   }
 
-  private who(): { station?: string } {
+  private operator(): { station?: string } {
     return this.station.value ? { station: this.station.value } : {};
   }
 
-  private tell(words: string, what: string, body: object = {}): void {
-    void attempt(words, () => post(`burn/${what}`, { ...body, ...this.who() }));
+  private request(label: string, action: string, body: object = {}): void {
+    void attempt(label, () => post(`burn/${action}`, { ...body, ...this.operator() }));
   }
 
-  private async wanted(): Promise<void> {
+  private planLine(): void {
     const body: Record<string, number> = {};
     if (this.line.value) body.line_spacing_m = this.line.valueAsNumber;
     if (this.drop.value) body.drop_spacing_m = this.drop.valueAsNumber;
-    this.tell("Plan the next line", "plan", body);
+    this.request("Plan the next line", "plan", body);
   }
 
   private renew(): void {
@@ -76,9 +71,9 @@ export class BurnPanel {
       guidance.complete ? "Burn complete" : `Line ${guidance.line}: ${guidance.phase}; ${guidance.spheres_left} spheres left`,
     );
     this.stations(burn);
-    const known = burn.plans.find((each) => each.plan_hash === burn.plan_hash);
+    const checked = burn.plans.find((each) => each.plan_hash === burn.plan_hash);
     const key = JSON.stringify([
-      guidance.checklist, burn.plan_hash, known, guidance.phase, this.store.state?.roles,
+      guidance.checklist, burn.plan_hash, checked, guidance.phase, this.store.state?.roles,
       burn.drops.length, burn.drops.at(-1)?.outcome,
     ]);
     for (const control of [this.planNow, this.line, this.drop]) setReason(control, lacking(this.store, "fly"));
@@ -106,10 +101,10 @@ export class BurnPanel {
   }
 
   private listRow(item: ListItem): HTMLElement {
-    const answer = (words: string, what: string, kind: string): HTMLButtonElement => {
-      const made = button(words, () => this.tell(`${words}: ${item.item}`, what, { item: item.item }), "", kind);
-      made.setAttribute("aria-pressed", String(item.answer === what));
-      made.dataset.key = `${what} ${item.item}`;
+    const answer = (label: string, action: string, kind: string): HTMLButtonElement => {
+      const made = button(label, () => this.request(`${label}: ${item.item}`, action, { item: item.item }), "", kind);
+      made.setAttribute("aria-pressed", String(item.answer === action));
+      made.dataset.key = `${action} ${item.item}`;
       setReason(made, lacking(this.store, "approve"));
       return made;
     };
@@ -126,15 +121,15 @@ export class BurnPanel {
   private planParts(burn: Burn): Node[] {
     const { plan, plan_hash, guidance } = burn;
     if (!plan) return [h("p", {}, "No plan is proposed.")];
-    const known = burn.plans.find((each) => each.plan_hash === plan_hash);
+    const checked = burn.plans.find((each) => each.plan_hash === plan_hash);
     const parts: Node[] = [safetyFigures(plan, plan_hash)];
     if (guidance.approved_by) {
       parts.push(h("p", { class: "good" }, `Approved by ${guidance.approved_by}`));
       parts.push(this.outcomes(burn));
     } else {
-      parts.push(h("p", { class: "words" }, `Not approved${known?.why_not ? `: ${known.why_not}` : ""}`));
+      parts.push(h("p", { class: "words" }, `Not approved${checked?.why_not ? `: ${checked.why_not}` : ""}`));
     }
-    const reject = button("Reject", () => this.tell("Reject", "reject", { hash: plan_hash }), "Reject this plan", "no-go");
+    const reject = button("Reject", () => this.request("Reject", "reject", { hash: plan_hash }), "Reject this plan", "no-go");
     const approve = this.approveButton(plan_hash);
     setReason(reject, lacking(this.store, "approve"));
     if (guidance.approved_by) parts.push(h("div", { class: "row" }, reject));
@@ -143,12 +138,12 @@ export class BurnPanel {
     return parts;
   }
 
-  /** Approving takes two presses: what falls cannot be taken back. */
+  /** The button to approve a plan. It must be pressed twice, because drops are irreversible. */
   private approveButton(hash: string): HTMLButtonElement {
     let sure = false;
     const made = button("Approve", () => {
       if (sure) {
-        this.tell("Approve", "approve", { hash });
+        this.request("Approve", "approve", { hash });
         return;
       }
       sure = true;
@@ -165,12 +160,12 @@ export class BurnPanel {
   private outcomes({ drops, plan, plan_hash }: Burn): HTMLElement {
     const mine = drops.filter((drop) => drop.plan_hash === plan_hash);
     const count = (outcome: string): number => mine.filter((drop) => drop.outcome === outcome).length;
-    const words = ["done", "refused", "unknown", "ordered"].filter(count).map((each) => `${count(each)} ${each}`);
-    return h("p", {}, `Drops: ${words.join(", ") || "none yet"} of ${plan?.drops.length ?? 0}`);
+    const counts = ["done", "refused", "unknown", "ordered"].filter(count).map((each) => `${count(each)} ${each}`);
+    return h("p", {}, `Drops: ${counts.join(", ") || "none yet"} of ${plan?.drops.length ?? 0}`);
   }
 }
 
-/** What is to be known before anybody says yes. */
+/** The figures that an operator must check before the approval. */
 function safetyFigures(plan: IgnitionPlan, hash: string): HTMLElement {
   const skipped = plan.skipped.length ? `; ${plan.skipped.length} skipped as unsafe` : "";
   return figures([
@@ -208,6 +203,6 @@ function dropLegend(): HTMLElement {
     "div",
     { class: "legend" },
     h("strong", {}, "Drops on the map:"),
-    ...kinds.map(([key, words]) => h("span", {}, h("i", { class: `dot ${key}` }), words)),
+    ...kinds.map(([key, label]) => h("span", {}, h("i", { class: `dot ${key}` }), label)),
   );
 }

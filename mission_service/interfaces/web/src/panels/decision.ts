@@ -1,10 +1,10 @@
-// The next decision of the chosen vehicle: the strip, and in words.
+// The next decision of the chosen vehicle: the strip of importances, and a text.
 
 import { get } from "../api.ts";
 import { coalesced } from "../coalesce.ts";
 import { h, setText } from "../dom.ts";
 import type { Store } from "../store.ts";
-import { inWords, makeStrip } from "../strip.ts";
+import { importanceText, makeStrip } from "../strip.ts";
 import type { Importance } from "../types.ts";
 import { section } from "./parts.ts";
 
@@ -13,16 +13,15 @@ const EVERY_MS = 1500;
 export class DecisionPart {
   readonly element: HTMLElement;
   private strip = makeStrip();
-  private words = h("p", { class: "words" });
+  private text = h("p", { class: "words" });
   private shownFor = "";
 
   constructor(private readonly store: Store) {
-    this.element = section("Next decision", this.strip.element, this.words);
-    const ask = coalesced(() => this.ask(), EVERY_MS);
-    store.on(["chosen", "vehicle", "telemetry"], ask);
+    this.element = section("Next decision", this.strip.element, this.text);
+    store.on(["chosen", "vehicle", "telemetry"], coalesced(() => this.refresh(), EVERY_MS));
   }
 
-  private async ask(): Promise<void> {
+  private async refresh(): Promise<void> {
     const name = this.store.chosen;
     const vehicle = this.store.vehicles.get(name);
     // Rules without importance (burns, formations) have no strip.
@@ -31,14 +30,14 @@ export class DecisionPart {
     if (!vehicle || this.element.hidden || !this.element.checkVisibility()) return;
     if (name !== this.shownFor) this.strip.show(null);
     this.shownFor = name;
-    // Before the first lap is flown there are no importances.
-    const told = vehicle.decisions
+    // A vehicle has importances after its first lap.
+    const importance = vehicle.decisions
       ? await get<Importance>(`vehicles/${encodeURIComponent(name)}/importance`)
       : null;
     if (name !== this.store.chosen) return;
-    const there = told !== null && told.cells.length > 0 ? told : null;
-    this.strip.show(there);
-    const flies = vehicle.direction ? `Direction: ${vehicle.direction}` : "No direction yet";
-    setText(this.words, there ? `${flies}; ${inWords(there)}.` : `${flies}.`);
+    const shown = importance !== null && importance.cells.length > 0 ? importance : null;
+    this.strip.show(shown);
+    const direction = vehicle.direction ? `Direction: ${vehicle.direction}` : "No direction yet";
+    setText(this.text, shown ? `${direction}; ${importanceText(shown)}.` : `${direction}.`);
   }
 }

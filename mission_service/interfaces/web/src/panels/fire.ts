@@ -1,20 +1,15 @@
-// The fire in figures, what of it is shown, the wind dial, and perimeters from files.
+// The fire panel: burned area, visible layers, wind dial, and perimeters from files.
 
-import { attempt, lacking, say } from "../actions.ts";
+import { attempt, lacking, showMessage } from "../actions.ts";
 import { ask, get, post } from "../api.ts";
 import { coalesced } from "../coalesce.ts";
 import { fill, h, setReason, setText } from "../dom.ts";
 import type { ArrivalScale } from "../fire_layer.ts";
+import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
 import { button, section } from "./parts.ts";
-
-export interface Group {
-  words: string;
-  layers: string[];
-  shown: boolean;
-}
 
 interface Weather {
   weather: { wind_speed_m_s: number; wind_from_deg: number };
@@ -33,12 +28,12 @@ export class FirePanel {
   readonly element = h("div", { class: "panel" });
   private size = h("p", { class: "big" });
   private legend = h("div", { class: "legend" });
-  private dial = windDial((wind) => this.want(wind));
+  private dial = windDial((wind) => this.drawWind(wind));
   private now: Wind | null = null;
-  private wanted: Wind | null = null;
+  private entered: Wind | null = null;
   private from = h("input", { type: "number", min: 0, max: 360, step: 5, id: "wind-from" });
-  private fast = h("input", { type: "number", min: 0, max: 60, step: 0.5, id: "wind-speed" });
-  private told = h("p", { class: "words" });
+  private speed = h("input", { type: "number", min: 0, max: 60, step: 0.5, id: "wind-speed" });
+  private current = h("p", { class: "words" });
   private confirm = button("Set this wind", () => void this.setWind(), "Use this wind in the fire forecast from now on", "primary");
   private file = h("input", { type: "file", id: "perimeter", accept: ".geojson,.json,.kml,.kmz,.zip" });
 
@@ -47,7 +42,7 @@ export class FirePanel {
     groups: Record<string, Group>,
     toggle: (group: string, shown: boolean) => void,
   ) {
-    const boxes = Object.entries(groups).map(([key, { words, shown }]) =>
+    const boxes = Object.entries(groups).map(([key, { label, shown }]) =>
       h(
         "label",
         { class: "check", "data-group": key },
@@ -57,20 +52,20 @@ export class FirePanel {
           id: `show-${key}`,
           onchange: (event: Event) => toggle(key, (event.target as HTMLInputElement).checked),
         }),
-        words,
+        label,
       ),
     );
-    for (const input of [this.from, this.fast]) input.addEventListener("input", () => this.typed());
+    for (const input of [this.from, this.speed]) input.addEventListener("input", () => this.readFields());
     this.file.addEventListener("change", () => void this.upload(this.file.files?.[0]));
     this.element.append(
       this.size,
       section("Shown on the map", h("div", { class: "checks" }, ...boxes), this.legend),
       section(
         "Wind",
-        this.told,
+        this.current,
         h("div", { class: "wind" }, this.dial.element, h("div", { class: "fields" },
           h("label", { for: "wind-from" }, "From (°)"), this.from,
-          h("label", { for: "wind-speed" }, "Speed (m/s)"), this.fast,
+          h("label", { for: "wind-speed" }, "Speed (m/s)"), this.speed,
           this.confirm)),
       ),
       section(
@@ -95,32 +90,31 @@ export class FirePanel {
     this.showScale(null);
   }
 
-  private want(wind: Wind): void {
-    this.wanted = wind;
+  private drawWind(wind: Wind): void {
+    this.entered = wind;
     this.from.value = String(wind.from_deg);
-    this.fast.value = String(wind.speed_m_s);
+    this.speed.value = String(wind.speed_m_s);
     this.renew();
   }
 
-  private typed(): void {
-    const [from, fast] = [this.from.valueAsNumber, this.fast.valueAsNumber];
-    this.wanted = Number.isFinite(from) && Number.isFinite(fast) ? { from_deg: from, speed_m_s: fast } : null;
+  private readFields(): void {
+    const [from_deg, speed_m_s] = [this.from.valueAsNumber, this.speed.valueAsNumber];
+    this.entered = Number.isFinite(from_deg) && Number.isFinite(speed_m_s) ? { from_deg, speed_m_s } : null;
     this.renew();
   }
 
   private async setWind(): Promise<void> {
-    const wind = this.wanted;
+    const wind = this.entered;
     if (!wind) return;
-    const words = `Wind from ${wind.from_deg}° (${compass(wind.from_deg)}), ${speed(wind.speed_m_s)}`;
-    if (await attempt(words, () => post("wind", wind))) this.wanted = null;
+    if (await attempt(`Wind ${windText(wind)}`, () => post("wind", wind))) this.entered = null;
     this.renew();
   }
 
-  /** Send a perimeter of a file. */
+  /** Send the perimeter in a file. */
   async upload(file: File | undefined): Promise<void> {
     if (!file) return;
     const reason = lacking(this.store, "correct");
-    if (reason) return say(reason, true);
+    if (reason) return showMessage(reason, true);
     await attempt(`Perimeter ${file.name}`, async () => {
       const type = { "Content-Type": file.type || "application/octet-stream" };
       const answer = await ask("fire/perimeter", { method: "POST", body: file, headers: type });
@@ -135,25 +129,22 @@ export class FirePanel {
     if (!fire) return;
     setText(this.size, `${area(fire.area_ha * 1e4)} burned`);
     const by = fire.wind_set_by ? `, set by ${fire.wind_set_by}` : "";
-    const words = this.now
-      ? `Now from ${this.now.from_deg.toFixed(0)}° (${compass(this.now.from_deg)}), ${speed(this.now.speed_m_s)}${by}`
-      : "Unknown";
-    setText(this.told, words);
-    this.dial.show(this.now, this.wanted);
+    setText(this.current, this.now ? `Now ${windText(this.now, this.now.from_deg.toFixed(0))}${by}` : "Unknown");
+    this.dial.show(this.now, this.entered);
     const reason = lacking(this.store, "correct");
-    for (const input of [this.from, this.fast, this.file]) setReason(input, reason);
-    setReason(this.confirm, reason || (this.wanted ? "" : "Draw or enter a wind first"));
+    for (const input of [this.from, this.speed, this.file]) setReason(input, reason);
+    setReason(this.confirm, reason || (this.entered ? "" : "Draw or enter a wind first"));
     setText(
       this.confirm,
-      this.wanted ? `Set: from ${this.wanted.from_deg}°, ${speed(this.wanted.speed_m_s)}` : "Set this wind",
+      this.entered ? `Set: from ${this.entered.from_deg}°, ${speed(this.entered.speed_m_s)}` : "Set this wind",
     );
   }
 
-  /** The legend; with the colours of arrival times where they are shown. */
+  /** Show the legend, with the colours of arrival times if these are visible. */
   showScale(scale: ArrivalScale | null): void {
-    fill(this.legend, ...KEY_COLOURS.map(([key, words]) => h("span", {}, h("i", { class: `key ${key}` }), words)));
+    fill(this.legend, ...KEY_COLOURS.map(([key, label]) => h("span", {}, h("i", { class: `key ${key}` }), label)));
     if (!scale) return;
-    // Colours of data are set by script: the page's policy allows no style in markup.
+    // A script sets the colours: the content security policy permits no style in markup.
     const bar = h("span", { class: "scale" });
     for (const { at_s, colour } of scale.scale) {
       const step = h("i");
@@ -163,3 +154,6 @@ export class FirePanel {
     this.legend.append(h("strong", {}, "Fire arrives at (h:min)"), bar);
   }
 }
+
+const windText = ({ from_deg, speed_m_s }: Wind, from = String(from_deg)): string =>
+  `from ${from}° (${compass(from_deg)}), ${speed(speed_m_s)}`;

@@ -1,4 +1,4 @@
-// What was said, the latest first, and alarms that hold.
+// The log: alarms, and announcements with the latest first.
 
 import { fill, h } from "../dom.ts";
 import type { Store } from "../store.ts";
@@ -12,15 +12,15 @@ export function logPanel(store: Store): HTMLElement {
   const announcements = h("ol", { class: "log" });
   const element = h("div", { class: "panel" }, section("Alarms", alarms), section("Announcements", announcements));
   store.on(["announcements", "alarms"], () => {
-    const told = store.state;
-    if (!told) return;
-    const held = told.alarms.map((alarm) =>
+    const { state } = store;
+    if (!state) return;
+    const rows = state.alarms.map((alarm) =>
       h("li", { class: alarm.severity }, h("time", {}, clock(alarm.at_us / 1e6)), alarm.text),
     );
-    fill(alarms, ...(held.length ? held : [h("li", {}, "None.")]));
+    fill(alarms, ...(rows.length ? rows : [h("li", {}, "None.")]));
     fill(
       announcements,
-      ...told.announcements
+      ...state.announcements
         .slice(-MAX_LINES)
         .reverse()
         .map((line) =>

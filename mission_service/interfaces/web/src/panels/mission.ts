@@ -1,4 +1,4 @@
-// A mission that waits for a person's word, and what would be sent now: figures and differences.
+// The proposed mission, which an operator accepts or refuses, and the preview of the next mission.
 
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";
@@ -17,25 +17,25 @@ export class MissionPart {
 
   constructor(private readonly store: Store) {
     this.controls = [
-      button("Preview", () => void this.look(), "Show the mission that would be sent now"),
-      button("Plan and send now", () => this.tell("renew", {}), "Plan a new mission and send it"),
+      button("Preview", () => void this.showPreview(), "Show the mission that would be sent now"),
+      button("Plan and send now", () => this.request("renew", {}), "Plan a new mission and send it"),
     ];
     this.element = section("Mission", h("div", { class: "row orders" }, ...this.controls), this.body);
     store.on(["mission", "chosen"], () => this.renew());
   }
 
-  private path(what: string): string {
-    return `vehicles/${encodeURIComponent(this.store.chosen)}/mission/${what}`;
+  private path(action: string): string {
+    return `vehicles/${encodeURIComponent(this.store.chosen)}/mission/${action}`;
   }
 
-  private tell(what: string, body: object): void {
-    void attempt(`Mission: ${what}`, () => post(this.path(what), body)).then((done) => {
+  private request(action: string, body: object): void {
+    void attempt(`Mission: ${action}`, () => post(this.path(action), body)).then((done) => {
       if (done) this.preview = null;
       this.renew(true);
     });
   }
 
-  private async look(): Promise<void> {
+  private async showPreview(): Promise<void> {
     await attempt("Preview", async () => {
       this.preview = await post<Preview>(this.path("preview"));
     });
@@ -54,7 +54,7 @@ export class MissionPart {
     fill(this.body, proposed && this.question(proposed), this.preview && previewed(this.preview));
   }
 
-  /** The figures of what is proposed, where it still is what would be sent. */
+  /** Show the figures of the proposed mission, if it is still the mission that would be sent. */
   private async figuresOf(proposed: Mission): Promise<void> {
     if (lacking(this.store, "fly")) return;
     const preview = await post<Preview>(this.path("preview")).catch(() => null);
@@ -66,8 +66,8 @@ export class MissionPart {
   private question(mission: Mission): HTMLElement {
     const hash = { hash: mission.mission_hash };
     const answers = [
-      button("Accept", () => this.tell("accept", hash), "Send exactly this mission", "go"),
-      button("Refuse", () => this.tell("refuse", hash), "Discard this mission", "no-go"),
+      button("Accept", () => this.request("accept", hash), "Send exactly this mission", "go"),
+      button("Refuse", () => this.request("refuse", hash), "Discard this mission", "no-go"),
     ];
     for (const answer of answers) setReason(answer, lacking(this.store, "fly"));
     return h(
@@ -80,22 +80,22 @@ export class MissionPart {
   }
 }
 
-function previewed({ figures: told, difference, mission_hash }: Preview): HTMLElement {
+function previewed({ figures: values, difference, mission_hash }: Preview): HTMLElement {
   return h(
     "div",
     {},
     figures([
-      ["Lowest height", told.min_height_agl_m === null ? "–" : metres(told.min_height_agl_m)],
-      ["Length", distance(told.length_m)],
-      ["Farthest from home", distance(told.farthest_from_home_m)],
-      ["Highest (MSL)", told.highest_amsl_m === null ? null : metres(told.highest_amsl_m)],
+      ["Lowest height", metres(values.min_height_agl_m)],
+      ["Length", distance(values.length_m)],
+      ["Farthest from home", distance(values.farthest_from_home_m)],
+      ["Highest (MSL)", values.highest_amsl_m === null ? null : metres(values.highest_amsl_m)],
       [
         "Changes to the mission on board",
         `${difference.added} items added, ${difference.removed} removed, moved by up to ${metres(difference.farthest_moved_m)}`,
       ],
-      ["Outside the landscape", told.outside_landscape ? "YES" : null],
+      ["Outside the landscape", values.outside_landscape ? "YES" : null],
       ["Hash", mission_hash.slice(0, 12)],
     ]),
-    ...told.problems.map((problem) => h("p", { class: "bad" }, problem)),
+    ...values.problems.map((problem) => h("p", { class: "bad" }, problem)),
   );
 }

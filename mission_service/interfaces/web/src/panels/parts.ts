@@ -1,17 +1,12 @@
-// What panels are made of.
+// Elements that all panels use.
 
 import { h } from "../dom.ts";
 
-export function button(
-  words: string,
-  act: () => void,
-  title = "",
-  kind = "",
-): HTMLButtonElement {
-  return h("button", { type: "button", onclick: act, title, class: kind }, words);
+export function button(label: string, act: () => void, title = "", kind = ""): HTMLButtonElement {
+  return h("button", { type: "button", onclick: act, title, class: kind }, label);
 }
 
-/** Figures as a list of names and values; null leaves a row out. */
+/** A list of names and values, without the rows whose value is null. */
 export function figures(rows: [string, string | null][]): HTMLElement {
   const list = h("dl", { class: "figures" });
   for (const [name, value] of rows) {

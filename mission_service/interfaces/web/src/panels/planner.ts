@@ -1,4 +1,4 @@
-// The planners' settings: those that can be changed in flight, and all others to read.
+// The planners' settings: fields for those that may change in flight, and a list of all.
 
 import { attempt, lacking } from "../actions.ts";
 import { get, post } from "../api.ts";
@@ -21,10 +21,10 @@ export class PlannerPanel {
 
   constructor(private readonly store: Store) {
     const form = h("div", { class: "fields" });
-    for (const [key, words, step] of TUNABLE) {
+    for (const [key, label, step] of TUNABLE) {
       const field = h("input", { type: "number", step, min: 0, id: `planner-${key}` });
       this.fields.set(key, field);
-      form.append(h("label", { for: `planner-${key}` }, words), field);
+      form.append(h("label", { for: `planner-${key}` }, label), field);
     }
     this.element.append(section("Planner", form, this.save), section("All settings", this.rest));
     store.on(["status"], () => this.renew());
@@ -50,10 +50,10 @@ export class PlannerPanel {
       if (document.activeElement !== field) field.value = has ? String(planner[key]) : "";
     }
     setReason(this.save, reason);
-    const rows = Object.entries(planner).map(([key, value]): [string, string] => [key, wordsOf(value)]);
+    const rows = Object.entries(planner).map(([key, value]): [string, string] => [key, valueText(value)]);
     fill(this.rest, figures(rows));
   }
 }
 
-const wordsOf = (value: unknown): string =>
+const valueText = (value: unknown): string =>
   typeof value === "number" ? String(Number(value.toPrecision(6))) : typeof value === "object" ? JSON.stringify(value) : String(value);

@@ -1,4 +1,4 @@
-// Vehicles: all in a list, the chosen one in full, and orders for one and for all.
+// The vehicles panel: a list of all, the details of the chosen vehicle, and orders.
 
 import { attempt, lacking } from "../actions.ts";
 import { download, post } from "../api.ts";
@@ -27,7 +27,7 @@ interface Answer {
 export class VehiclesPanel {
   readonly element = h("div", { class: "panel" });
   private list = h("ul", { class: "vehicles", "aria-label": "Vehicles" });
-  private rows = new Map<string, { row: HTMLButtonElement; state: HTMLElement; moves: HTMLElement }>();
+  private rows = new Map<string, { row: HTMLButtonElement; state: HTMLElement; motion: HTMLElement }>();
   private title = h("h3");
   private facts = h("div");
   private orders: HTMLButtonElement[] = [];
@@ -55,19 +55,18 @@ export class VehiclesPanel {
     shortcut("h", "Hold the chosen vehicle", () => this.order("hold", store.chosen));
     shortcut("r", "Resume the chosen vehicle", () => this.order("resume", store.chosen));
     shortcut("H", "Hold all vehicles", () => this.order("hold", ""));
-    store.on(["vehicle", "telemetry", "chosen"], () => this.renew());
-    store.on(["mission", "chosen"], () => this.renew());
+    store.on(["vehicle", "telemetry", "mission", "chosen"], () => this.renew());
   }
 
-  private ordersFor(vehicle: () => string, whom: string): HTMLButtonElement[] {
-    const made = ORDERS.map(([order, words, title]) =>
-      button(words, () => this.order(order, vehicle()), `${title} (${whom})`),
+  private ordersFor(vehicle: () => string, target: string): HTMLButtonElement[] {
+    const made = ORDERS.map(([order, label, title]) =>
+      button(label, () => this.order(order, vehicle()), `${title} (${target})`),
     );
     this.orders.push(...made);
     return made;
   }
 
-  /** Order one vehicle, or all of them. */
+  /** Send an order to one vehicle, or to all for an empty name. */
   private order(order: string, vehicle: string): void {
     if (lacking(this.store, "fly")) return;
     const path = `vehicles/${encodeURIComponent(vehicle || "all")}/${order}`;
@@ -91,7 +90,7 @@ export class VehiclesPanel {
     const { store } = this;
     const names = [...store.vehicles.keys()];
     if (names.join() !== [...this.rows.keys()].join()) this.makeRows(names);
-    for (const [name, { row, state, moves }] of this.rows) this.renewRow(name, row, state, moves);
+    for (const [name, { row, state, motion }] of this.rows) this.renewRow(name, row, state, motion);
     const vehicle = store.vehicles.get(store.chosen);
     setText(this.title, vehicle ? `${vehicle.vehicle} · ${vehicle.stack} ${vehicle.kind}` : "No vehicle");
     const facts = vehicle ? figures(this.factsOf(vehicle)) : h("p");
@@ -105,38 +104,36 @@ export class VehiclesPanel {
     fill(
       this.list,
       ...names.map((name) => {
-        const [state, moves] = [h("span", { class: "state" }), h("span", { class: "moves" })];
+        const [state, motion] = [h("span", { class: "state" }), h("span", { class: "moves" })];
         const row = h(
           "button",
           { type: "button", onclick: () => this.store.choose(name) },
           h("strong", {}, name),
           state,
-          moves,
+          motion,
         );
-        this.rows.set(name, { row, state, moves });
+        this.rows.set(name, { row, state, motion });
         return h("li", {}, row);
       }),
     );
   }
 
-  private renewRow(name: string, row: HTMLElement, state: HTMLElement, moves: HTMLElement): void {
+  private renewRow(name: string, row: HTMLElement, state: HTMLElement, motion: HTMLElement): void {
     const vehicle = this.store.vehicles.get(name);
-    const here = this.store.telemetry.get(name);
+    const fix = this.store.telemetry.get(name);
     if (!vehicle) return;
     row.setAttribute("aria-current", String(name === this.store.chosen));
     row.classList.toggle("lost", vehicle.link === "lost");
     setText(state, shortState(vehicle));
     setText(
-      moves,
-      here
-        ? `${metres(here.height_agl_m ?? here.altitude_relative_m)} · ${speed(here.ground_speed_m_s)}`
-        : "no position yet",
+      motion,
+      fix ? `${metres(fix.height_agl_m ?? fix.altitude_relative_m)} · ${speed(fix.ground_speed_m_s)}` : "no position yet",
     );
   }
 
   private factsOf(vehicle: Vehicle): [string, string | null][] {
     const { store } = this;
-    const here = store.telemetry.get(vehicle.vehicle);
+    const fix = store.telemetry.get(vehicle.vehicle);
     const mission = store.missions.get(vehicle.vehicle);
     return [
       [
@@ -146,11 +143,11 @@ export class VehiclesPanel {
       ["Order", vehicle.order || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
-      ["Height", here ? `${metres(here.height_agl_m)} above ground` : "–"],
-      ["Motion", here ? `${speed(here.ground_speed_m_s)}, heading ${here.heading_deg.toFixed(0)}°` : "–"],
-      // In a replay nothing is sent: it flew what it flew.
-      [store.state?.replay ? "Simulated mission" : "On board", missionWords(mission?.on_board ?? null, vehicle)],
-      ["In transfer", mission?.sending ? missionWords(mission.sending, null) : null],
+      ["Height", fix ? `${metres(fix.height_agl_m)} above ground` : "–"],
+      ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
+      // A replay sends no mission to the vehicle.
+      [store.state?.replay ? "Simulated mission" : "On board", missionText(mission?.on_board ?? null, vehicle)],
+      ["In transfer", mission?.sending ? missionText(mission.sending, null) : null],
       [
         "Last reversal",
         vehicle.reversed_at_us === null
@@ -165,7 +162,7 @@ export class VehiclesPanel {
   }
 }
 
-/** Post an order; where the service asks for it to be confirmed, a person is asked first. */
+/** Send an order; if the service requires a confirmation, ask the operator and send it again. */
 async function ordered(path: string): Promise<Answer> {
   const answer = await post<Answer>(path);
   if (!answer.confirm) return answer;
@@ -182,7 +179,7 @@ function shortState(vehicle: Vehicle): string {
   return `${vehicle.mode || "mode?"}${battery}${order}`;
 }
 
-function missionWords(mission: Mission | null, vehicle: Vehicle | null): string {
+function missionText(mission: Mission | null, vehicle: Vehicle | null): string {
   if (!mission) return "nothing";
   const current = vehicle?.current_seq === null || !vehicle ? "" : `, current item ${vehicle.current_seq}`;
   return `mission ${mission.mission_id}: ${mission.items.length} items${current} (${mission.why})`;
