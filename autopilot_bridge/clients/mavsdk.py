@@ -312,13 +312,13 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Frames to send with the vehicle's remote, or for all remotes until it is known."""
+        """Return frames to send with the vehicle's remote, or for all remotes until it is known."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
-        """Time at which silence becomes a lost link, or an alarm may end."""
+        """Return time at which silence becomes a lost link, or an alarm may end."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
         timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
         return min((timer for timer in timers if timer is not None), default=None)
@@ -505,7 +505,7 @@ class MavsdkClient:
         return ended
 
     def _first(self, job: Job) -> int:
-        """The wire number of the item to fly next."""
+        """Return the wire number of the item to fly next."""
         hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden

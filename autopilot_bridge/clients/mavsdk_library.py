@@ -43,7 +43,7 @@ def library() -> Library:
 
 
 def raw_message(message: Message, target: tuple[int, int]) -> Any:
-    """A message as MAVSDK's raw type."""
+    """Return a message as MAVSDK's raw type."""
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return library().direct.MavlinkMessage(
         message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Items as MAVSDK's raw type; item ``first`` is marked current, as MAVSDK requires."""
+    """Return items as MAVSDK's raw type; item ``first`` is marked current, as MAVSDK requires."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(
@@ -66,7 +66,7 @@ def raw_items(items: Items, first: int) -> list[Any]:
 
 
 def item_of_raw(raw: Any) -> MissionItem:
-    """The mission item of an item that MAVSDK has downloaded."""
+    """Return the mission item of an item that MAVSDK has downloaded."""
     return MissionItem(
         *(raw.command, raw.frame, raw.x, raw.y, raw.z),
         *(raw.param1, raw.param2, raw.param3, raw.param4, raw.autocontinue),
@@ -76,7 +76,7 @@ def item_of_raw(raw: Any) -> MissionItem:
 def upload_result(
     stack: Stack, hidden: int, sent: Items, verdict: str, read: Items | None
 ) -> TransferResult:
-    """The result of an upload from MAVSDK's result and the read-back (None if that failed).
+    """Return the result of an upload from MAVSDK's result and the read-back (None if that failed).
 
     After a TIMEOUT the upload may still be complete, with only the last answer lost.
     """

@@ -232,7 +232,7 @@ class NativeClient:
         self._events.append(event)
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return time of the next ``handle_timer`` call."""
         due_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
         silent_us = self._monitor.next_timer()
         for timer_us in (
@@ -265,7 +265,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _commands_timer(self) -> int | None:
-        """Time of the next command retry; None while the autopilot may have restarted."""
+        """Return time of the next command retry; None while the autopilot may have restarted."""
         due_us = self._commands.next_timer()
         return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 

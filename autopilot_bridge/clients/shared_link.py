@@ -127,7 +127,7 @@ class SharedLink:
         return client
 
     def _is_its(self, remote: str, system: int, message: Message, now_us: int) -> bool:
-        """Whether a system's messages are accepted from this remote."""
+        """Return whether a system's messages are accepted from this remote."""
         source = self._sources.get(system)
         if source is None:
             timeout_us = self._heartbeat_timeout_us
@@ -174,7 +174,7 @@ class SharedLink:
         return "" if source is None or source.remote is None else source.remote
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return time of the next ``handle_timer`` call."""
         while self._timers and self._due_us.get(self._timers[0][1]) != self._timers[0][0]:
             heapq.heappop(self._timers)
         return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
@@ -203,6 +203,6 @@ class SharedLink:
 
 
 def is_of_autopilot(message: Message) -> bool:
-    """Whether a message is the HEARTBEAT of an autopilot of a known type."""
+    """Return whether a message is the HEARTBEAT of an autopilot of a known type."""
     kind: str = message.get_type()
     return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None

@@ -17,7 +17,7 @@ STILL_US = 1_000_000  # after this time without boot times, flight time follows 
 
 
 def rate_of(samples: Iterator[Sample]) -> float:
-    """The rate of the autopilots' time relative to the stamps; 1 if too few samples show it.
+    """Return the rate of the autopilots' time relative to the stamps; 1 if too few samples show it.
 
     The median over pairs of samples, so that noise, pauses and late records count little.
     """
@@ -33,7 +33,7 @@ def rate_of(samples: Iterator[Sample]) -> float:
 
 
 def _rates(known: list[tuple[int, int]]) -> list[float]:
-    """The rate of each sample and the next one at least ``APART_US`` later."""
+    """Return the rate of each sample and the next one at least ``APART_US`` later."""
     rates, later = [], 0
     for stamp_us, boot_us in known:
         while later < len(known) and known[later][0] - stamp_us < APART_US:
@@ -55,7 +55,7 @@ class FlightTime:
         self._offset_us: dict[int, int] = {}  # from each system's time since boot
 
     def at(self, stamp_us: int, system: int, boot_us: int | None) -> int:
-        """The flight time of a record, from its stamp and its time since boot if it has one."""
+        """Return the flight time of a record, from its stamp and its time since boot if it has one."""
         if self._rate == 1.0:
             return stamp_us
         if self._known is None:
@@ -73,7 +73,7 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """The flight time by a system's offset, which is reset after a reboot, a pause or noise."""
+        """Return the flight time by a system's offset, which is reset after a reboot, a pause or noise."""
         found_us = boot_us + self._offset_us.get(system, expected_us - boot_us)
         if not self._latest_us - STILL_US <= found_us <= expected_us + LEAP_US:
             found_us = expected_us

@@ -84,7 +84,7 @@ class DataFlashLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """The offset by the first GPS message with a valid time."""
+        """Return the offset by the first GPS message with a valid time."""
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
@@ -94,7 +94,7 @@ class DataFlashLog:
         return None
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning."""
+        """Yield the entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
@@ -137,7 +137,7 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
-    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return length of the message at ``at``; 0 if none begins there or it is incomplete.
 
     Messages have no checksum: one is accepted only if another follows it.
     """
@@ -169,7 +169,7 @@ class _Kind:
         self.timed = "TimeUS" in self._columns
 
     def read(self, data: bytes, at: int) -> Values | None:
-        """The values by column in scaled units; None without a time."""
+        """Return the values by column in scaled units; None without a time."""
         if not self.timed:
             return None
         values = self._struct.unpack_from(data, at)
@@ -211,7 +211,7 @@ class _Flight:
         self._changes = Changes()
 
     def announcements(self, event: Battery | GpsFix) -> list[LogEvent]:
-        """Where it has changed."""
+        """Return where it has changed."""
         return [event] if self._changes.has(event) else []
 
 

@@ -111,7 +111,7 @@ class Log(Protocol):
     damage: list[Damage]
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning. Raises BridgeError if it cannot be opened."""
+        """Return the entries of the file from its beginning. Raises BridgeError if it cannot be opened."""
 
     def unix_offset_us(self) -> int | None:
         """Offset from the log's clock to microseconds since 1970; None if the log has no date."""

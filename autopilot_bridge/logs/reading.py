@@ -53,7 +53,7 @@ class MergedEntry(NamedTuple):
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """All entries by time: since 1970 if all logs have a date, else by each log's own clock.
+    """Yield all entries by time: since 1970 if all logs have a date, else by each log's own clock.
 
     Within a log the order is the file's; autopilots write some topics a little late.
     """

@@ -15,7 +15,7 @@ Values = dict[str, Any]
 
 
 def chunks(path: Path) -> Iterator[bytes]:
-    """The bytes of a file, in order. Raises BridgeError if it cannot be read."""
+    """Yield the bytes of a file, in order. Raises BridgeError if it cannot be read."""
     try:
         with path.open("rb", buffering=0) as file:
             while piece := file.read(PIECE_BYTES):
@@ -65,7 +65,7 @@ def records(
 
 
 def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
-    """Messages without those whose time leaps away from their neighbours', which are noise in
+    """Yield messages without those whose time leaps away from their neighbours', which are noise in
     formats without checksums. A leap that the next message confirms is kept.
     """
     latest_us: int | None = None
@@ -91,7 +91,7 @@ def events_of(
     messages: Iterator[tuple[str, Values]],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """The events of messages, by their names. A message without the expected fields is left out and
+    """Yield the events of messages, by their names. A message without the expected fields is left out and
     its kind recorded once as damage: its description differs from the autopilots' or is damaged.
     """
     strange = set[str]()

@@ -16,7 +16,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message, item_of
-from autopilot_bridge.links.framing import STARTS, frame_length, is_known, message_id_of, source_of
+from autopilot_bridge.links.framing import (
+    STARTS,
+    frame_length,
+    in_dialect,
+    message_id_of,
+    source_of,
+)
 from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.entries import (
     LATEST_US,
@@ -80,7 +86,7 @@ class TlogLog:
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """The entries from the beginning; three seconds without frames are a lost link."""
+        """Yield the entries from the beginning; three seconds without frames are a lost link."""
         codec, seen = Codec(255, 0), dict[int, _Seen]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
@@ -99,7 +105,7 @@ class TlogLog:
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Frames of the wanted messages, with their stamps."""
+        """Yield frames of the wanted messages, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
@@ -130,7 +136,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """A record's time; if it leaps and the next stamp does not, the latest or the next time."""
+    """Return a record's time; if it leaps and the next stamp does not, the latest or the next time."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -140,7 +146,7 @@ def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
 
 
 def _record_length(data: bytes, at: int, lost: bool) -> int:
-    """Length of the record at ``at``; 0 if none begins there."""
+    """Return length of the record at ``at``; 0 if none begins there."""
     begin = at + STAMP_BYTES
     if begin >= len(data) or data[begin] not in STARTS:
         return 0
@@ -154,9 +160,9 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Length of a record of another dialect, if another record or the end of the data follows."""
+    """Return length of a record of another dialect, if another record or the end of the data follows."""
     header = data[begin : begin + 10]
-    if len(header) < 10 or is_known(message_id_of(header)):
+    if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0
     version_2 = header[0] == mavlink.PROTOCOL_MARKER_V2
     length = header[1] + (12 + (13 if header[2] & 1 else 0) if version_2 else 8)
@@ -167,7 +173,7 @@ def _length_unknown(data: bytes, begin: int) -> int:
 
 
 def _next_start(data: bytes, at: int) -> int:
-    """The next offset at which a record may begin."""
+    """Return the next offset at which a record may begin."""
     places = (data.find(start, at + STAMP_BYTES) for start in STARTS)
     return min((place - STAMP_BYTES for place in places if place >= 0), default=-1)
 
@@ -180,7 +186,7 @@ class _Seen:
         self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
-        """The events of a message of this vehicle."""
+        """Return the events of a message of this vehicle."""
         events: list[ClientEvent] = []
         due_us = self.watch.next_timer()
         if due_us is not None and at_us >= due_us:

@@ -101,14 +101,14 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """The offset by the first valid GPS time, else by the autopilot's own clock."""
+        """Return the offset by the first valid GPS time, else by the autopilot's own clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
         return self._boot_unix_us
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning."""
+        """Yield the entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
@@ -152,7 +152,7 @@ class UlogLog:
                     pass
 
     def _header_value(self, kind: str, body: bytes) -> None:
-        """A parameter (P) or an information (I): the system id, and the time of the boot."""
+        """Return a parameter (P) or an information (I): the system id, and the time of the boot."""
         key = body[1 : 1 + body[0]]
         if (kind, key) == ("P", b"int32_t MAV_SYS_ID") and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
@@ -189,7 +189,7 @@ def _time_of(message: tuple[str, Values]) -> int:
 
 
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
-    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return length of the message at ``at``; 0 if none begins there or it is incomplete.
 
     Messages have no checksum: one is accepted if its length is valid for its kind or topic
     (``sizes`` by topic number) and another follows; after damage, if three follow.
@@ -234,14 +234,14 @@ class _Topic:
         self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
-        """The values by column; files omit the padding at the end."""
+        """Return the values by column; files omit the padding at the end."""
         size = self._struct.size
         whole = body if len(body) >= size else body.ljust(size, b"\0")
         return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
 
 
 def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
-    """The topic of this name; None if it has no known format or no time."""
+    """Return the topic of this name; None if it has no known format or no time."""
     columns: list[str] = []
     letters: list[str] = []
     if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
@@ -294,7 +294,7 @@ class _Flight:
         self._changes = Changes()
 
     def announcements(self, event: ToldOnChange) -> list[LogEvent]:
-        """Where it has changed."""
+        """Return where it has changed."""
         return [event] if self._changes.has(event) else []
 
 

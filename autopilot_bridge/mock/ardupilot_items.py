@@ -41,7 +41,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def fence_fault(items: list[MissionItem]) -> tuple[int, str] | None:
-    """The fault of a whole fence: severity and text; None if there is none."""
+    """Return the fault of a whole fence: severity and text; None if there is none."""
     left = 0
     for item in items:
         if item.command in VERTICES:

@@ -66,7 +66,7 @@ class ArduPilotServer(MissionServer):
         return []
 
     def next_timer(self) -> int | None:
-        """The next tick with work to do."""
+        """Return the next tick with work to do."""
         timers = [self._tick_us] if self._queue else []
         timers += [self._due_us(receiving) for receiving in self._receiving.values()]
         return min(timers, default=None)
@@ -156,7 +156,7 @@ class ArduPilotServer(MissionServer):
                 return []
 
     def _scold(self, words: str) -> list[Message]:
-        """A text that is sent once."""
+        """Return a text that is sent once."""
         if words in self._scolded:
             return []
         self._scolded.add(words)

@@ -132,7 +132,7 @@ class MockAutopilot:
         return outgoing
 
     def next_timer(self) -> int:
-        """When the next step or re-request is due."""
+        """Return when the next step or re-request is due."""
         step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
         timers = (step_us, self.missions.next_timer(), self.ftp.next_timer())
         return min(timer for timer in timers if timer is not None)

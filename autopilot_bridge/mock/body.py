@@ -64,12 +64,12 @@ class Body:
     # Manoeuvres -------------------------------------------------------------------------------
 
     def follow(self, start: Place, end: Place, altitude_m: float) -> None:
-        """A plane's step along a line."""
+        """Return a plane's step along a line."""
         course = course_along(self.motion, start, end, APPROACH_M)
         step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)
 
     def approach(self, place: Place, altitude_m: float, stop: bool) -> None:
-        """A copter's step towards a place."""
+        """Return a copter's step towards a place."""
         step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
 
     def straight(
@@ -81,7 +81,7 @@ class Body:
         stop: bool,
         near_m: float,
     ) -> bool:
-        """A copter's step along a line that rises by ``rise_m`` to a place; whether it is there.
+        """Return a copter's step along a line that rises by ``rise_m`` to a place; whether it is there.
 
         It is as slow as climbing or sinking along the line needs, and goes straight up or down to
         what lies above or below it.
@@ -100,7 +100,7 @@ class Body:
         return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""
+        """Return a step of circling; copters stand at the centre. Negative radius: anticlockwise."""
         if self.stack.vehicle == "copter":
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
@@ -113,7 +113,7 @@ class Body:
         step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
 
     def circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of ArduCopter's circle."""
+        """Return a step of ArduCopter's circle."""
         motion, limits, size = self.motion, self.limits, abs(radius_m)
         bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
         fastest = math.sqrt(limits.acceleration_m_s2 * size)
@@ -124,14 +124,14 @@ class Body:
         step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
 
     def orbit(self, centre: Place, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """A step of a PX4 multirotor's orbit; on its way to the circle it is as fast as it may."""
+        """Return a step of a PX4 multirotor's orbit; on its way to the circle it is as fast as it may."""
         on_circle = abs(self.distance(centre) - abs(radius_m)) < 5.0
         speed_m_s = speed_m_s if on_circle else self.limits.airspeed_m_s
         limits = replace(self.limits, airspeed_m_s=speed_m_s)
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """A copter's landing: over the place, then down; True when it stands."""
+        """Return a copter's landing: over the place, then down; True when it stands."""
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
         if self.distance(place) < 1.0:
@@ -144,7 +144,7 @@ class Body:
         return True
 
     def glide(self, start: Place, place: Place, ground_m: float) -> bool:
-        """A plane's landing along a line; True when it stands."""
+        """Return a plane's landing along a line; True when it stands."""
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)

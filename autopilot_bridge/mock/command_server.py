@@ -37,7 +37,7 @@ _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 def custom_mode_of(stack: Stack, mode: Mode) -> int:
-    """The number in the heartbeat."""
+    """Return the number in the heartbeat."""
     return 0 if mode == "idle" else stack.mode_number(_NAMES[mode])
 
 
@@ -59,7 +59,7 @@ class CommandRequest:
 
 
 def command_request_of(message: Message) -> CommandRequest:
-    """The request of a COMMAND_LONG or COMMAND_INT."""
+    """Return the request of a COMMAND_LONG or COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)
@@ -112,7 +112,7 @@ class CommandServer:
         return ACCEPTED if done else FAILED if servo else UNSUPPORTED
 
     def _handlers_of_stack(self) -> dict[int, Handler]:
-        """The handler of each MAV_CMD; those that only switch an output are the payload's."""
+        """Return the handler of each MAV_CMD; those that only switch an output are the payload's."""
         handlers: dict[int, Handler] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -164,7 +164,7 @@ class CommandServer:
         return result
 
     def _without_position(self, mode: Mode) -> int:
-        """A change of mode that a blind vehicle refuses."""
+        """Return a change of mode that a blind vehicle refuses."""
         if self._px4:
             self._send(text(2, f"Switching to {mode.title()} is currently not available\t"))
             return REJECTED

@@ -6,7 +6,7 @@ from autopilot_bridge.links.codec import Message
 
 
 def with_extension(message: Message, *ids: int) -> Message:
-    """The message with uint32 extension fields after its own; a decoder of old drops them."""
+    """Return the message with uint32 extension fields after its own; a decoder of old drops them."""
     if not any(ids):
         return message
     payload = message.unpacker.pack(*(getattr(message, n) for n in message.ordered_fieldnames))

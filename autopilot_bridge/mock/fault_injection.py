@@ -75,7 +75,7 @@ class FaultyMock:
         return outgoing
 
     def next_timer(self) -> int:
-        """When something is due."""
+        """Return when something is due."""
         timers = [self.mock.next_timer()]
         timers += [
             due_us

@@ -98,7 +98,7 @@ class FlightModel(Body):
         self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "FlightModel":
-        """The same vehicle at its position, disarmed, with its autopilot restarted."""
+        """Return the same vehicle at its position, disarmed, with its autopilot restarted."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         fresh = FlightModel(
             self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
@@ -178,7 +178,7 @@ class FlightModel(Body):
             self.limits = self._powered
 
     def change_cruise(self, airspeed_m_s: float) -> None:
-        """The airspeed that it flies unless another is commanded."""
+        """Return the airspeed that it flies unless another is commanded."""
         self._cruise_m_s = airspeed_m_s
         self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
 
@@ -236,7 +236,7 @@ class FlightModel(Body):
         return flies and seq < len(self.items) and self.items[seq].command in TAKEOFFS
 
     def step(self, now_s: float) -> None:
-        """One time step."""
+        """Return one time step."""
         if self.crashed or not self.armed or self.mode == "idle":
             self.armed = self.armed and not self.crashed
             return
@@ -505,7 +505,7 @@ class FlightModel(Body):
                 self.texts.append((2, "Failsafe activated\t"))
 
     def breach(self, breached: bool, now_s: float) -> None:
-        """A fence was crossed, or is kept again; as delivered PX4 holds, ArduPilot goes home.
+        """Return a fence was crossed, or is kept again; as delivered PX4 holds, ArduPilot goes home.
 
         ArduPlane does not count it as a failsafe in its heartbeat (read: 4.6.2
         ``any_failsafe_triggered``).

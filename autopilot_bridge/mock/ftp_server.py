@@ -59,7 +59,7 @@ class FtpServer:
                 self._due_us = now_us + WORK_US
 
     def next_timer(self) -> int | None:
-        """When the next reply is ready."""
+        """Return when the next reply is ready."""
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -79,7 +79,7 @@ class FtpServer:
         return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
-        """The last reply again, if session and sequence number are repeated; else None."""
+        """Return the last reply again, if session and sequence number are repeated; else None."""
         if self._last is None or self._last[0] != source:
             return None
         last = self._last[1]
@@ -87,7 +87,7 @@ class FtpServer:
         return last if same else None
 
     def _replies(self, request: Packet, now_us: int) -> list[Packet]:
-        """One reply; a burst is read to the end of the file, which the last reply marks."""
+        """Return one reply; a burst is read to the end of the file, which the last reply marks."""
         replies = [self._reply(request, now_us)]
         while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
             offset = replies[-1].offset + replies[-1].size
@@ -183,7 +183,7 @@ class FtpServer:
 
 
 def _item(data: bytes, place: int) -> MissionItem:
-    """An item as it stands; its number is not looked at."""
+    """Return an item as it stands; its number is not looked at."""
     values = ITEM.unpack_from(data, place)
     param1, param2, param3, param4, x, y, z, _, command, _, _, frame, _, auto, _ = values
     return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)

@@ -66,9 +66,9 @@ class Intervals:
         self._every = dict(self._default)
 
     def has_message(self, message_id: int) -> bool:
-        """Whether the mock has this message."""
+        """Return whether the mock has this message."""
         return message_id in self._every
 
     def due(self, step: int) -> list[int]:
-        """The messages due in a step."""
+        """Return the messages due in a step."""
         return [key for key, every in self._every.items() if every and not step % every]

@@ -137,7 +137,7 @@ def step_plane(
     feed_rad_s: float = 0.0,
     wind: Wind = CALM,
 ) -> None:
-    """One step of a fixed wing: airspeed held, turn rate within the bank limit.
+    """Return one step of a fixed wing: airspeed held, turn rate within the bank limit.
 
     ``feed_rad_s`` is the turn rate the path itself has (on a circle, without wind), so that it is
     held exactly.
@@ -177,7 +177,7 @@ def step_copter(
     stop: bool,
     wind: Wind = CALM,
 ) -> None:
-    """One step of a multirotor towards a point; with ``stop`` it slows down to hover there.
+    """Return one step of a multirotor towards a point; with ``stop`` it slows down to hover there.
 
     It flies its speed over the ground as long as its highest airspeed allows. The nose follows the
     course at the yaw rate limit.
@@ -223,7 +223,7 @@ def step_copter_around(
     limits: Limits,
     radius_m: float,
 ) -> None:
-    """One step of a multirotor on its way to a circle and along it; negative is anticlockwise."""
+    """Return one step of a multirotor on its way to a circle and along it; negative is anticlockwise."""
     course = course_around(motion, centre, abs(radius_m), radius_m > 0.0)
     ahead_m = max(limits.airspeed_m_s * STEP_S, 1e-3)
     north_m = motion.north_m + ahead_m * math.cos(course)

@@ -60,7 +60,7 @@ class MissionServer(ABC):
 
     @abstractmethod
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Return when to call ``handle_timer``."""
 
     @abstractmethod
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -83,12 +83,12 @@ class MissionServer(ABC):
         return None
 
     def busy_with(self, client: Client) -> bool:
-        """Whether a transfer with this client stops others of its messages."""
+        """Return whether a transfer with this client stops others of its messages."""
         del client
         return False
 
     def _heard(self, messages: list[Message]) -> list[Message]:
-        """The answers that are sent before the fault ``silent_after`` suppresses the rest."""
+        """Return the answers that are sent before the fault ``silent_after`` suppresses the rest."""
         if self.faults.silent_after is None:
             return messages
         told = messages[: self.faults.silent_after]
@@ -97,7 +97,7 @@ class MissionServer(ABC):
 
 
 def client_of(message: Message) -> Client:
-    """The sender of a message."""
+    """Return the sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 
@@ -117,7 +117,7 @@ def text(severity: int, words: str) -> Message:
 
 
 def item_in(message: Message) -> MissionItem:
-    """The item of a MISSION_ITEM_INT or of the old MISSION_ITEM (with its position in degrees)."""
+    """Return the item of a MISSION_ITEM_INT or of the old MISSION_ITEM (with its position in degrees)."""
     item = item_of(message)
     as_is = message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION
     unit = 1.0 if as_is else 1e7
@@ -125,7 +125,7 @@ def item_in(message: Message) -> MissionItem:
 
 
 def _whole(value: float) -> int:
-    """A value as MISSION_ITEM_INT's integer; NaN and values out of range are no place."""
+    """Return a value as MISSION_ITEM_INT's integer; NaN and values out of range are no place."""
     return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 

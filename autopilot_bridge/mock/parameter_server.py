@@ -74,7 +74,7 @@ class ParameterServer:
         return self.value("RTL_RETURN_ALT") if self._bytewise else 0.0
 
     def value(self, name: str) -> float:
-        """A parameter's value."""
+        """Return a parameter's value."""
         return self._held[name].value
 
     def change(self, name: str, value: float) -> None:

@@ -109,7 +109,7 @@ class Px4Gripper:
         self._under_way: tuple[int, Requester, int] | None = None  # action, requester, end
 
     def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
-        """The answers, each with the ids of its requester."""
+        """Return the answers, each with the ids of its requester."""
         answers: list[Answer] = []
         if self._under_way is not None:
             before, who, _ = self._under_way
@@ -125,7 +125,7 @@ class Px4Gripper:
         return [*answers, (requester, IN_PROGRESS)]
 
     def ended(self, now_us: int) -> list[Answer]:
-        """The answers of actions that have ended by now."""
+        """Return the answers of actions that have ended by now."""
         if self._under_way is None or now_us < self._under_way[2]:
             return []
         action, requester, _ = self._under_way

@@ -39,7 +39,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def checksum(message: Message, before: int) -> int:
-    """The plan's CRC-32 (no inversions) with one more item; over the item as it came."""
+    """Return the plan's CRC-32 (no inversions) with one more item; over the item as it came."""
     as_int = message.get_type() == "MISSION_ITEM_INT"
     values = struct.pack(
         "<BHBffff" + ("ii" if as_int else "ff") + "f",
@@ -66,7 +66,7 @@ Shape = tuple[MissionItem, list[Place]]  # a circle, or the first vertex and all
 
 
 def shapes_of(fence: list[MissionItem]) -> list[Shape]:
-    """The circles and polygons of a fence; a polygon cut short has no places."""
+    """Return the circles and polygons of a fence; a polygon cut short has no places."""
     shapes: list[Shape] = []
     index = 0
     while index < len(fence):
@@ -80,7 +80,7 @@ def shapes_of(fence: list[MissionItem]) -> list[Shape]:
 
 
 def inside(shape: Shape, place: Place, east_scale: float) -> bool:
-    """Whether a place is in a shape; small fences only, on a flat earth."""
+    """Return whether a place is in a shape; small fences only, on a flat earth."""
     item, places = shape
     if item.command in CIRCLES:
         north = (place[0] - item.x) * M_PER_UNIT
@@ -94,7 +94,7 @@ def inside(shape: Shape, place: Place, east_scale: float) -> bool:
 
 
 def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Shape]:
-    """The shapes that count: an inclusion that lacks the home is left out."""
+    """Return the shapes that count: an inclusion that lacks the home is left out."""
     return [
         shape
         for shape in shapes_of(fence)
@@ -103,7 +103,7 @@ def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Sha
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """The first item of a mission at a position that the fence forbids."""
+    """Return the first item of a mission at a position that the fence forbids."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):
@@ -118,7 +118,7 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def lacking(items: list[MissionItem], required: int) -> str | None:
-    """The item that MIS_TKO_LAND_REQ requires and a mission lacks (1 takeoff, 2 landing)."""
+    """Return the item that MIS_TKO_LAND_REQ requires and a mission lacks (1 takeoff, 2 landing)."""
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

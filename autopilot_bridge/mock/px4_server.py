@@ -65,7 +65,7 @@ class Manager:
 
 
 def critical(words: str) -> Message:
-    """A text as PX4 sends it: the tab means that an event goes with it."""
+    """Return a text as PX4 sends it: the tab means that an event goes with it."""
     return text(CRITICAL, words + "\t")
 
 
@@ -89,7 +89,7 @@ class Px4Server(MissionServer):
         return self._heard(self._answer(manager, message, now_us))
 
     def next_timer(self) -> int | None:
-        """The next question to repeat, transfer to give up or fence to look at."""
+        """Return the next question to repeat, transfer to give up or fence to look at."""
         due_us = self._check_us
         for manager in self._managers.values():
             if manager.state != "idle":
@@ -130,7 +130,7 @@ class Px4Server(MissionServer):
         return lacking(self.items, self.required()) or self._reason
 
     def busy_with(self, client: Client) -> bool:
-        """Whether a transfer with this client is open."""
+        """Return whether a transfer with this client is open."""
         manager = self._managers.get(client)
         return manager is not None and manager.state != "idle"
 

@@ -27,7 +27,7 @@ class MockGroup:
         return [datagram for peer in self.peers for datagram in peer.data_to_send()]
 
     def next_timer(self) -> int:
-        """Time of the first mock's next ``handle_timer`` call."""
+        """Return time of the first mock's next ``handle_timer`` call."""
         return min(peer.next_timer() for peer in self.peers)
 
     def handle_timer(self, now_us: int) -> None:
@@ -67,11 +67,11 @@ class SigningServer:
                 self._learned(Key(secret) if any(secret) else None)
 
     def data_to_send(self) -> list[bytes]:
-        """Frames of the mock."""
+        """Return frames of the mock."""
         return self._peer.data_to_send()
 
     def next_timer(self) -> int | None:
-        """Time of the mock's next ``handle_timer`` call."""
+        """Return time of the mock's next ``handle_timer`` call."""
         return self._peer.next_timer()
 
     def handle_timer(self, now_us: int) -> None:

@@ -55,5 +55,5 @@ _CONSTANTS = {
 
 
 def stack_constants_of(stack: Stack) -> StackConstants:
-    """The constants of a stack."""
+    """Return the constants of a stack."""
     return _CONSTANTS[stack.name, stack.vehicle]

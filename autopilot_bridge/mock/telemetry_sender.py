@@ -52,7 +52,7 @@ class TelemetrySender:
         self._reached = self._reached_again = 0
 
     def forget(self) -> None:
-        """A new mission or a reboot: what was reached is not sent again."""
+        """Return a new mission or a reboot: what was reached is not sent again."""
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
@@ -79,7 +79,7 @@ class TelemetrySender:
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: FlightModel) -> None:
-        """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
+        """Return a new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
         self._sent_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.send_current(flight)
@@ -171,7 +171,7 @@ class TelemetrySender:
         self._states(flight, steps, due)
 
     def _states(self, flight: FlightModel, steps: int, due: list[int]) -> None:
-        """Messages that report failures."""
+        """Return messages that report failures."""
         boot_us = steps * STEP_US
         if LANDED in due:
             self._send(telemetry_source.landed_state(self._stack, flight))

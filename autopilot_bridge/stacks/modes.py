@@ -1,7 +1,7 @@
-"""Flight modes of the stacks: one name for equivalent modes, and the number on the wire.
+"""Flight modes of the stacks: one name for equivalent modes, and the ``custom_mode`` of each.
 
-Read: ArduPlane and ArduCopter 4.6.2 ``mode.h``, PX4 1.17 ``px4_custom_mode.h``. The first word of a
-number names it.
+Sources: ``mode.h`` of ArduPlane and ArduCopter 4.6.2, ``px4_custom_mode.h`` of PX4 1.17. If two
+names have the same number, the first is the name of that number.
 """
 
 Modes = tuple[tuple[str, int], ...]
@@ -40,7 +40,7 @@ ARDUCOPTER: Modes = (
     ("altitude", 2),
     ("mission", 3),
     ("guided", 4),
-    ("loiter", 5),  # by the pilot's sticks: without a pilot it sinks at 2.5 m/s
+    ("loiter", 5),  # controlled by the pilot's sticks: without a pilot it sinks at 2.5 m/s
     ("return", 6),
     ("circle", 7),
     ("land", 9),
@@ -78,7 +78,7 @@ PX4: Modes = (
     ("ready", _px4(4, 1)),
     ("takeoff", _px4(4, 2)),
     ("hold", _px4(4, 3)),
-    ("guided", _px4(4, 3)),  # it repositions in hold
+    ("guided", _px4(4, 3)),  # PX4 executes DO_REPOSITION in hold mode
     ("mission", _px4(4, 4)),
     ("return", _px4(4, 5)),
     ("land", _px4(4, 6)),

@@ -93,7 +93,7 @@ class Status:
     __slots__: tuple[str, ...] = ()
 
     def without_time(self) -> tuple[object, ...]:
-        """The fields of which changes are reported."""
+        """Return the fields of which changes are reported."""
         return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
 
 

@@ -42,7 +42,7 @@ class _RequestQueue(Generic[R]):
         return self._go_on(self._queue[0][1].receive(message, now_us), now_us)
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return time of the next ``handle_timer`` call; None without one."""
         return self._queue[0][1].next_timer() if self._active else None
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -52,7 +52,7 @@ class _RequestQueue(Generic[R]):
         return self._go_on(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _go_on(self, messages: list[Message], now_us: int) -> list[Message]:
-        """The messages of the active request; if it has ended, those of the next one too."""
+        """Return the messages of the active request; if it has ended, those of the next one too."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages

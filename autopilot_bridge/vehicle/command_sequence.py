@@ -27,7 +27,7 @@ RESULTS = {
 
 
 def result_words(result: int) -> str:
-    """A MAV_RESULT in words."""
+    """Return a MAV_RESULT in words."""
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
@@ -115,7 +115,7 @@ class CommandSequence:
         return self._steps
 
     def start(self, now_us: int) -> list[Message]:
-        """The first step."""
+        """Return the first step."""
         if not self._steps:
             self.outcome = (True, "nothing to do")
             return []
@@ -202,7 +202,7 @@ class CommandSequence:
         self.outcome = (False, f"{self._refusal}{said}")
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:

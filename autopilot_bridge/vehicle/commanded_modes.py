@@ -14,7 +14,7 @@ ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """The numbers of the modes that a step of an order leads to; () if it changes none."""
+    """Return the numbers of the modes that a step of an order leads to; () if it changes none."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
@@ -53,5 +53,5 @@ class CommandedModes:
         self._until_us |= dict.fromkeys(modes, now_us + SEEN_WITHIN_US)
 
     def has(self, mode: int, now_us: int) -> bool:
-        """Whether a change to this mode was commanded."""
+        """Return whether a change to this mode was commanded."""
         return self._until_us.get(mode, -1) >= now_us

@@ -69,7 +69,7 @@ class DropSender:
         lost: bool,
         now_us: int,
     ) -> tuple[int, list[Message]]:
-        """The drop's id, and the release to send at once; the drop is refused if it would be late.
+        """Return the drop's id, and the release to send at once; the drop is refused if it would be late.
 
         ``lost``: the vehicle is silent. Raises BridgeError if the stack has no command for this
         dropper.
@@ -133,7 +133,7 @@ class DropSender:
             self._end(pulse, "refused", f"{command_name(pulse.command)} {words}", now_us)
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return time of the next ``handle_timer`` call; None without one."""
         if not self._pulses:
             return None
         timers = [pulse.back_due_us for pulse in self._pulses if not pulse.is_back]

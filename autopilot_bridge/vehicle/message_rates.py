@@ -76,7 +76,7 @@ ROUNDS = 3  # in a row for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
-    """The rates of the messages that the stack has."""
+    """Return the rates of the messages that the stack has."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
@@ -150,7 +150,7 @@ class MessageRates:
         return self._send_request(now_us)
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return time of the next ``handle_timer`` call; None without one."""
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:

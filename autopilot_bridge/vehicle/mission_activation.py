@@ -132,7 +132,7 @@ class MissionActivation(Exchange):
             )
 
     def _shows_list(self, message: Message) -> bool:
-        """Whether MISSION_CURRENT is about the new list."""
+        """Return whether MISSION_CURRENT is about the new list."""
         if self._plan_id is None:
             return True
         reported_id = message.mission_id
@@ -160,7 +160,7 @@ class MissionActivation(Exchange):
             self._seen = message.seq
 
     def _has_begun(self, seq: int) -> bool:
-        """Whether a sequence number alone proves that the mission has begun."""
+        """Return whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
         if self._plan_id is not None:  # the same list: another item was commanded
             return seq != before

@@ -19,7 +19,7 @@ TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """The reason to end an operation that would change the mode."""
+    """Return the reason to end an operation that would change the mode."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 

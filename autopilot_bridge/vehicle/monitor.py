@@ -76,7 +76,7 @@ class VehicleMonitor:
         return self.armed and flies
 
     def next_timer(self) -> int | None:
-        """Time at which silence counts as a lost link."""
+        """Return time at which silence counts as a lost link."""
         if self._received_us is None or self._lost:
             return None
         return self._received_us + self._heartbeat_timeout_us
@@ -90,7 +90,7 @@ class VehicleMonitor:
         return [LinkLost(now_us, now_us - self._received_us)]
 
     def alarm_timer(self) -> int | None:
-        """Time of the next ``end_alarms`` call."""
+        """Return time of the next ``end_alarms`` call."""
         return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:

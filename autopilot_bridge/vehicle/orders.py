@@ -173,7 +173,7 @@ def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m
 
 
 def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
-    """The step that releases, and the step that sets the dropper back.
+    """Return the step that releases, and the step that sets the dropper back.
 
     The first must be sent once only: a second one may release another object. PX4 has no servo
     command, and accepts actuator commands for which no output is configured.
@@ -334,7 +334,7 @@ ORDERS = {
 
 
 def order_named(name: str) -> Order:
-    """The row of a command.
+    """Return the row of a command.
 
     Raises:
         BridgeError: There is no such command; the text lists those there are.

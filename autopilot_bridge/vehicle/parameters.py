@@ -53,7 +53,7 @@ class ParametersResult:
 
 
 def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
-    """The number in a PARAM_VALUE."""
+    """Return the number in a PARAM_VALUE."""
     if not bytewise or kind not in _FORMATS:
         return wire
     code = _FORMATS[kind]
@@ -62,7 +62,7 @@ def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
 
 
 def encoded_value(value: float, kind: int, bytewise: bool) -> float:
-    """The float to put into a PARAM_SET. Raises BridgeError if the type cannot hold the value."""
+    """Return the float to put into a PARAM_SET. Raises BridgeError if the type cannot hold the value."""
     if kind not in _FORMATS:
         return value
     code = _FORMATS[kind]
@@ -81,14 +81,14 @@ def encoded_value(value: float, kind: int, bytewise: bool) -> float:
 
 
 def checked_name(name: str) -> str:
-    """The name itself; raises BridgeError if it is not a valid parameter name."""
+    """Return the name itself; raises BridgeError if it is not a valid parameter name."""
     if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
         raise BridgeError(f"{name!r} is no parameter name; they have 1 to 16 ASCII characters")
     return name
 
 
 def parameter_of(message: Message, bytewise: bool) -> Parameter:
-    """The parameter in a PARAM_VALUE."""
+    """Return the parameter in a PARAM_VALUE."""
     kind = message.param_type
     return Parameter(message.param_id, decoded_value(message.param_value, kind, bytewise), kind)
 
@@ -105,7 +105,7 @@ class _ParameterExchange:
         self._tries = 0
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def cancel(self) -> None:

@@ -70,7 +70,7 @@ class _Base:
         return self.boot_us - BACK_US <= boot_us <= max_us
 
     def runs(self) -> bool:
-        """Whether it advances as a clock does, and is not one repeated value."""
+        """Return whether it advances as a clock does, and is not one repeated value."""
         return self.boot_us - self.first_boot_us >= SLOWEST * (self.at_us - self.first_us)
 
 
@@ -100,7 +100,7 @@ class BootClock:
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
-        """Whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
+        """Return whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
         if self._latest_us is None:
             self._begin(boot_us, now_us)
             return "kept"
@@ -136,7 +136,7 @@ class BootClock:
         self._note(boot_us, now_us)
 
     def _max_us(self, now_us: int) -> float:
-        """The greatest time since boot that is used now."""
+        """Return the greatest time since boot that is used now."""
         at_us, boot_us = self._line
         if len(self._points) < POINTS:
             return boot_us + FASTEST * (now_us - at_us) + BURST_US
@@ -144,7 +144,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """The maximum for the latest time, so that one ahead does not make true ones late."""
+        """Return the maximum for the latest time, so that one ahead does not make true ones late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
@@ -197,11 +197,11 @@ class Reach:
         self._other: _Elsewhere | None = None
 
     def forget_times(self) -> None:
-        """The time since boot has restarted: compare the next position by the link's clock."""
+        """Return the time since boot has restarted: compare the next position by the link's clock."""
         self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:
-        """Whether a position is used. ``rate``: see ``BootClock.rate``."""
+        """Return whether a position is used. ``rate``: see ``BootClock.rate``."""
         if self._speed_m_s is None:
             return "kept"
         last, anchor = self._last, self._anchor

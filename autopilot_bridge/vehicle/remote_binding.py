@@ -38,7 +38,7 @@ class RemoteBinding:
         self._alarm_until_us: int | None = None
 
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
-        """Whether a message with the vehicle's system id from a remote is used.
+        """Return whether a message with the vehicle's system id from a remote is used.
 
         ``is_heartbeat``: it is a HEARTBEAT of a supported autopilot.
         """
@@ -80,7 +80,7 @@ class RemoteBinding:
         self._raised = type(alarm)
 
     def alarm_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return time of the next ``handle_timer`` call; None without one."""
         return self._alarm_until_us
 
     def handle_timer(self, now_us: int) -> None:

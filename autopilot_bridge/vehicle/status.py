@@ -90,7 +90,7 @@ class Estimator:
         self._gone: dict[str, int] = {}  # messages in a row without it; of what counts
 
     def receive(self, message: Message, at_us: int) -> EstimatorStatus:
-        """The status after this message."""
+        """Return the status after this message."""
         now = estimator_problems(message)
         self._gone = {
             words: 0 if words in now else absent + 1

@@ -15,7 +15,7 @@ class StatustextAssembler:
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
-        """The messages to process, in order: texts assembled, all others unchanged."""
+        """Return the messages to process, in order: texts assembled, all others unchanged."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return [*self._end(), message]

@@ -78,7 +78,7 @@ def wind_from_vector(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """The wind of an air velocity (north, east) in m/s, which points downwind."""
+    """Return the wind of an air velocity (north, east) in m/s, which points downwind."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
@@ -170,7 +170,7 @@ class Changes:
         self._told: dict[tuple[str, int], ToldOnChange] = {}
 
     def has(self, event: ToldOnChange) -> bool:
-        """Whether a state differs from the last one; stores it."""
+        """Return whether a state differs from the last one; stores it."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._told.get(key)
@@ -195,7 +195,7 @@ class Telemetry:
         self._estimator = Estimator()
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
-        """The events of a message; none for repeated states."""
+        """Return the events of a message; none for repeated states."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
             return self.changed(self._estimator.receive(message, at_us))
@@ -215,7 +215,7 @@ class Telemetry:
         return found
 
     def changed(self, event: ToldOnChange) -> list[TelemetryEvent]:
-        """A state as a list, empty if it has not changed."""
+        """Return a state as a list, empty if it has not changed."""
         return [event] if self._changes.has(event) else []
 
     def retract(self, kind: str) -> None:
@@ -234,5 +234,5 @@ class Telemetry:
 
 
 def boot_time_us(message: Message) -> int | None:
-    """Time since boot in a message, in microseconds; None for other messages."""
+    """Return time since boot in a message, in microseconds; None for other messages."""
     return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

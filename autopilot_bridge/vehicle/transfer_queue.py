@@ -106,7 +106,7 @@ class TransferQueue:
             job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
 
     def mode_overridden(self, why: str) -> None:
-        """The autopilot or a pilot has taken over: the current upload no longer changes the mode.
+        """Return the autopilot or a pilot has taken over: the current upload no longer changes the mode.
 
         Uploads that have not begun yet check the mode when they begin.
         """
@@ -195,7 +195,7 @@ class TransferQueue:
         return messages
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return time of the next ``handle_timer`` call; None without one."""
         if self._job is None or self._job.under_way is None:
             return None
         return self._job.under_way.next_timer()
@@ -379,21 +379,21 @@ _AFTER: dict[
 
 
 def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
-    """The result of an upload that could not be read back."""
+    """Return the result of an upload that could not be read back."""
     words = f"{uploaded.reason}; and reading it back: {read.reason}"
     outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
     return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 
 
 def likely_reason(job: Job) -> str:
-    """A likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
+    """Return a likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
     return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
 
 
 def accepted(job: Job) -> TransferResult:
-    """The result of an accepted upload, flown unless a failsafe or a pilot changed the mode."""
+    """Return the result of an accepted upload, flown unless a failsafe or a pilot changed the mode."""
     words = (
         f"accepted; {job.override}, and its mode was not changed" if job.override else "accepted"
     )
@@ -401,12 +401,12 @@ def accepted(job: Job) -> TransferResult:
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """The user's items of wire items: without home, jump targets counted from item 0."""
+    """Return the user's items of wire items: without home, jump targets counted from item 0."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """The mission that the vehicle has after an upload, as far as the upload's end shows."""
+    """Return the mission that the vehicle has after an upload, as far as the upload's end shows."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:
