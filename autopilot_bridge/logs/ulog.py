@@ -37,7 +37,7 @@ from autopilot_bridge.vehicle.client_events import (
     SystemState,
     Text,
 )
-from autopilot_bridge.vehicle.telemetry import Changes, ToldOnChange, fix_name, wind_of_air
+from autopilot_bridge.vehicle.telemetry import Changes, ReportedOnChange, fix_name, wind_of_air
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
@@ -293,7 +293,7 @@ class _Flight:
         self.mission: int | None = None
         self._changes = Changes()
 
-    def announcements(self, event: ToldOnChange) -> list[LogEvent]:
+    def announcements(self, event: ReportedOnChange) -> list[LogEvent]:
         """Return where it has changed."""
         return [event] if self._changes.has(event) else []
 

@@ -220,7 +220,7 @@ def test_only_one_item_runs_after_the_last_nav_item_of_a_plane() -> None:
     tail = (at(16), bare(211, 1.0), bare(183, 9.0, 1900.0), bare(206, 5.0))
     (first, second) = check(tail, PLANE)
     assert [(p.kind, p.index) for p in (first, second)] == [("dropped", 2), ("dropped", 3)]
-    assert "returns home" in first.reason
+    assert "the plane returns" in first.reason
     assert check(tail, COPTER) == []
     assert check((*tail, at(16)), PLANE) == []
     assert check((*tail, bare(177, 0.0, -1.0)), PLANE) == []
@@ -246,8 +246,8 @@ def test_a_good_fence_and_good_rally_points_have_no_problems(stack: Stack) -> No
 FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] = [
     (ALL, polygon((0, 1), (0, 9)), ("refused", 0, "param1"), "three vertices"),
     (ALL, polygon(*SQUARE, count=NAN), ("refused", 0, "param1"), "three vertices"),
-    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices follow"),
-    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices follow"),
+    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices are"),
+    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices are"),
     (ALL, polygon((0, 1), (9, 9), (0, 9), (9, 1)), ("dangerous", 0, "param1"), "crosses itself"),
     (
         ALL,
@@ -257,8 +257,8 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
     ),
     (ARDUPILOT, (replace(CIRCLE, param1=0.0),), ("refused", 0, "param1"), "radius above 0"),
     (BOTH_PX4, (replace(CIRCLE, param1=NAN),), ("dangerous", 0, "param1"), "radius above 0"),
-    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "no part of a fence"),
-    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "no part of a fence"),
+    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "not an item of a fence"),
+    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "not an item of a fence"),
     (ALL, (RETURN, CIRCLE, RETURN), ("refused", 2, "command"), "already has a return point"),
     (ARDUPILOT, (replace(CIRCLE, x=910000000),), ("refused", 0, "x"), "latitude"),
     (ALL, (replace(CIRCLE, frame=1),), ("refused", 0, "frame"), "not accepted"),

@@ -153,7 +153,7 @@ def test_the_same_id_twice_on_one_link_is_told_and_not_mixed() -> None:
     air.run_for(20.0)
     (told,) = air.of(SameSystemId)
     assert (told.kept, told.left_out) == ("first", "second")
-    assert "second is left out: give it another system id or a link of its own" in str(told)
+    assert "second are discarded: give it another system id or a separate link" in str(told)
     assert all(event.lat_deg == pytest.approx(36.3, abs=1e-4) for event in air.of(Position, 1))
     assert len(air.of(Connected)) == 2  # the other one behind the second remote is heard
 

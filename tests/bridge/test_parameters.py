@@ -115,7 +115,7 @@ def test_a_parameter_that_there_is_not_ends_in_bounded_time(stack: Stack) -> Non
     result = result_of(pair, pair.client.read_parameter("NO_SUCH", pair.now_us), within_s=12.0)
     assert (result.outcome, result.reason) == (
         "failed",
-        "no answer for parameter NO_SUCH; does the autopilot have it?",
+        "no reply for parameter NO_SUCH; the autopilot may not have it",
     )
     result = result_of(pair, pair.client.set_parameter("NO_SUCH", 1.0, pair.now_us), within_s=12.0)
     assert result.outcome == "failed"
@@ -141,7 +141,7 @@ def test_a_silent_autopilot_ends_the_reading() -> None:
 @pytest.mark.parametrize("name", ["", "A" * 17, "WÄRME"])
 def test_names_that_no_parameter_can_have_are_refused(name: str) -> None:
     pair = pair_of(PX4)
-    with pytest.raises(BridgeError, match="is no parameter name"):
+    with pytest.raises(BridgeError, match="is not a parameter name"):
         pair.client.read_parameter(name, pair.now_us)
 
 

@@ -236,7 +236,7 @@ def test_what_is_no_plan_is_refused_with_its_name(tmp_path: Path, text: str) -> 
         (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, 3.0),)), "fence item 0 is a vertex of 3"),
         (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, math.nan),)), "fence item 0 is a vertex of nan"),
         (Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 9.0, 1.0),)), "params 2 to 4"),
-        (Plan((), (MissionItem(16, 0, 0, 0, 0.0),)), "fence item 0 is a NAV_WAYPOINT"),
+        (Plan((), (MissionItem(16, 0, 0, 0, 0.0),)), "fence item 0: unexpected NAV_WAYPOINT"),
         (Plan((), (), (MissionItem(5100, 0, 0, 0, 0.0),)), "rally point 0 has frame 0"),
         (Plan((), (), (MissionItem(16, 3, 0, 0, 0.0),)), "rally item 0 is a NAV_WAYPOINT"),
     ],

@@ -376,7 +376,7 @@ def test_a_mission_that_px4_acknowledges_and_will_not_fly_is_a_failure(lands: bo
     result = pair.result_of(upload(pair, (*line_of(5), *LANDING) if lands else line_of(5)))
     assert result.holds == "the new one"
     assert result.outcome == ("accepted" if lands else "rejected")
-    assert ("does not take it for one to fly" in result.reason) != lands
+    assert ("does not accept it for flight" in result.reason) != lands
 
 
 def test_items_go_ahead_of_the_requests_until_one_is_asked_for_again() -> None:

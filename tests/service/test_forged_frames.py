@@ -184,12 +184,12 @@ def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) ->
                 forger.send(position(DAYS_30_MS + 5000 * number))
                 forger.send(position(0))
             run.wait_for(lambda: "source/hawk" in run.alarms())
-            run.wait_for(run.said(f"{forger.address} is left out"))
+            run.wait_for(run.said(f"{forger.address} are discarded"))
             run.flies_on(50)
         run.wait_for(lambda: "source/hawk" not in run.alarms())
         run.stop()
     run.check_places_and_times()
-    assert run.log.read_text(encoding="utf-8").count("is left out") == 1
+    assert run.log.read_text(encoding="utf-8").count("are discarded") == 1
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
@@ -231,7 +231,7 @@ def test_who_takes_over_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None
                 return run.said("link restored")()
 
             run.wait_for(restored)  # once the vehicle has been silent for long enough
-            run.wait_for(run.said(f"heard from {forger.address} now"))
+            run.wait_for(run.said(f"messages arrive from {forger.address} now"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
             run.wait_for(run.said("jumped"))
