@@ -268,9 +268,9 @@ def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> N
         (ARDUPILOT, ACTUATOR, "ArduPilot has no DO_SET_ACTUATOR"),
         (ARDUPILOT, SERVO._replace(number=3), "number 3, give 5 to 16"),
         (ARDUPILOT, SERVO._replace(release=19.0), "release 19, give 500 to 2500"),
-        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900: nothing would fall"),
+        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900; give two values"),
         (PX4, ACTUATOR._replace(number=7), "number 7, give 1 to 6"),
-        (PX4, ACTUATOR._replace(release=1900.0), "take -1 to 1"),
+        (PX4, ACTUATOR._replace(release=1900.0), "give -1 to 1"),
         (PX4, GRIPPER._replace(hold_s=0.0), "hold of 0.0 s"),
     ],
 )

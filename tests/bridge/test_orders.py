@@ -132,7 +132,7 @@ def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None
 
 def test_arducopter_says_that_it_has_no_orbit() -> None:
     pair = standing(COPTER)
-    with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
+    with pytest.raises(BridgeError, match="no orbit command; use LOITER_TURNS"):
         pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
 
 
@@ -273,7 +273,7 @@ def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
         pair.client.command("arm", 0)
     pair.mock.positions = False
     pair.run_for(3.0)
-    with pytest.raises(BridgeError, match="no position yet"):
+    with pytest.raises(BridgeError, match="not reported a position"):
         pair.client.command("takeoff", pair.now_us, 20.0)
 
 

@@ -54,7 +54,7 @@ def test_px4_carries_the_bytes_of_whole_numbers_and_ardupilot_the_number() -> No
 )
 @pytest.mark.parametrize("bytewise", [True, False])
 def test_what_a_type_cannot_hold_is_not_sent(value: float, kind: int, bytewise: bool) -> None:
-    with pytest.raises(BridgeError, match="whole number of"):
+    with pytest.raises(BridgeError, match="integer of"):
         encoded_value(value, kind, bytewise)
 
 
@@ -126,7 +126,7 @@ def test_a_fraction_for_a_whole_number_is_refused_before_it_is_sent() -> None:
     result = result_of(pair, pair.client.set_parameter("MIS_TKO_LAND_REQ", 0.5, pair.now_us))
     assert (result.outcome, result.reason) == (
         "rejected",
-        "parameter MIS_TKO_LAND_REQ: 0.5 is not a whole number of 32 bits",
+        "parameter MIS_TKO_LAND_REQ: 0.5 is not a signed integer of 32 bits",
     )
     assert pair.mock.parameters.value("MIS_TKO_LAND_REQ") == 0.0
 

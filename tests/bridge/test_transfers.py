@@ -168,9 +168,9 @@ class Watched(MemoryLink):
         self._codec = Codec(1, 1)
 
     def send(self, datagram: bytes, now_us: int) -> None:
-        before = len(self._pending)
+        before = len(self._in_transit)
         super().send(datagram, now_us)
-        if len(self._pending) == before:
+        if len(self._in_transit) == before:
             self._lost_names |= {message.get_type() for message in self._codec.decode(datagram)}
 
 
