@@ -80,7 +80,7 @@ class SharedLink:
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """Register a vehicle and return its client. Raises BridgeError for a second registration."""
+        """Register a vehicle and return its client. Raises BridgeError if it exists."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, max_speed_m_s)

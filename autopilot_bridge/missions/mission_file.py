@@ -122,12 +122,18 @@ def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ..
     )
 
 
-def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
+def unpack_item(data: bytes, index: int) -> tuple[int, MissionItem]:
+    """Return the number and the contents of an item in a file, without a check."""
     values = ITEM.unpack_from(data, HEADER.size + index * ITEM.size)
     param1, param2, param3, param4, x, y, z, seq, command, _, _, frame, _, auto, _ = values
-    if command == 0:
+    return seq, MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
+
+
+def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
+    seq, item = unpack_item(data, index)
+    if item.command == 0:
         raise BridgeError(f"mission file: item {index} is empty; read the file again")
     # ArduPilot writes numbers only for the items of missions.
     if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
         raise BridgeError(f"mission file: item {index} has the number {seq}; read the file again")
-    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
+    return item

@@ -304,7 +304,7 @@ def test_a_bad_wpl_file_is_refused_with_its_line(tmp_path: Path, text: str, word
 
 def test_a_wpl_file_holds_no_fence(tmp_path: Path) -> None:
     fence = (MissionItem(5003, 0, 0, 0, 0.0, 9.0),)
-    with pytest.raises(BridgeError, match="no fence"):
+    with pytest.raises(BridgeError, match="cannot store a fence"):
         write_any(tmp_path / "a.waypoints", Plan(flight_of(), fence), None)
     with pytest.raises(BridgeError, match="infinite"):
         write_wpl(tmp_path / "a.waypoints", Plan((MissionItem(16, 0, 0, 0, math.inf),)))

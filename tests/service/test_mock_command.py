@@ -26,7 +26,7 @@ from tests.service.test_live import CLI, free_port
         (("--wind", "240,nan"), "nan is not between 0 and 60"),
         (("--home", "95,0,0"), "95 is not between -90 and 90"),
         (("--terrain", "301"), "would be under the ground"),
-        (("--fault", "rebot@3"), "no such fault; there are loss=SHARE"),
+        (("--fault", "rebot@3"), "unknown fault; the faults are loss=SHARE"),
         (("--fault", "refuse=3:0"), "a whole number from 1 to 15"),
         (("--listen", "udpout:127.0.0.1:9"), "it does not listen"),
         (("--listen", "127.0.0.1"), "write it as udpin:HOST:PORT"),
