@@ -245,7 +245,7 @@ class NativeClient:
             lost_us,
             None if lost_us is None else self._rates.next_timer(),  # not on a lost link
         )
-        return min(heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None))
+        return min((heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None)))
 
     def handle_timer(self, now_us: int) -> None:
         """Run all actions due at ``now_us``."""
