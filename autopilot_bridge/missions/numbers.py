@@ -12,7 +12,7 @@ def number(value: Any, name: str) -> float:
 
 
 def whole(value: Any, name: str, maximum: int) -> int:
-    """Return a whole number from 0 to ``most``."""
+    """Return a whole number from 0 to ``maximum``."""
     exact = number(value, name)
     if exact != int(exact) or not 0 <= exact <= maximum:
         raise ValueError(f"{name} is {value!r}, not a whole number up to {maximum}")

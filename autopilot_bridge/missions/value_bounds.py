@@ -34,35 +34,25 @@ class Bound(NamedTuple):
     also: float | None = None
 
 
+_BATTERY = (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767))
 BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "GLOBAL_POSITION_INT": (
         Bound("lat", -90e7, 90e7),
         Bound("lon", -180e7, 180e7),
         Bound("alt", LOWEST_M * 1e3, HIGHEST_M * 1e3),
         Bound("relative_alt", -HIGHEST_M * 1e3, HIGHEST_M * 1e3),
-        Bound("vx", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
-        Bound("vy", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
-        Bound("vz", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
+        *(Bound(field, -SPEED_M_S * 1e2, SPEED_M_S * 1e2) for field in ("vx", "vy", "vz")),
         Bound("hdg", 0, 36_000, 65_535),
     ),
-    "ATTITUDE": (
-        Bound("roll", -TURN_RAD, TURN_RAD),
-        Bound("pitch", -TURN_RAD, TURN_RAD),
-        Bound("yaw", -TURN_RAD, TURN_RAD),
-    ),
+    "ATTITUDE": tuple(Bound(field, -TURN_RAD, TURN_RAD) for field in ("roll", "pitch", "yaw")),
     "VFR_HUD": (
-        Bound("airspeed", -SPEED_M_S, SPEED_M_S),
-        Bound("groundspeed", -SPEED_M_S, SPEED_M_S),
-        Bound("climb", -SPEED_M_S, SPEED_M_S),
+        *(Bound(field, -SPEED_M_S, SPEED_M_S) for field in ("airspeed", "groundspeed", "climb")),
         Bound("throttle", 0, 200),
     ),
     "WIND": (Bound("direction", -360.0, 360.0), Bound("speed", 0.0, GUST_M_S)),
     "WIND_COV": (Bound("wind_x", -GUST_M_S, GUST_M_S), Bound("wind_y", -GUST_M_S, GUST_M_S)),
-    "SYS_STATUS": (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767)),
-    "BATTERY_STATUS": (
-        Bound("battery_remaining", -1, 100),
-        Bound("current_battery", -32_768, 32_767),
-    ),
+    "SYS_STATUS": _BATTERY,
+    "BATTERY_STATUS": _BATTERY,
     "MISSION_CURRENT": (Bound("seq", 0, MAX_ITEMS),),
     "MISSION_ITEM_REACHED": (Bound("seq", 0, MAX_ITEMS),),
     "MISSION_COUNT": (Bound("count", 0, MAX_ITEMS),),

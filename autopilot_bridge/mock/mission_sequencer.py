@@ -60,7 +60,7 @@ def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
 
 
 def acceptance_m(item: MissionItem, stack: Stack, own_m: float) -> float:
-    """Return the acceptance radius of a waypoint in metres; ``own_m`` is the vehicle's default.
+    """Return the acceptance radius of a waypoint in metres; ``own_m`` is the default.
 
     PX4 uses the item's radius on multicopters, ArduPilot on planes (from their sources).
     """

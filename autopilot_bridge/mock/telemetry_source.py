@@ -56,7 +56,7 @@ def wind_cov(boot_us: int, from_deg: float, speed_m_s: float, altitude_amsl_m: f
 
 
 def sys_status(percent: int, voltage_v: float, unhealthy: int = 0) -> Message:
-    """Return a SYS_STATUS; ``unhealthy`` are the bits of unhealthy sensors."""
+    """Return a SYS_STATUS; ``unhealthy`` is the bit mask of unhealthy sensors."""
     return mavlink.MAVLink_sys_status_message(
         *(SENSORS, SENSORS, SENSORS & ~unhealthy, 300),
         *(round(voltage_v * 1e3), 0, percent),

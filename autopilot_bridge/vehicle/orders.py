@@ -120,7 +120,7 @@ def return_height(stack: Stack, height_m: float) -> Steps:
 
 
 def land(stack: Stack) -> Steps:
-    """Return the step to land: ArduPlane by its mission's DO_LAND_START, others at the position."""
+    """Return the step to land: ArduPlane by DO_LAND_START, others at their position."""
     if stack.name == "ardupilot" and stack.vehicle == "plane":
         return (Step(mavlink.MAV_CMD_DO_LAND_START),)
     return set_mode(stack, "land")
