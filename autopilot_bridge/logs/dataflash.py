@@ -88,7 +88,7 @@ class DataFlashLog:
         def convert(name: str, values: Values) -> list[LogEvent]:
             return _CONVERTERS[name](flight, values, values["TimeUS"])
 
-        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        messages = steady(self._messages(frozenset(_CONVERTERS)), "TimeUS")
         for event in events_of(self, messages, convert):
             yield Entry(self.system_id, event)
 
@@ -101,7 +101,10 @@ class DataFlashLog:
         def length_at(data: bytes, at: int, lost: bool) -> int:
             return _length_at(data, at, lengths)
 
-        for data, at, _ in records(self, 2 * LONGEST_BYTES, length_at, _next_start, NO_MESSAGE):
+        def next_start(data: bytes, at: int) -> int:
+            return data.find(HEAD, at)
+
+        for data, at, _ in records(self, 2 * LONGEST_BYTES, length_at, next_start, NO_MESSAGE):
             number = data[at + 2]
             kind = kinds[number]
             if kind is not None:
@@ -113,15 +116,6 @@ class DataFlashLog:
                 if described.valid:
                     lengths[described.number] = described.length
                     kinds[described.number] = described if described.name in names else None
-
-
-def _time_of(message: tuple[str, Values]) -> int:
-    at_us: int = message[1]["TimeUS"]
-    return at_us
-
-
-def _next_start(data: bytes, at: int) -> int:
-    return data.find(HEAD, at)
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:

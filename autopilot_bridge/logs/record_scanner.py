@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
@@ -10,8 +10,8 @@ from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 CHUNK_BYTES = 1 << 19
 LEAP_US = 600_000_000  # longer gaps occur only if a log starts again
 
-Message = TypeVar("Message")
 Values = dict[str, Any]
+Message = tuple[str, Values]  # name, and values by column
 
 
 def chunks(path: Path) -> Iterator[bytes]:
@@ -64,7 +64,7 @@ def records(
         log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
 
 
-def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
+def steady(messages: Iterator[Message], time_key: str) -> Iterator[Message]:
     """Yield messages without those whose time differs greatly from the times around them.
 
     Such messages are noise in formats without checksums. A leap that the next message confirms is
@@ -73,10 +73,10 @@ def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> It
     latest_us: int | None = None
     held: Message | None = None
     for message in messages:
-        at_us = time_of(message)
+        at_us = message[1][time_key]
         if latest_us is not None and abs(at_us - latest_us) <= LEAP_US:
             held = None
-        elif held is not None and abs(at_us - time_of(held)) <= LEAP_US:
+        elif held is not None and abs(at_us - held[1][time_key]) <= LEAP_US:
             yield held
             held = None
         else:
@@ -90,7 +90,7 @@ def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> It
 
 def events_of(
     log: Log,
-    messages: Iterator[tuple[str, Values]],
+    messages: Iterator[Message],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
     """Yield the events of messages.

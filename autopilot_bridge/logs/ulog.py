@@ -114,7 +114,7 @@ class UlogLog:
         def convert(name: str, values: Values) -> list[LogEvent]:
             return _CONVERTERS[name](flight, values, values["timestamp"])
 
-        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        messages = steady(self._messages(frozenset(_CONVERTERS)), "timestamp")
         for event in events_of(self, messages, convert):
             yield Entry(self._system_id, event)
 
@@ -181,11 +181,6 @@ class _Subscriptions:
             self.sizes[number] = topic.size
             if instance == 0 and name in self._names:
                 self.topics[number] = topic
-
-
-def _time_of(message: tuple[str, Values]) -> int:
-    at_us: int = message[1]["timestamp"]
-    return at_us
 
 
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
