@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-NO_POSITION = 2**31 - 1  # an undefined x or y: the NaN of MAVLink's integer fields
+NO_POSITION = 2**31 - 1  # undefined x or y: the equivalent of NaN in MAVLink's integer fields
 WITH_YAW = (
     mavlink.MAV_CMD_NAV_WAYPOINT,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
@@ -64,7 +64,7 @@ class Plan:
 
 
 def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
-    """The items with all DO_JUMP targets shifted by ``by`` (ArduPilot's home is item 0)."""
+    """Return the items with ``by`` added to all DO_JUMP targets (ArduPilot's home is item 0)."""
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
@@ -72,46 +72,46 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """The items with yaw (param4) NaN at positions; JSON, and so the journal, has no NaN."""
+    """Set yaw (param4) to NaN in items with a position: the journal is JSON, which has no NaN."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )
 
 
 def has_position(command: int) -> bool:
-    """Whether MAVLink gives the command a latitude and longitude (unknown ones: yes)."""
-    known = mavlink.enums["MAV_CMD"].get(command)
-    return known is None or bool(known.has_location)
+    """Return whether the command has a latitude and longitude; True for an unknown command."""
+    entry = mavlink.enums["MAV_CMD"].get(command)
+    return entry is None or bool(entry.has_location)
 
 
 def has_degrees(item: "MissionItem") -> bool:
-    """Whether x and y are a latitude and a longitude."""
+    """Return whether x and y are a latitude and a longitude."""
     frames = (*LOCAL_FRAMES, mavlink.MAV_FRAME_MISSION)
     return item.frame not in frames and has_position(item.command)
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Latitude and longitude in degrees; None without a position (0, 0: the current one)."""
+    """Return latitude and longitude in degrees; None without a position (0, 0: the current one)."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
 
 
 def command_name(command: int) -> str:
-    """MAVLink's name without its prefix, or the number of an unnamed command."""
-    known = mavlink.enums["MAV_CMD"].get(command)
-    return str(command) if known is None else str(known.name).removeprefix("MAV_CMD_")
+    """Return MAVLink's name of a command without its prefix, or the number if it has no name."""
+    entry = mavlink.enums["MAV_CMD"].get(command)
+    return str(command) if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
 
 def _xy_unit(command: int, frame: int) -> float:
-    """The unit of ``x`` and ``y``: 1e-7 deg, 1e-4 m, or 1 for plain params 5 and 6."""
+    """Return the divisor of ``x`` and ``y``: 1e7 (degrees), 1e4 (metres), or 1 (params 5, 6)."""
     if frame in LOCAL_FRAMES:
         return 1e4
     return 1e7 if frame != mavlink.MAV_FRAME_MISSION and has_position(command) else 1.0
 
 
 def params_of(item: MissionItem) -> tuple[float, ...]:
-    """Params 1 to 7 as in files: position in degrees (or metres), undefined values NaN."""
+    """Return params 1 to 7 as in files: position in degrees (or metres), undefined values NaN."""
     unit = _xy_unit(item.command, item.frame)
     x, y = (math.nan if value == NO_POSITION else value / unit for value in (item.x, item.y))
     return item.param1, item.param2, item.param3, item.param4, x, y, item.z
@@ -120,7 +120,7 @@ def params_of(item: MissionItem) -> tuple[float, ...]:
 def item_of_params(
     command: int, frame: int, params: Sequence[float], autocontinue: int
 ) -> MissionItem:
-    """The item of a file's params 1 to 7. Raises ValueError for a position out of range."""
+    """Return the item with params 1 to 7 of a file; raises ValueError if x or y is out of range."""
     param1, param2, param3, param4, *position, z = params
     unit = _xy_unit(command, frame)
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
@@ -131,14 +131,14 @@ def item_of_params(
 
 
 def _at(lat_deg: float, lon_deg: float, amsl_m: float) -> tuple[int, int, int, float]:
-    """Frame, x, y and z of a position."""
+    """Return frame, x, y and z of a position."""
     return mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), amsl_m
 
 
 def waypoint(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, acceptance_radius_m: float = 0.0
 ) -> MissionItem:
-    """MAV_CMD_NAV_WAYPOINT at an altitude above mean sea level.
+    """Return a MAV_CMD_NAV_WAYPOINT at an altitude above mean sea level.
 
     Args:
         lat_deg: Latitude in degrees (WGS84).
@@ -156,7 +156,7 @@ def waypoint(
 def loiter_unlimited(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float
 ) -> MissionItem:
-    """MAV_CMD_NAV_LOITER_UNLIM: circle until another command.
+    """Return a MAV_CMD_NAV_LOITER_UNLIM: the vehicle circles until another command.
 
     Args:
         lat_deg: Latitude of the centre in degrees (WGS84).
@@ -172,16 +172,16 @@ def loiter_unlimited(
 
 
 def speed_type(vehicle_kind: str) -> int:
-    """The SPEED_TYPE for speed commands to a "plane" or "copter"."""
+    """Return the SPEED_TYPE of speed commands to a ``plane`` or ``copter``."""
     plane = vehicle_kind == "plane"
     return int(mavlink.SPEED_TYPE_AIRSPEED if plane else mavlink.SPEED_TYPE_GROUNDSPEED)
 
 
 def change_speed(kind: int, speed_m_s: float) -> MissionItem:
-    """MAV_CMD_DO_CHANGE_SPEED, throttle unchanged; ``kind`` is a SPEED_TYPE."""
+    """Return a MAV_CMD_DO_CHANGE_SPEED, throttle unchanged; ``kind`` is a SPEED_TYPE."""
     return MissionItem(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
-        mavlink.MAV_FRAME_MISSION,  # PX4 refuses any other
+        mavlink.MAV_FRAME_MISSION,  # PX4 rejects other frames
         x=0,
         y=0,
         z=0.0,
@@ -194,13 +194,13 @@ def change_speed(kind: int, speed_m_s: float) -> MissionItem:
 def takeoff(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, pitch_deg: float = 12.0
 ) -> MissionItem:
-    """MAV_CMD_NAV_TAKEOFF.
+    """Return a MAV_CMD_NAV_TAKEOFF.
 
     Args:
         lat_deg: Latitude in degrees (WGS84).
         lon_deg: Longitude in degrees.
-        altitude_amsl_m: Altitude above mean sea level to climb to, in metres.
-        pitch_deg: Pitch of a plane in the climb, in degrees.
+        altitude_amsl_m: Altitude at the end of the climb, above mean sea level in metres.
+        pitch_deg: Pitch of a plane during the climb, in degrees.
 
     Returns:
         The item.

@@ -8,7 +8,7 @@ State = TypeVar("State", bound=Enum)
 
 
 class InvalidTransitionError(RuntimeError):
-    """A defect: a state that may not follow the present one; the text has the history."""
+    """A transition that the table does not allow, which is a defect; the text has the history."""
 
 
 def enter(
@@ -23,7 +23,7 @@ def enter(
         history: The states so far, at least one; the last entry is the present state.
         state: The state to enter.
         allowed: The states that may follow each state; a state without an entry is final.
-        of: What the state machine is of, for the error.
+        of: The object whose state it is, for the error.
 
     Raises:
         InvalidTransitionError: If the state may not follow the present one.

@@ -1,4 +1,4 @@
-"""The interface of a vehicle client, whichever library carries its messages."""
+"""The interface of all vehicle clients."""
 
 from typing import Protocol
 
@@ -10,10 +10,10 @@ from autopilot_bridge.vehicle.transfer_states import StartItem
 
 
 class VehicleClient(Protocol):
-    """One vehicle: ``NativeClient`` or ``MavsdkClient``. Outcomes arrive as events.
+    """The client of one vehicle: ``NativeClient`` or ``MavsdkClient``.
 
-    ``now_us`` is the link's time in microseconds. Each request returns an id, which the event with
-    the outcome repeats.
+    ``now_us`` is the link's time in microseconds. Each request returns an id; the event with its
+    outcome has the same id.
     """
 
     @property
@@ -28,9 +28,10 @@ class VehicleClient(Protocol):
         Args:
             items: The items without ArduPilot's home.
             now_us: Time in microseconds.
-            begin: The item to fly next: "restart" the first, "keep" the same number as now, or a
+            begin: The item to fly next: ``restart`` the first, ``keep`` the present number, or a
                 number from 0.
-            holds_first: Hold during the upload if the autopilot would fly a half-overwritten list.
+            holds_first: Hold during the upload if the autopilot would fly a partly overwritten
+                list.
 
         Returns:
             The ``transfer_id`` of TransferFinished.
@@ -48,14 +49,14 @@ class VehicleClient(Protocol):
         Args:
             name: Its key in ``ORDERS``, such as "hold" or "orbit".
             now_us: Time in microseconds.
-            arguments: In the order and units of the table's row.
+            arguments: The arguments in the order and units of the table's row.
 
         Returns:
             The ``command_id`` of CommandFinished.
 
         Raises:
-            BridgeError: No autopilot has connected, the stack has no such command, or an argument
-                is out of range.
+            BridgeError: No autopilot has connected, the stack does not have the command, or an
+                argument is out of range.
         """
 
     def drop(self, dropper: Dropper, now_us: int) -> int:

@@ -1,12 +1,12 @@
-"""A vehicle client on MAVSDK; it replaces ``NativeClient`` and its ``Connection``.
+"""A vehicle client that uses MAVSDK; it replaces ``NativeClient`` and its ``Connection``.
 
 MAVSDK (a C library in this process) receives the bytes of our link; it detects the vehicle,
-transfers missions and repeats commands. This module adds three steps that real autopilots need: a
-mission is checked before its upload (a refused item leaves ArduPilot with a truncated mission),
+transfers missions and repeats commands. This module adds three steps that real autopilots require:
+a mission is checked before its upload (after a rejected item ArduPilot has a truncated mission),
 read back after it (MAVSDK's result alone does not prove the upload), and then started by its item
-number (ArduPlane flies to its old target until commanded). Its own ``set_current_mission_item`` is
-not used: where the autopilot answers with another number it repeats its request for ever, as fast
-as the link can.
+number (ArduPlane flies to its old target until commanded). MAVSDK's ``set_current_mission_item`` is
+not used: if the autopilot reports another number, it repeats its request without end and without
+delay.
 """
 
 import asyncio
@@ -21,7 +21,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.mavsdk_library import (
     ACCEPTED,
     MAVSDK_IDS,
-    item_of_raw,
     library,
     raw_items,
     raw_message,
@@ -30,7 +29,7 @@ from autopilot_bridge.clients.mavsdk_library import (
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, jumps_moved
-from autopilot_bridge.links.codec import Codec, Message
+from autopilot_bridge.links.codec import Codec, Message, item_of
 from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing
@@ -60,14 +59,14 @@ from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from autopilot_bridge.vehicle.transfer_queue import LAST_NAV
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-LOOK_EVERY_S = 0.05
-ANSWER_S = 1.5
-FOUND_S = 10.0
-NOT_FOUND = "MAVSDK has not found the vehicle"
-SILENT_S = 120.0  # the longest mission on a slow radio takes less
-NO_ANSWER = "NO_ANSWER"  # as MAVSDK's verdicts are written, but it gives none
-NO_ORDER = "through MAVSDK vehicles fly missions only; use backend native"
-LEAVE_S = 5.0  # a transfer under way may end in this time when the service does
+POLL_INTERVAL_S = 0.05
+REPLY_TIMEOUT_S = 1.5
+DETECTION_TIMEOUT_S = 10.0
+NOT_FOUND = "MAVSDK has not detected the vehicle"
+CALL_TIMEOUT_S = 120.0  # the transfer of the longest mission on a slow radio takes less
+NO_ANSWER = "NO_ANSWER"  # used instead of MAVSDK's result if a call does not return
+NOT_SUPPORTED = "MAVSDK supports only missions; use backend native"
+CLOSE_TIMEOUT_S = 5.0  # at the end of the service, active transfers may end within this time
 Result = TypeVar("Result")
 
 
@@ -86,11 +85,11 @@ class MavsdkClient:
     """A ``VehicleClient`` and its link, while the context (``async with``) is open.
 
     Args:
-        link: The link as users write it; no other vehicle may use it.
+        link: The address of the link; no other vehicle may use it.
         system_id: The vehicle's MAVLink system id.
-        clock: The link's time in microseconds.
-        tlog: A recording of what is sent and received; the caller closes it.
-        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        clock: Returns the link's time in microseconds.
+        tlog: Records the frames sent and received; the caller closes it.
+        signing: Signs all sent frames; received frames that do not verify are dropped.
         link_id: The link id of signatures, 0 to 255.
         max_speed_m_s: Positions that imply a higher speed are discarded; None: no limit.
 
@@ -108,7 +107,7 @@ class MavsdkClient:
         link_id: int = 0,
         max_speed_m_s: float | None = None,
     ) -> None:
-        self.called = ""  # the remote that the link calls
+        self.called = ""  # the remote that the link connects to
         self._signed = signing is not None
         self._source: RemoteBinding | None = None
         self._connection = Connection(
@@ -126,9 +125,9 @@ class MavsdkClient:
         self._last_command = 0
         self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
-        self._begin: MissionActivation | None = None  # under way
+        self._begin: MissionActivation | None = None  # the active one
         self._commanded_modes = CommandedModes()
-        self._overrides: list[str] = []  # why autopilot or pilot took over, each time
+        self._overrides: list[str] = []  # mode changes by the autopilot or a pilot
         self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
@@ -159,12 +158,12 @@ class MavsdkClient:
         """Replace the mission; see ``NativeClient.upload``."""
         for waiting in [job for job in self._waiting if job.action == "upload"]:
             self._waiting.remove(waiting)
-            ended = TransferResult("superseded", "a newer one came", holds="the old one")
+            ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
             self._events.append(TransferFinished(now_us, waiting.transfer_id, "upload", ended))
         return self._add(Job(0, "upload", tuple(items), begin, holds_first))
 
     def download(self, now_us: int) -> int:
-        """Read the mission; the result carries the items."""
+        """Read the mission; the result contains the items."""
         return self._add(Job(0, "download"))
 
     def clear(self, now_us: int) -> int:
@@ -179,7 +178,7 @@ class MavsdkClient:
         steps = order_named(name).through_mavsdk
         self._last_command += 1
         if steps is None:
-            finished = CommandFinished(now_us, name, False, NO_ORDER, self._last_command)
+            finished = CommandFinished(now_us, name, False, NOT_SUPPORTED, self._last_command)
             self._report(finished)
         else:
             context = OrderContext(self._connected_stack(), self._monitor.armed)
@@ -187,8 +186,8 @@ class MavsdkClient:
         return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """MAVSDK sends no drops: DropFinished reports the refusal."""
-        self._report(DropFinished(now_us, 0, "refused", NO_ORDER))
+        """Reject the drop by a DropFinished: MAVSDK cannot send it."""
+        self._report(DropFinished(now_us, 0, "refused", NOT_SUPPORTED))
         return 0
 
     def next_event(self) -> ClientEvent | None:
@@ -228,13 +227,13 @@ class MavsdkClient:
     async def __aexit__(self, *error: object) -> None:
         for task in self._tasks:
             task.cancel()
-        # MAVSDK must not go while a call is in it: that call would never return.
+        # An active call would never return if MAVSDK were destroyed.
         if self._calls:
-            await asyncio.wait(self._calls, timeout=LEAVE_S)
+            await asyncio.wait(self._calls, timeout=CLOSE_TIMEOUT_S)
         if self._calls:
             await self._missions.cancel_mission_upload()
             await self._missions.cancel_mission_download()
-            await asyncio.wait(self._calls, timeout=LEAVE_S)
+            await asyncio.wait(self._calls, timeout=CLOSE_TIMEOUT_S)
         self._mavsdk.destroy()
         await self._connection.__aexit__(*error)
 
@@ -256,11 +255,11 @@ class MavsdkClient:
         self._connection.flush()
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process whole frames of a link that has one remote."""
+        """Process frames of a link that has one remote."""
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Process whole frames of the vehicle's remote, in MAVSDK and in our own monitor.
+        """Process frames of the vehicle's remote, in MAVSDK and in our own monitor.
 
         MAVSDK receives no frame before a HEARTBEAT identifies the remote, and no frame with a value
         out of bounds.
@@ -300,7 +299,7 @@ class MavsdkClient:
                 self._outgoing.append(self._codec.encode(request))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
-        """React to a mode change that this client did not command."""
+        """Process a mode change; one that was not commanded ends the start of a mission."""
         if self.stack is not None and not self._commanded_modes.has(mode, now_us):
             self._overrides.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
@@ -312,13 +311,13 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Frames to send with the vehicle's remote, or for all remotes until it is known."""
+        """Return the frames to send with the vehicle's remote, or "" (all) until it is bound."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
-        """Time at which silence becomes a lost link, or an alarm may end."""
+        """Return the time of the next ``handle_timer`` call: for a lost link or an ended alarm."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
         timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
         return min((timer for timer in timers if timer is not None), default=None)
@@ -338,11 +337,11 @@ class MavsdkClient:
 
     # MAVSDK -----------------------------------------------------------------------------------
 
-    async def _found(self) -> bool:
-        """Wait until MAVSDK detects the vehicle and create its plugins; returns whether it did."""
+    async def _detected(self) -> bool:
+        """Wait until MAVSDK detects the vehicle, and create its plugins; returns whether it did."""
         modules = library()
 
-        def look() -> bool:
+        def detect() -> bool:
             for system in self._mavsdk.get_systems() if self._missions is None else ():
                 if system.get_system_id() == self._target[0] and system.has_autopilot():
                     wrapped = modules.system.System(system)
@@ -350,7 +349,7 @@ class MavsdkClient:
                     self._missions = modules.missions.MissionRawAsync(wrapped)
             return self._missions is not None
 
-        return await self._until(look, FOUND_S)
+        return await self._until(detect, DETECTION_TIMEOUT_S)
 
     async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
         """Await a call to MAVSDK; if the wait is cancelled, the call continues.
@@ -360,19 +359,19 @@ class MavsdkClient:
         task = asyncio.ensure_future(call)
         self._calls.add(task)
         task.add_done_callback(self._returned)
-        return await asyncio.wait_for(asyncio.shield(task), SILENT_S)
+        return await asyncio.wait_for(asyncio.shield(task), CALL_TIMEOUT_S)
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # retrieved, though no task may wait for it any more
+        task.cancelled() or task.exception()  # retrieved, because no task may wait for it
 
-    async def _until(self, what: Callable[[], bool], within_s: float) -> bool:
-        """Wait until ``what()`` is true, ``within_s`` at most; returns whether it is."""
+    async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Wait until ``condition()`` is true, ``within_s`` at most; returns whether it is."""
         ends_us = self._clock() + round(within_s * 1e6)
-        while not what():
+        while not condition():
             if self._clock() > ends_us:
                 return False
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(POLL_INTERVAL_S)
         return True
 
     # Commands ---------------------------------------------------------------------------------
@@ -381,7 +380,7 @@ class MavsdkClient:
         while True:
             command_id, name, steps = await self._commands.get()
             accepted, reason = False, NOT_FOUND
-            if await self._found():
+            if await self._detected():
                 accepted, reason = await self._steps(steps)
             self._report(CommandFinished(self._clock(), name, accepted, reason, command_id))
 
@@ -394,29 +393,33 @@ class MavsdkClient:
         for step in steps:
             if len(self._overrides) > overrides:
                 return False, self._overrides[-1]
-            self._commanded_modes.ask(modes_of_step(step, self._connected_stack()), self._clock())
-            command, asked = step.command, command_message(self._target, step, 0)
+            self._commanded_modes.add(modes_of_step(step, self._connected_stack()), self._clock())
+            command, request = step.command, command_message(self._target, step, 0)
             try:
-                ack = await self._call(self._direct.send_command(raw_message(asked, self._target)))
+                ack = await self._call(
+                    self._direct.send_command(raw_message(request, self._target))
+                )
             except library().direct.MavlinkDirectError as error:
-                return False, f"command {command} was not answered (MAVSDK: {error.result.name})"
+                return False, f"command {command}: no acknowledgement ({error.result.name})"
             except TimeoutError:
-                return False, f"command {command} was not answered (MAVSDK: {NO_ANSWER})"
+                return False, f"command {command}: no acknowledgement ({NO_ANSWER})"
             result = json.loads(ack.fields_json)["result"]
             if result != mavlink.MAV_RESULT_ACCEPTED:
                 return False, f"command {command} {result_words(result)}"
         return True, "accepted"
 
     async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
-        """Change the mode right after a heartbeat, and only if it still shows ``before``."""
+        """Change the mode right after a heartbeat, and only if the mode is still ``before``."""
         heartbeats = self._heartbeats
-        await self._until(lambda: self._heartbeats > heartbeats, 2 * ANSWER_S)
+        await self._until(lambda: self._heartbeats > heartbeats, 2 * REPLY_TIMEOUT_S)
         if self._monitor.custom_mode != before:
             return False, changed_meanwhile(stack, self._monitor.custom_mode)
         accepted, reason = await self._steps((stack.set_mode(custom_mode),))
         if not accepted:
             return False, reason
-        changed = await self._until(lambda: self._monitor.custom_mode == custom_mode, 2 * ANSWER_S)
+        changed = await self._until(
+            lambda: self._monitor.custom_mode == custom_mode, 2 * REPLY_TIMEOUT_S
+        )
         return changed, "accepted" if changed else "no heartbeat shows the mode"
 
     # Transfers --------------------------------------------------------------------------------
@@ -424,7 +427,7 @@ class MavsdkClient:
     async def _transfer_all(self) -> None:
         while True:
             await self._transfer_added.wait()
-            found = await self._found()
+            found = await self._detected()
             if not self._waiting:
                 self._transfer_added.clear()
                 continue
@@ -448,19 +451,19 @@ class MavsdkClient:
         return await self._upload(job, stack)
 
     async def _clear(self, stack: Stack) -> TransferResult:
-        left = not stack.keeps_target or await self._until(
-            lambda: not self._monitor.in_mission, ANSWER_S
+        idle = not stack.keeps_target or await self._until(
+            lambda: not self._monitor.in_mission, REPLY_TIMEOUT_S
         )
-        if not left:
-            # MAVSDK would cut the list and report success, and the vehicle would fly on.
-            reason = "the vehicle flies its mission and would fly on without it; hold first"
+        if not idle:
+            # MAVSDK would truncate the list and report success; the vehicle would continue.
+            reason = "the vehicle flies its mission and would continue without it; hold first"
             return TransferResult("rejected", reason, holds="the old one")
         verdict = await self._send_request(self._missions.clear_mission())
         read, reason = await self._read()
         if read is None:
-            return TransferResult("unknown", f"{verdict}; and reading it back: {reason}")
+            return TransferResult("unknown", f"{verdict}; the read-back: {reason}")
         if len(read) > self._monitor.hidden_items:
-            return TransferResult("rejected", f"the vehicle keeps its mission ({verdict})")
+            return TransferResult("rejected", f"the mission is still on board ({verdict})")
         return ACCEPTED
 
     async def _upload(self, job: Job, stack: Stack) -> TransferResult:
@@ -474,7 +477,7 @@ class MavsdkClient:
         if paused:
             held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
             if not held:
-                words = f"it would not hold for the upload: {reason}"
+                words = f"it did not hold for the upload: {reason}"
                 return TransferResult("rejected", words, holds="the old one")
         wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
         verdict = await self._send_request(
@@ -483,36 +486,36 @@ class MavsdkClient:
         read, reason = await self._read()
         ended = upload_result(stack, hidden, wire_items, verdict, read)
         if read is None:
-            ended = replace(ended, reason=f"{ended.reason}; and reading it back: {reason}")
+            ended = replace(ended, reason=f"{ended.reason}; the read-back: {reason}")
         if ended.outcome != "accepted":
             return ended
         ended = replace(ended, items=job.items)
         if len(self._overrides) > overrides and stack.keeps_target:
-            begun = TransferResult("failed", self._overrides[-1])
+            started = TransferResult("failed", self._overrides[-1])
         else:
-            begun = await self._made_current(first, wire_items, before, stack)
-        if begun.outcome != "accepted":
-            words = f"the vehicle holds the mission but did not begin it: {begun.reason}"
-            return replace(ended, outcome=begun.outcome, reason=words, code=None)
+            started = await self._start_mission(first, wire_items, before, stack)
+        if started.outcome != "accepted":
+            words = f"the mission is on board, but the vehicle did not start it: {started.reason}"
+            return replace(ended, outcome=started.outcome, reason=words, code=None)
         if paused and len(self._overrides) > overrides:
             words = f"accepted; {self._overrides[-1]}, and its mode was not changed"
             return replace(ended, reason=words)
         if paused:
-            flies, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
-            if not flies:
-                words = f"the vehicle holds the mission but did not fly on: {reason}"
+            resumed, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
+            if not resumed:
+                words = f"the mission is on board, but the vehicle did not resume it: {reason}"
                 return replace(ended, outcome="failed", reason=words, code=None)
         return ended
 
     def _first(self, job: Job) -> int:
-        """The wire number of the item to fly next."""
+        """Return the transmitted number of the item to fly next."""
         hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden
-        asked = self._monitor.current or 0 if job.begin == "keep" else hidden + job.begin
-        return min(max(asked, hidden), last)
+        seq = self._monitor.current or 0 if job.begin == "keep" else hidden + job.begin
+        return min(max(seq, hidden), last)
 
-    async def _made_current(
+    async def _start_mission(
         self, seq: int, wire_items: Items, before: Onboard, stack: Stack
     ) -> TransferResult:
         """Start the mission on board; see ``vehicle/mission_activation.py``."""
@@ -528,7 +531,7 @@ class MavsdkClient:
             while begin.result is None:
                 for message in messages:
                     await self._call(self._direct.send_message(raw_message(message, self._target)))
-                await asyncio.sleep(LOOK_EVERY_S)
+                await asyncio.sleep(POLL_INTERVAL_S)
                 messages = begin.handle_timer(self._clock())
             return begin.result
         finally:
@@ -545,7 +548,7 @@ class MavsdkClient:
         return "SUCCESS"
 
     async def _read(self) -> tuple[Items | None, str]:
-        """Read the vehicle's wire items; (None, MAVSDK's result) if the download fails."""
+        """Read the items as transmitted; (None, MAVSDK's result) if the download fails."""
         try:
             read = await self._call(self._missions.download_mission())
         except library().missions.MissionRawError as error:
@@ -554,4 +557,4 @@ class MavsdkClient:
             return None, str(error.result.name)
         except TimeoutError:
             return None, NO_ANSWER
-        return tuple(item_of_raw(raw) for raw in read), "SUCCESS"
+        return tuple(item_of(raw) for raw in read), "SUCCESS"

@@ -5,13 +5,13 @@ import json
 import logging
 from typing import Any, NamedTuple
 
-from autopilot_bridge.items import Items, MissionItem, jumps_moved
+from autopilot_bridge.items import Items, jumps_moved
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 
-MAVSDK_IDS = (245, 190)  # of its ground stations
+MAVSDK_IDS = (245, 190)  # system and component id of its ground stations
 ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
 
 
@@ -36,14 +36,14 @@ def library() -> Library:
     def log(level: int, message: str, file: str | None, line: int) -> bool:
         if level >= LogLevel.ERROR:
             logging.getLogger("mavsdk").error("%s", message)
-        return True  # or it would go to standard output, among results that programs read
+        return True  # otherwise MAVSDK writes it to standard output
 
     log_subscribe(log)
     return Library(mavsdk, mavsdk.asyncio, missions, direct)
 
 
 def raw_message(message: Message, target: tuple[int, int]) -> Any:
-    """A message as MAVSDK's raw type."""
+    """Convert a message to MAVSDK's raw type."""
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return library().direct.MavlinkMessage(
         message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Items as MAVSDK's raw type; item ``first`` is marked current, as MAVSDK requires."""
+    """Convert items to MAVSDK's raw type; MAVSDK requires that item ``first`` is current."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(
@@ -65,31 +65,25 @@ def raw_items(items: Items, first: int) -> list[Any]:
     ]
 
 
-def item_of_raw(raw: Any) -> MissionItem:
-    """The mission item of an item that MAVSDK has downloaded."""
-    return MissionItem(
-        *(raw.command, raw.frame, raw.x, raw.y, raw.z),
-        *(raw.param1, raw.param2, raw.param3, raw.param4, raw.autocontinue),
-    )
-
-
 def upload_result(
     stack: Stack, hidden: int, sent: Items, verdict: str, read: Items | None
 ) -> TransferResult:
-    """The result of an upload from MAVSDK's result and the read-back (None if that failed).
+    """Determine the result of an upload from MAVSDK's result and the read-back (None: failed).
 
-    After a TIMEOUT the upload may still be complete, with only the last answer lost.
+    After a TIMEOUT the upload may be complete: only the last reply may be lost.
     """
     reason = f"MAVSDK: {verdict}"
-    took = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
+    may_be_complete = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")
     if read is None:
         holds: Holds = "one of both" if stack.atomic_upload else "not known"
-        return TransferResult("unknown" if took else "rejected", reason, holds=holds)
+        return TransferResult("unknown" if may_be_complete else "rejected", reason, holds=holds)
     pairs = zip(sent[hidden:], read[hidden:], strict=False)
     if len(sent) == len(read) and all(same_as_sent(*pair, stack) for pair in pairs):
         return ACCEPTED
     items = jumps_moved(read[hidden:], -hidden)
     holds = "the old one" if stack.atomic_upload else "a mixture"
     if verdict == "SUCCESS":
-        reason = "the vehicle holds another mission"
-    return TransferResult("failed" if took else "rejected", reason, items=items, holds=holds)
+        reason = "another mission is on board"
+    return TransferResult(
+        "failed" if may_be_complete else "rejected", reason, items=items, holds=holds
+    )

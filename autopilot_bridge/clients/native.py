@@ -1,8 +1,9 @@
-"""The ground-station side of one vehicle on one link, sans-IO.
+"""The native client of one vehicle on one link, sans-IO.
 
-Bytes in (``receive_data``), datagrams out (``data_to_send``), one timer (``next_timer``,
-``handle_timer``), events (``next_event``). Time is an argument, in microseconds of any clock.
-On a link with several vehicles ``shared_link.py`` decodes once and calls ``receive_message``.
+It receives bytes (``receive_data``) and returns datagrams (``data_to_send``) and events
+(``next_event``); it needs one timer (``next_timer``, ``handle_timer``). The time is an argument in
+microseconds of any clock. On a link with several vehicles ``shared_link.py`` decodes each message
+once and calls ``receive_message``.
 """
 
 from collections import deque
@@ -45,12 +46,12 @@ class NativeClient:
         system_id: This station's MAVLink system id.
         component_id: This station's component id.
         target_system: The vehicle's system id; None: the first autopilot that sends.
-        heartbeat_timeout_us: Silence after which the link counts as lost.
+        heartbeat_timeout_us: The link is lost after this time without a HEARTBEAT.
         timing: Timeouts and retries of transfers and commands.
         rates_hz: Message rates to request when the vehicle connects, by message id.
         shared: The outgoing messages of all clients of one link, whose owner also sends the
-        heartbeats; None: the client is alone on its link. max_speed_m_s: Positions that imply a
-        higher speed are discarded; None: no limit.
+            heartbeats; None: the client is alone on its link.
+        max_speed_m_s: Positions that imply a higher speed are discarded; None: no limit.
     """
 
     def __init__(
@@ -90,22 +91,22 @@ class NativeClient:
 
     @property
     def target_system(self) -> int | None:
-        """The vehicle's system id, once it is known."""
+        """The vehicle's system id; None before the first HEARTBEAT if it was not given."""
         return self._target_system
 
     @property
     def armed(self) -> bool:
-        """By its last HEARTBEAT."""
+        """Whether the last HEARTBEAT reports the vehicle as armed."""
         return self._monitor.armed
 
     @property
     def custom_mode(self) -> int:
-        """By its last HEARTBEAT."""
+        """The mode in the last HEARTBEAT."""
         return self._monitor.custom_mode
 
     @property
     def position(self) -> Position | None:
-        """The last position received."""
+        """The last received position that is plausible."""
         return self._monitor.position
 
     # Requests of the user ---------------------------------------------------------------------
@@ -122,12 +123,12 @@ class NativeClient:
     ) -> int:
         """Replace the mission, fence or rally points; TransferFinished with the id has the result.
 
-        ``begin`` is the item of the new mission to fly next: "restart" the first, "keep" the
+        ``begin`` is the item of the new mission to fly next: ``restart`` the first, ``keep`` the
         current number, or a number from 0. ``check`` reads the list back after it was accepted.
         With ``holds_first`` a vehicle that flies its mission holds during the upload if its
-        autopilot would fly a half-overwritten list; after a failed upload it keeps holding.
-        ``by_file`` uses MAVFTP where the autopilot supports it. An upload replaces a queued upload
-        of the same kind.
+        autopilot would fly a partly overwritten list; after a failed upload it continues to hold.
+        ``by_file`` uses MAVFTP if the autopilot supports it. An upload replaces a queued upload of
+        the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
@@ -151,12 +152,12 @@ class NativeClient:
         Commands run in sequence; an urgent command first ends all others. Raises BridgeError for an
         argument out of range and for a command that the stack does not have.
         """
-        order, stack, here = orders.order_named(name), self._connected_stack(), self.position
-        altitude_m = None if here is None else here.altitude_amsl_m
+        order, stack, position = orders.order_named(name), self._connected_stack(), self.position
+        altitude_m = None if position is None else position.altitude_amsl_m
         mode = stack.mode_name(self.custom_mode)
         steps = order.steps(orders.OrderContext(stack, self.armed, mode, altitude_m), *arguments)
         if order.urgent:
-            self._drops.withdraw(self._outgoing, f"{name} took its place", now_us)
+            self._drops.withdraw(self._outgoing, f"{name} replaced it", now_us)
             self._jobs.release_mode()
         command_id = self._commands.enqueue(
             name, steps, self._target(), stack, order.urgent, now_us, order.timing
@@ -167,8 +168,8 @@ class NativeClient:
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
         """Release one object now; DropFinished with the id has the outcome.
 
-        The command is sent once, ahead of queued commands, and never repeated. A drop that cannot
-        be sent at once is refused. Raises BridgeError if the stack has no such dropper.
+        The command is sent once, before queued commands, and never repeated. A drop that cannot be
+        sent at once is refused. Raises BridgeError if the stack does not support the dropper.
         """
         lost = self._monitor.next_timer() is None
         drop_id, messages = self._drops.drop(
@@ -177,7 +178,7 @@ class NativeClient:
         self._send(*messages)
         return drop_id
 
-    # Parameters; outcome as ParametersFinished with the id.
+    # Parameters; ParametersFinished with the id has the outcome.
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
@@ -205,7 +206,7 @@ class NativeClient:
             raise BridgeError("no autopilot is connected yet; wait for Connected")
         return self.stack
 
-    # Bytes and time -----------------------------------------------------------------------------
+    # Data, events and timers --------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process a received datagram."""
@@ -232,21 +233,19 @@ class NativeClient:
         self._events.append(event)
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
-        due_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
-        silent_us = self._monitor.next_timer()
-        for timer_us in (
+        """Return the time of the next ``handle_timer`` call."""
+        heartbeat_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
+        lost_us = self._monitor.next_timer()
+        timers = (
             self._jobs.next_timer(),
             self._commands_timer(),
             self._drops.next_timer(),
             self._parameters.next_timer(),
             self._monitor.alarm_timer(),
-            silent_us,
-            None if silent_us is None else self._rates.next_timer(),  # not on a lost link
-        ):
-            if timer_us is not None and timer_us < due_us:
-                due_us = timer_us
-        return due_us
+            lost_us,
+            None if lost_us is None else self._rates.next_timer(),  # not on a lost link
+        )
+        return min((heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None)))
 
     def handle_timer(self, now_us: int) -> None:
         """Run all actions due at ``now_us``."""
@@ -265,7 +264,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _commands_timer(self) -> int | None:
-        """Time of the next command retry; None while the autopilot may have restarted."""
+        """Return the time of the next retry, which waits while a restart may be detected."""
         due_us = self._commands.next_timer()
         return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 
@@ -280,9 +279,9 @@ class NativeClient:
         return source == (self._target_system, AUTOPILOT)
 
     def _receive(self, message: Message, now_us: int) -> None:
-        watch = self._monitor
-        mode, armed, critical = watch.custom_mode, watch.armed, watch.critical
-        for event in watch.receive(message, now_us):
+        monitor = self._monitor
+        mode, armed, critical = monitor.custom_mode, monitor.armed, monitor.critical
+        for event in monitor.receive(message, now_us):
             self._events.append(event)
             if isinstance(event, Rebooted):
                 self._commands.end_all("the autopilot was restarted", now_us)
@@ -290,16 +289,16 @@ class NativeClient:
                 self._send(*self._rates.begin(self.stack, self._target(), now_us))
             if isinstance(event, ModeChanged):
                 self._mode_changed(mode, armed, now_us)
-        if watch.critical and not critical:
+        if monitor.critical and not critical:
             self._jobs.mode_overridden("its autopilot went into failsafe meanwhile")
-        if not watch.used:
+        if not monitor.used:
             return
         self._drops.receive(message, now_us)
         self._send(*self._rates.receive(message, now_us))
-        if now_us >= watch.undecided_until_us:  # else what it acknowledged may be undone
+        if now_us >= monitor.undecided_until_us:  # else a restart may undo the command
             self._send(*self._commands.receive(message, now_us))
         self._send(*self._parameters.receive(message, now_us))
-        if self._jobs.next_timer() is not None:  # a transfer is under way
+        if self._jobs.next_timer() is not None:  # a transfer is active
             self._send(*self._jobs.receive(message, now_us))
             self._advance(now_us)
         elif message.get_type() == "HEARTBEAT":
@@ -339,7 +338,7 @@ class NativeClient:
         self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:
-        """Check the client's invariants between two events; raises AssertionError. For tests."""
+        """Check the client's invariants between two events, for tests; raises AssertionError."""
         self._jobs.validate_state()
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:
@@ -351,7 +350,7 @@ class NativeClient:
 
 
 def gcs_heartbeat() -> Message:
-    """HEARTBEAT of a ground station."""
+    """Return the HEARTBEAT of a ground station."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
     )

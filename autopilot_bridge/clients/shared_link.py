@@ -1,8 +1,8 @@
-"""Several vehicles on one link, sans-IO: each detected by its heartbeat, with its own client.
+"""Several vehicles on one link, sans-IO: each is detected by its heartbeat and has its own client.
 
 The shared link is a peer of a connection; it decodes each message once and passes it to the client
-of the sending system. A link and a system id identify a vehicle: one id on two links means two
-vehicles. ``remote_binding.py`` selects the remote whose messages a vehicle's client accepts.
+of the sending system. A link and a system id identify a vehicle: the same id on two links is used
+by two vehicles. ``remote_binding.py`` selects the remote whose messages a client accepts.
 """
 
 import heapq
@@ -58,12 +58,12 @@ class SharedLink:
         expects: bool = False,
         signed: bool = False,
     ) -> None:
-        """With ``expects`` only the vehicles of ``expect`` are accepted.
+        """Create the link; with ``expects`` only vehicles registered by ``expect`` are accepted.
 
-        ``signed``: received frames have passed a signature check.
+        ``signed``: the signatures of received frames are verified.
         """
         self.name = name
-        self.called = ""  # the remote that the link calls, where it calls one
+        self.called = ""  # the remote that the link connects to; "" if it listens
         self.clients: dict[int, NativeClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
@@ -76,11 +76,11 @@ class SharedLink:
         self._signed = signed
         self._sources: dict[int, RemoteBinding] = {}
         self._heartbeat_due_us = 0
-        self._timers: list[tuple[int, int]] = []  # a heap; entries that are no longer so are left
+        self._timers: list[tuple[int, int]] = []  # a heap; outdated entries are not removed
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """Add a vehicle; returns its client. Raises BridgeError for a known one."""
+        """Register a vehicle and return its client. Raises BridgeError if it exists."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, max_speed_m_s)
@@ -90,7 +90,7 @@ class SharedLink:
         self._receive("", self._codec.decode(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Process whole frames of a remote."""
+        """Process frames from a remote."""
         self._receive(remote, self._codec.decode_frames(frames), now_us)
 
     def _receive(self, remote: str, messages: list[Message], now_us: int) -> None:
@@ -99,16 +99,16 @@ class SharedLink:
             if message.get_srcComponent() != AUTOPILOT:
                 continue
             system = message.get_srcSystem()
-            client = self.clients.get(system) or self._found(message, system)
-            if client is not None and self._is_its(remote, system, message, now_us):
+            client = self.clients.get(system) or self._detected(message, system)
+            if client is not None and self._is_accepted(remote, system, message, now_us):
                 client.receive_message(message, now_us)
-                # Telemetry brings no timer forward, unless it leads to something being sent.
+                # Telemetry changes no timer unless it causes a message to be sent.
                 touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
         for system, timer in touched.items():
-            self._touched(system, timer)
+            self._refresh(system, timer)
 
-    def _found(self, message: Message, system: int) -> NativeClient | None:
-        """Create the client of a new autopilot; None if the sender is no autopilot."""
+    def _detected(self, message: Message, system: int) -> NativeClient | None:
+        """Create the client of a new autopilot; None if the sender is not an autopilot."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)
@@ -126,8 +126,8 @@ class SharedLink:
         self.clients[system] = client
         return client
 
-    def _is_its(self, remote: str, system: int, message: Message, now_us: int) -> bool:
-        """Whether a system's messages are accepted from this remote."""
+    def _is_accepted(self, remote: str, system: int, message: Message, now_us: int) -> bool:
+        """Return whether a system's messages are accepted from this remote."""
         source = self._sources.get(system)
         if source is None:
             timeout_us = self._heartbeat_timeout_us
@@ -141,9 +141,9 @@ class SharedLink:
             for alarm in source.alarms:
                 self.clients[system].report(alarm)
             source.alarms.clear()
-            self._touched(system)
+            self._refresh(system)
 
-    def _touched(self, system: int, timer: bool = True) -> None:
+    def _refresh(self, system: int, timer: bool = True) -> None:
         """Collect a client's events and update its timer."""
         client = self.clients[system]
         while not self._expects and (event := client.next_event()) is not None:
@@ -156,16 +156,16 @@ class SharedLink:
             heapq.heappush(self._timers, (due_us, system))
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams of all clients, for a link that has one remote."""
+        """Return the datagrams of all clients, for a link that has one remote."""
         return [datagram for _, datagram in self.addressed_to_send()]
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Datagrams to send with their remotes; "" is all remotes."""
+        """Return the datagrams to send with their remotes; "" is all remotes."""
         if not self._outgoing:
             return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
             if system in self.clients:
-                self._touched(system)
+                self._refresh(system)
         outgoing, self._outgoing[:] = list(self._outgoing), []
         return [(self._remote_of(message), self._codec.encode(message)) for message in outgoing]
 
@@ -174,7 +174,7 @@ class SharedLink:
         return "" if source is None or source.remote is None else source.remote
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return the time of the next ``handle_timer`` call."""
         while self._timers and self._due_us.get(self._timers[0][1]) != self._timers[0][0]:
             heapq.heappop(self._timers)
         return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
@@ -190,12 +190,12 @@ class SharedLink:
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
-            if self._due_us.get(system) == due_us:  # else it has changed, or stands here twice
+            if self._due_us.get(system) == due_us:  # else outdated or a duplicate
                 del self._due_us[system]
                 due.append(system)
         for system in due:
             self.clients[system].handle_timer(now_us)
-            self._touched(system)
+            self._refresh(system)
 
     def next_event(self) -> FleetEvent | None:
         """Remove and return the oldest pending event; None if there is none."""
@@ -203,6 +203,6 @@ class SharedLink:
 
 
 def is_of_autopilot(message: Message) -> bool:
-    """Whether a message is the HEARTBEAT of an autopilot of a known type."""
+    """Return whether a message is the HEARTBEAT of a supported autopilot."""
     kind: str = message.get_type()
     return kind == "HEARTBEAT" and stack_of(message.autopilot, message.type) is not None

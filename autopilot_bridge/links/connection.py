@@ -1,4 +1,4 @@
-"""The asyncio adapter: moves frames between a link and a sans-IO peer, arms one timer."""
+"""The asyncio adapter: it moves frames between a link and a sans-IO peer and sets one timer."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,16 +14,16 @@ SHORTEST_WAIT_S = 0.001
 
 
 class Peer(Protocol):
-    """A sans-IO protocol end: the ground station's client or the mock autopilot."""
+    """A sans-IO protocol endpoint: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process whole frames, all of one remote."""
+        """Process complete frames, all from one remote."""
 
     def data_to_send(self) -> list[bytes]:
-        """Frames to send."""
+        """Return the frames to send."""
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return the time of the next ``handle_timer`` call; None if no action is due."""
 
     def handle_timer(self, now_us: int) -> None:
         """Run all actions due at ``now_us``."""
@@ -33,29 +33,29 @@ class Peer(Protocol):
 class RemotesPeer(Protocol):
     """A peer that distinguishes the remotes of a link by their names."""
 
-    called: str  # the remote that the link calls; "" where it waits for them
+    called: str  # the remote that the link connects to; "" if it listens
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Process whole frames of a remote."""
+        """Process complete frames from a remote."""
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Frames to send with their remotes; "" is all remotes."""
+        """Return the frames to send with their remotes; "" is all remotes."""
 
 
 class Connection:
-    """One peer on one link while the context (``async with``) is open.
+    """The connection of one peer to one link while the context (``async with``) is open.
 
     Args:
-        link: The link as users write it: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
+        link: The address of the link: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
         peer: The sans-IO client or mock at this end.
-        clock: The peer's time in microseconds.
+        clock: Returns the peer's time in microseconds.
         rate: Speed of ``clock`` relative to real time.
-        tlog: A recording of what is sent and received; the caller closes it.
-        signing: Signs all frames that are sent; frames that do not verify are dropped.
+        tlog: Records the frames sent and received; the caller closes it.
+        signing: Signs all sent frames; received frames that do not verify are dropped.
         link_id: The link id of signatures, 0 to 255.
 
     Raises:
-        BridgeError: The link is not valid, or cannot be opened (on entering the context).
+        BridgeError: The address is not valid, or (on entering the context) cannot be opened.
     """
 
     def __init__(
@@ -76,8 +76,8 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
-        self.counts = Counts()  # of this link; ``signing`` counts over all its links
-        self.receives_signed = False  # without ``signing``: the last frame had a signature
+        self.counts = Counts()  # for this link; ``signing`` has the counts of all its links
+        self.receives_signed = False  # without ``signing``: whether the last frame was signed
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -101,8 +101,8 @@ class Connection:
     async def wait(self) -> None:
         """Return when frames have arrived or the timer has expired since the last call.
 
-        Re-raises the peer's exceptions, so that a defect ends the program instead of only being
-        logged. A lost connection raises nothing: the peer only receives nothing.
+        Re-raises the peer's exceptions, so that a defect ends the program and is not only logged.
+        A lost connection raises no exception: the peer then receives no frames.
         """
         await self._activity.wait()
         self._activity.clear()
@@ -110,7 +110,7 @@ class Connection:
             raise self._failure
 
     def flush(self) -> None:
-        """Send the peer's frames and rearm its timer."""
+        """Send the peer's frames and restart its timer."""
         if self._by_remote is not None:
             for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)
@@ -119,7 +119,7 @@ class Connection:
         self._arm()
 
     def notify(self) -> None:
-        """Flush and let ``wait`` return: for a peer that has events without input."""
+        """Flush and let ``wait`` return: for a peer that creates events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(
@@ -130,10 +130,10 @@ class Connection:
         wall_us: int,
         signing: Signing | None,
     ) -> None:
-        """Send a vehicle the key (None: stop signing), then continue with ``signing``.
+        """Send the key to a vehicle (None: stop signing), then continue with ``signing``.
 
-        The key is sent in clear text, twice because it is not acknowledged, and not recorded. A
-        vehicle that signs already accepts only frames signed with its old key.
+        The key is sent in clear text and is not recorded. It is sent twice because vehicles do not
+        acknowledge it. A vehicle that already signs accepts only frames signed with its old key.
         """
         codec = Codec(*own)
         for _ in range(2):
@@ -141,7 +141,7 @@ class Connection:
         self.change_signing(signing)
 
     def change_signing(self, signing: Signing | None) -> None:
-        """Sign and check with another key from now on; None: neither sign nor check."""
+        """Sign and verify with another key from now on; None: neither sign nor verify."""
         self._signing = signing
         self.receives_signed = False
 
@@ -163,7 +163,7 @@ class Connection:
             return
         if self._timer is not None:
             if self._armed_us <= due_us:
-                return  # the expiry rearms it; rearming for every datagram costs more
+                return  # the expiry restarts it; a restart for every datagram costs more
             self._timer.cancel()
         self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
@@ -202,6 +202,6 @@ class Connection:
                 self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
-        """Stop after an error of the transport, which ``wait`` raises."""
+        """Store an error of the transport, which ``wait`` raises."""
         self._failure = error
         self._activity.set()

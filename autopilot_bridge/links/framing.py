@@ -1,10 +1,10 @@
-"""Framing: whole MAVLink frames from the bytes of one remote, with noise skipped (sans-IO).
+"""Framing: complete MAVLink frames from the bytes of one remote; noise is skipped (sans-IO).
 
 After a false start marker pymavlink's parser discards as many bytes as the false header states,
 valid frames included. This parser consumes the bytes of a frame only if its checksum is right;
-otherwise it skips one byte and searches on. So a frame is lost only if noise before it has a right
-checksum by chance (1 in 65536). On a stream, bytes after a false start marker wait until its stated
-length has arrived: 280 bytes at most.
+otherwise it skips one byte and searches again. Therefore a frame is lost only if noise before it
+has a right checksum by chance (1 in 65536). On a stream, the bytes after a false start marker are
+buffered until the length in the false header has arrived: 280 bytes at most.
 """
 
 import re
@@ -20,9 +20,9 @@ SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
 V2 = mavlink.PROTOCOL_MARKER_V2
 # For each message of the dialect: its longest payload and its CRC extra byte.
-_KNOWN = {
-    message_id: (known.unpacker.size, bytes((known.crc_extra,)))
-    for message_id, known in mavlink.mavlink_map.items()
+_DIALECT = {
+    message_id: (message_class.unpacker.size, bytes((message_class.crc_extra,)))
+    for message_id, message_class in mavlink.mavlink_map.items()
 }
 
 
@@ -31,105 +31,105 @@ class Framer:
 
     def __init__(self) -> None:
         self._rest = b""
-        self._step_at = 0  # offset in the rest at which the next frame should begin
+        self._next_at = 0  # offset in ``_rest`` at which the next frame should begin
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The frames completed by ``data``, in order. For streams: TCP, serial lines."""
-        return self._scan(self._rest + data, all_is_here=False)
+        """Return the frames completed by ``data``, in order; for streams: TCP, serial lines."""
+        return self._scan(self._rest + data, complete=False)
 
     def feed_datagram(self, data: bytes) -> list[bytes]:
-        """As ``feed``, but a datagram that begins with a whole frame ends an incomplete one.
+        """Return completed frames; a datagram that begins with a frame ends an incomplete one.
 
         The rest of an incomplete frame may be in a lost datagram; waiting for its full length would
-        delay the frames after it.
+        delay later frames.
         """
         before: list[bytes] = []
         if self._rest and data[:1] in (STARTS[:1], STARTS[1:]) and frame_length(data, 0, True):
-            before = self._scan(self._rest, all_is_here=True)
+            before = self._scan(self._rest, complete=True)
         if not self._rest:
-            self._step_at = 0
+            self._next_at = 0
         return before + self.feed(data)
 
-    def _scan(self, data: bytes, all_is_here: bool) -> list[bytes]:
-        frames, at, self._step_at = _scan(data, self._step_at, all_is_here)
+    def _scan(self, data: bytes, complete: bool) -> list[bytes]:
+        frames, at, self._next_at = _scan(data, self._next_at, complete)
         self._rest = data[at:]
         return frames
 
 
 def frames_of(data: bytes) -> list[bytes]:
-    """The whole frames in complete data, such as a datagram."""
-    if data and data[0] == V2 and frame_length(data, 0, True) == len(data):  # as most are
+    """Return the frames in complete data, such as a datagram."""
+    if data and data[0] == V2 and frame_length(data, 0, True) == len(data):  # the usual case
         return [data]
-    return _scan(data, 0, all_is_here=True)[0]
+    return _scan(data, 0, complete=True)[0]
 
 
-def _scan(data: bytes, step_at: int, all_is_here: bool) -> tuple[list[bytes], int, int]:
-    """The frames, the offset of the bytes to keep, and the next frame's offset within those."""
+def _scan(data: bytes, next_at: int, complete: bool) -> tuple[list[bytes], int, int]:
+    """Return the frames, the offset of the rest, and the next frame's offset in the rest."""
     frames: list[bytes] = []
     at = 0
     while (start := _START.search(data, at)) is not None:
         at = start.start()
-        length = frame_length(data, at, at == step_at)
-        if length is None and not all_is_here:
+        length = frame_length(data, at, at == next_at)
+        if length is None and not complete:
             break
         if length:
             frames.append(data[at : at + length])
-            step_at = at + length
+            next_at = at + length
         # A frame with an unknown checksum may be noise around valid frames: search inside it too.
-        at = step_at if length and message_id_of(frames[-1]) in _KNOWN else at + 1
+        at = next_at if length and message_id_of(frames[-1]) in _DIALECT else at + 1
     else:
         at = len(data)
-    return frames, at, step_at - at
+    return frames, at, next_at - at
 
 
 def message_id_of(frame: bytes) -> int:
-    """The message id of a frame."""
+    """Return the message id of a frame."""
     if frame[0] == V2:
         return frame[7] | frame[8] << 8 | frame[9] << 16
     return frame[5]
 
 
 def source_of(frame: bytes) -> tuple[int, int]:
-    """Source system and component of a frame."""
+    """Return source system and component of a frame."""
     return (frame[5], frame[6]) if frame[0] == V2 else (frame[3], frame[4])
 
 
 def payload_of(frame: bytes) -> bytes:
-    """A frame's payload; MAVLink 2 omits trailing zeros."""
+    """Return the payload of a frame; MAVLink 2 omits trailing zeros."""
     header = 10 if frame[0] == V2 else 6
     return frame[header : header + frame[1]]
 
 
 @cache
 def field_at(message_id: int, name: str) -> int | None:
-    """The offset of a field in a message's payload; None if the message has no such field."""
-    known = mavlink.mavlink_map.get(message_id)
-    if known is None or name not in known.ordered_fieldnames:
+    """Return the offset of a field in the payload; None if the message has no such field."""
+    message_class = mavlink.mavlink_map.get(message_id)
+    if message_class is None or name not in message_class.ordered_fieldnames:
         return None
-    formats = re.findall(r"\d*[a-zA-Z]", known.unpacker.format)
-    before = formats[: known.ordered_fieldnames.index(name)]
+    formats = re.findall(r"\d*[a-zA-Z]", message_class.unpacker.format)
+    before = formats[: message_class.ordered_fieldnames.index(name)]
     return struct.calcsize("<" + "".join(before))
 
 
 def target_system_of(frame: bytes) -> int:
-    """The target system of a frame; 0 (all) also for a message without a target."""
+    """Return the target system of a frame; 0 (all) also for a message without a target."""
     at = field_at(message_id_of(frame), "target_system")
     payload = payload_of(frame)
     return payload[at] if at is not None and at < len(payload) else 0
 
 
-def is_known(message_id: int) -> bool:
-    """Whether the dialect has this message."""
-    return message_id in _KNOWN
+def in_dialect(message_id: int) -> bool:
+    """Return whether the dialect has this message."""
+    return message_id in _DIALECT
 
 
 def checksum(data: bytes, message_id: int) -> int:
-    """The X.25 checksum of a known message's frame, without its start marker and checksum."""
-    return mcrf4xx(_KNOWN[message_id][1], mcrf4xx(data))
+    """Return the X.25 checksum of a frame of the dialect; ``data``: from its length to payload."""
+    return mcrf4xx(_DIALECT[message_id][1], mcrf4xx(data))
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Length of the frame at ``at``; 0 if none begins there, None if more bytes are needed."""
+    """Return the length of the frame at ``at``; 0: no frame, None: more bytes are needed."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6
@@ -146,12 +146,12 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     if have < header:
         return None
     message_id = message_id_of(data[at : at + header])
-    known = _KNOWN.get(message_id)
-    if known is not None and header == 6 and payload > known[0]:
-        return 0  # MAVLink 1 has no longer variants; saves most checksums of noise
+    definition = _DIALECT.get(message_id)
+    if definition is not None and header == 6 and payload > definition[0]:
+        return 0  # MAVLink 1 has no longer payloads; avoids most checksums of noise
     if have < length:
         return None
-    if known is None:  # another dialect, checksum unknown: accepted only right after a frame
+    if definition is None:  # another dialect, checksum unknown: accepted only right after a frame
         return length if in_step and (have == length or data[at + length] in STARTS) else 0
     crc = checksum(data[at + 1 : at + end], message_id)
     return length if crc == data[at + end] | data[at + end + 1] << 8 else 0

@@ -8,7 +8,7 @@ from typing import Literal, cast
 from autopilot_bridge.errors import BridgeError
 
 NetworkKind = Literal["udpin", "udpout", "tcp", "tcpin"]
-# The kind of link for the program at the other end.
+# The kind of link of the program at the other end.
 _OTHER_END = {"udpin": "udpout", "udpout": "udpin", "tcp": "tcpin", "tcpin": "tcp"}
 FIRST_WAIT_S = 0.25
 LONGEST_WAIT_S = 5.0
@@ -40,37 +40,37 @@ class SerialAddress:
 def parse_link(text: str) -> LinkAddress | SerialAddress:
     """Parse ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``."""
     kind, _, rest = text.partition(":")
-    where, _, number = rest.rpartition(":")
+    host_or_device, _, number = rest.rpartition(":")
     if kind not in (*_OTHER_END, "serial"):
         kinds = ", ".join(_OTHER_END)
-        raise BridgeError(f"link {text!r}: begin it with {kinds} or serial, as in udpin:HOST:PORT")
+        raise BridgeError(f"link {text!r}: begin with {kinds} or serial, as in udpin:HOST:PORT")
     form = "serial:DEVICE:BAUD" if kind == "serial" else f"{kind}:HOST:PORT"
-    if not where or not (number.isascii() and number.isdigit()):
+    if not host_or_device or not (number.isascii() and number.isdigit()):
         raise BridgeError(f"link {text!r}: write it as {form}")
     if kind == "serial":
         if not 0 < int(number) <= 10_000_000:
-            raise BridgeError(f"link {text!r}: {number} is no baud rate; 57600 is usual")
-        return SerialAddress(where, int(number))
+            raise BridgeError(f"link {text!r}: {number} is not a baud rate; 57600 is usual")
+        return SerialAddress(host_or_device, int(number))
     if not 0 < int(number) < 65536:
         raise BridgeError(f"link {text!r}: port {number} is not between 1 and 65535")
-    return LinkAddress(cast(NetworkKind, kind), where, int(number))
+    return LinkAddress(cast(NetworkKind, kind), host_or_device, int(number))
 
 
 def other_end(link: str) -> str:
-    """The link for the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
+    """Return the link of the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
-        raise BridgeError(f"link {link!r}: a serial line has no port to call; use udpin or tcpin")
+        raise BridgeError(f"link {link!r}: a serial line has no network port; use udpin or tcpin")
     return f"{_OTHER_END[address.kind]}:{address.host}:{address.port}"
 
 
 def reconnect_wait_s(failures: int) -> float:
-    """Delay before the next attempt to connect, after ``failures`` failed ones in a row."""
+    """Return the delay before the next attempt to connect, after ``failures`` failed attempts."""
     return float(min(FIRST_WAIT_S * 2 ** min(failures, 16), LONGEST_WAIT_S))
 
 
 class MemoryLink:
-    """One direction of a link. Equal seed and traffic give equal faults."""
+    """One direction of a link in memory; the same seed and traffic cause the same faults."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class MemoryLink:
         self._jitter_us = jitter_us
         self._duplication = duplication
         self._random = random.Random(seed)
-        self._under_way: list[tuple[int, int, bytes]] = []
+        self._in_transit: list[tuple[int, int, bytes]] = []
         self._sent = 0
 
     def send(self, datagram: bytes, now_us: int) -> None:
@@ -97,16 +97,16 @@ class MemoryLink:
             late_us = self._random.randrange(self._jitter_us + 1)
             self._sent += 1
             heapq.heappush(
-                self._under_way, (now_us + self._delay_us + late_us, self._sent, datagram)
+                self._in_transit, (now_us + self._delay_us + late_us, self._sent, datagram)
             )
 
     def next_timer(self) -> int | None:
-        """Arrival time of the next datagram; None without one."""
-        return self._under_way[0][0] if self._under_way else None
+        """Return the arrival time of the next datagram; None if no datagram is in transit."""
+        return self._in_transit[0][0] if self._in_transit else None
 
     def receive(self, now_us: int) -> list[bytes]:
         """Remove and return the datagrams that have arrived by ``now_us``."""
         arrived = []
-        while self._under_way and self._under_way[0][0] <= now_us:
-            arrived.append(heapq.heappop(self._under_way)[2])
+        while self._in_transit and self._in_transit[0][0] <= now_us:
+            arrived.append(heapq.heappop(self._in_transit)[2])
         return arrived

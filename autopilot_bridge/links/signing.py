@@ -2,22 +2,22 @@
 
 Spec: https://mavlink.io/en/guide/message_signing.html. The signature is the first 48 bits of
 SHA-256 over the key, the frame, a link id and a timestamp; timestamps count 10 us since 2015 and
-rise with every frame of a stream (the sender's system, component and link id).
+increase with every frame of a stream (the sender's system, component and link id).
 
-Reasons not to use pymavlink 2.4.50's implementation (``MAVLink.check_signature``, ``decode``):
-- a stream's timestamp is stored before the hash is checked, so one forged frame with a timestamp
-far in the future makes every later genuine frame fail;
-- the own timestamp becomes the greatest one received, however wrong the sender's clock: with our
-next frames each vehicle then rejects every other station;
-- frames whose signature is *wrong* are shown to the callback that allows unsigned ones;
-- frames of unknown messages come out unchecked, and signatures are compared with ``!=``.
-In this module nothing is stored unless the hash is right, received timestamps do not change our
+Reasons against pymavlink 2.4.50's implementation (``MAVLink.check_signature``, ``decode``):
+- it stores a stream's timestamp before it checks the hash, so after one forged frame with a
+timestamp far in the future every later genuine frame fails;
+- its own timestamp becomes the greatest one received, even from a sender with a wrong clock: after
+our next frames each vehicle rejects every other station;
+- frames with a *wrong* signature are passed to the callback that allows unsigned ones;
+- frames of unknown messages are not verified, and signatures are compared with ``!=``.
+This module stores a timestamp only if the hash is right, received timestamps do not change our
 own, a stream may be ahead of our clock by a bounded time only, and a wrong signature is rejected
 for every message.
 
-ArduPilot 4.6 (read: ``GCS_Signing.cpp``) starts from its saved timestamp plus 60 s at every boot
+ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its saved timestamp plus 60 s at every boot
 and new key, sets it to UTC when GPS provides it, and accepts unsigned frames on its first port
-(USB; SERIAL0 of the simulator). It refuses a stream that begins more than a minute behind it. PX4
+(USB; SERIAL0 of the simulator). It rejects a stream that begins more than a minute behind it. PX4
 signs from 1.18.
 """
 
@@ -47,12 +47,12 @@ from autopilot_bridge.links.framing import (
 EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
-# ArduPilot gains a minute at every boot without GPS, so some lead is no fault.
+# ArduPilot adds a minute at every boot without GPS, so a small lead is no fault.
 MAX_AHEAD_S = 300
 # Telemetry radios send their own status and have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
-# Timestamps are reserved on disk this far ahead; less than the 6 s some receivers allow.
+# Timestamps are reserved on disk for this time; some receivers allow a lead of only 6 s.
 RESERVED_S = 5
 _HASH_BYTES = 6
 
@@ -62,7 +62,7 @@ _HASH_BYTES = 6
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """32 secret bytes, hidden in messages and logs."""
+    """A secret of 32 bytes, which ``repr`` omits."""
 
     secret: bytes = field(repr=False)
 
@@ -71,14 +71,14 @@ def key_of(text: str) -> Key:
     """Parse a key: ``hex:`` or ``base64:`` and 32 bytes, 64 hex digits, or a passphrase.
 
     A passphrase becomes a key by SHA-256 over its UTF-8, as in QGroundControl and MAVProxy.
-    Raises BridgeError, which never quotes the text.
+    Raises BridgeError, whose text does not contain the key.
     """
     kind, colon, rest = text.partition(":")
     if colon and kind in ("hex", "base64"):
         try:
             secret = bytes.fromhex(rest) if kind == "hex" else base64.b64decode(rest, validate=True)
         except (ValueError, binascii.Error):
-            raise BridgeError(f"signing key: what follows {kind}: is not {kind}") from None
+            raise BridgeError(f"signing key: the text after {kind}: is not {kind}") from None
     elif len(text) == 64 and all(letter in "0123456789abcdefABCDEF" for letter in text):
         secret = bytes.fromhex(text)
     elif text:
@@ -88,7 +88,7 @@ def key_of(text: str) -> Key:
     if len(secret) != 32:
         raise BridgeError(f"signing key: it has {len(secret)} bytes; a key has 32")
     if not any(secret):
-        raise BridgeError("signing key: a key of zeros turns signing off; take another")
+        raise BridgeError("signing key: a key of zeros turns signing off; use another key")
     return Key(secret)
 
 
@@ -98,10 +98,9 @@ def read_key(source: str) -> Key:
 
 
 def held(source: str, what: str) -> str:
-    """Read a secret from ``file:PATH`` (its first line) or ``env:NAME``; ``what`` names it in
-    errors.
+    """Read a secret from ``file:PATH`` (its first line) or ``env:NAME``.
 
-    Raises BridgeError, which never quotes the secret.
+    Raises BridgeError, which begins with ``what`` and does not contain the secret.
     """
     kind, _, name = source.partition(":")
     if kind == "env":
@@ -114,14 +113,14 @@ def held(source: str, what: str) -> str:
         except OSError as error:
             raise BridgeError(f"{what}: {name}: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise BridgeError(f"{what}: {name}: is no text") from None
+            raise BridgeError(f"{what}: {name}: is not a text file") from None
     else:
-        raise BridgeError(f"{what}: name where it is, as file:PATH or env:NAME")
+        raise BridgeError(f"{what}: give its place as file:PATH or env:NAME")
     return text.partition("\n")[0].rstrip("\r")
 
 
 def key_warning(source: str, what: str = "signing key") -> str | None:
-    """A warning if the source of a key is insecure; None otherwise."""
+    """Return a warning if the source of a key is insecure; None otherwise."""
     kind, _, name = source.partition(":")
     if kind != "file" or os.name != "posix":
         return None
@@ -131,10 +130,11 @@ def key_warning(source: str, what: str = "signing key") -> str | None:
 
 
 def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Message:
-    """SETUP_SIGNING: gives a vehicle the key, in clear text; None turns its signing off.
+    """Return the SETUP_SIGNING that sets a vehicle's key; None turns its signing off.
 
-    To be sent only over a link without eavesdroppers, and never logged. The timestamp is a minute
-    in the past, since ArduPilot adds one; ArduPilot refuses the message while armed.
+    The key is in clear text: send it only over a link without eavesdroppers, and do not log it. The
+    timestamp is a minute in the past because ArduPilot adds one; ArduPilot rejects the message
+    while armed.
     """
     if key is None:
         return mavlink.MAVLink_setup_signing_message(*target, bytes(32), 0)
@@ -146,14 +146,14 @@ def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Mes
 
 
 def ticks_of(wall_us: int) -> int:
-    """A time in microseconds since 1970 as a signing timestamp (10 us since 2015)."""
+    """Convert microseconds since 1970 to a signing timestamp (10 us since 2015)."""
     return max(wall_us - EPOCH_US, 0) // 10
 
 
 class Timestamps:
-    """The timestamps of sent frames: by the clock, strictly increasing, over restarts too.
+    """The timestamps of sent frames: from the clock, strictly increasing, also after restarts.
 
-    ``wall_us`` gives microseconds since 1970. With a ``file`` no timestamp is used twice even if
+    ``wall_us`` returns microseconds since 1970. With a ``file`` no timestamp is used twice even if
     the clock is set back while the program is not running; several links may share one file.
     """
 
@@ -162,17 +162,17 @@ class Timestamps:
         self._file = file
         self._last = self._reserved = 0 if file is None else _stored(file)
         if self._last == 0 and ticks_of(wall_us()) == 0:
-            raise BridgeError("signing: the clock stands before 2015; set it, or nothing verifies")
+            raise BridgeError("signing: the clock is before 2015; set it, or no frame verifies")
 
     def next(self) -> int:
-        """The timestamp of the next frame. Raises BridgeError if the file cannot be written."""
+        """Return the timestamp of the next frame; raises BridgeError if the file is not written."""
         self._last = max(self._last + 1, ticks_of(self._wall_us()))
         if self._file is not None and self._last > self._reserved:
             self._store(self._last + RESERVED_S * TICKS_PER_S)
         return self._last
 
     def present(self) -> int:
-        """The timestamp of now, against which received timestamps are checked."""
+        """Return the present timestamp, with which received timestamps are compared."""
         return max(self._last, ticks_of(self._wall_us()))
 
     def close(self) -> None:
@@ -199,7 +199,7 @@ def _stored(file: Path) -> int:
         return 0
     except (OSError, ValueError):
         raise BridgeError(
-            f"signing: {file}: holds no timestamp; remove it if the clock is right"
+            f"signing: {file}: contains no timestamp; remove it if the clock is right"
         ) from None
 
 
@@ -212,17 +212,17 @@ class Counts:
 
     good: int = 0
     unsigned_allowed: int = 0
-    unsigned: int = 0  # refused, as are those counted in the fields below
-    wrong: int = 0  # another key, or altered in transit
-    repeated: int = 0  # not later than the stream's last one: replayed or reordered
-    old: int = 0  # of a stream that begins too far in the past
+    unsigned: int = 0  # rejected, as are all frames counted in the fields below
+    wrong: int = 0  # signed with another key, or altered in transit
+    repeated: int = 0  # not later than the last frame of the stream: replayed or reordered
+    old: int = 0  # first frame of a stream, too far in the past
     ahead: int = 0  # too far in the future: the sender's clock or ours is wrong
 
 
 class Signing:
-    """Signs and checks the frames of the links that share a key.
+    """Signing and verification of the frames on the links that share a key.
 
-    One object serves all links, so that a frame of one link is not accepted on another.
+    All these links use one object, so that a frame of one link is not accepted on another.
     """
 
     def __init__(
@@ -231,7 +231,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """``allow_unsigned``: ids of the messages that need no signature."""
+        """Use a key; messages with the ids ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
@@ -254,9 +254,9 @@ class Signing:
         return stamped + self._hash(stamped)
 
     def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
-        """Whether a whole frame with a right checksum is accepted.
+        """Return whether a frame with a right checksum is accepted, and count it.
 
-        The frame is counted, also in ``of_link``.
+        It is counted in ``counts`` and in ``of_link``.
         """
         verdict = self._verdict(frame)
         for counts in (self.counts, of_link):
@@ -265,11 +265,11 @@ class Signing:
         return verdict in ("good", "unsigned_allowed")
 
     def lead_s(self, system_id: int | None = None) -> float:
-        """The greatest lead of a stream over our clock in seconds; above 60 its sender may reject
-        us.
+        """Return the maximum lead of the streams over our clock in seconds.
 
-        ``system_id``: of this system only. Seen on ArduPilot 4.6: with our clock two minutes slow
-        its frames verify, but it answers no message.
+        ``system_id``: only streams of this system. If the lead is above 60, the sender may reject
+        our frames. Observed on ArduPilot 4.6: if our clock is two minutes slow, its frames verify,
+        but it does not reply to messages.
         """
         present = self._timestamps.present()
         leads = (
@@ -302,10 +302,10 @@ class Signing:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Whether a frame has a signature, valid or not."""
+    """Return whether a frame has a signature, valid or not."""
     return frame[0] == V2 and bool(frame[2] & SIGNED)
 
 
 def is_secret(frame: bytes) -> bool:
-    """Whether a frame carries a key, so that it must not be recorded."""
+    """Return whether a frame contains a key, so that it must not be recorded."""
     return message_id_of(frame) == SETUP_SIGNING

@@ -9,17 +9,17 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import LinkAddress
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
-# A TCP remote without acknowledgements for this time counts as lost.
-GONE_AFTER_MS = 10_000
+# A TCP connection without acknowledgements for this time is lost.
+ACK_TIMEOUT_MS = 10_000
 
 
 def socket_of(kind: socket.SocketKind) -> socket.socket:
-    """A non-blocking socket with buffers for bursts of many vehicles."""
+    """Create a non-blocking socket with a buffer for bursts from many vehicles."""
     sock = socket.socket(socket.AF_INET, kind)
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     if kind == socket.SOCK_STREAM and hasattr(socket, "TCP_USER_TIMEOUT"):
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_AFTER_MS)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, ACK_TIMEOUT_MS)
     return sock
 
 
@@ -39,16 +39,16 @@ async def look_up(address: LinkAddress) -> tuple[str, int]:
     """Resolve a host name; raises BridgeError if that fails."""
     loop = asyncio.get_running_loop()
     try:
-        found = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
+        addresses = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)
     except (OSError, UnicodeError) as error:
         raise BridgeError(
-            f"link {address}: host {address.host} is not known ({reason_of(error)})"
+            f"link {address}: host {address.host} cannot be resolved ({reason_of(error)})"
         ) from None
-    return cast(tuple[str, int], found[0][4])
+    return cast(tuple[str, int], addresses[0][4])
 
 
 def reason_of(error: OSError | UnicodeError) -> str:
-    """The operating system's text for an error."""
+    """Return the operating system's text for an error."""
     if isinstance(error, socket.gaierror):
         return str(error.strerror)
     if isinstance(error, OSError) and error.errno:

@@ -1,7 +1,7 @@
-"""Recordings of a link's traffic as .tlog, as MAVProxy, QGroundControl and pymavlink read them.
+"""Recording of a link's frames in a .tlog file, which MAVProxy, QGroundControl and pymavlink read.
 
-A record is a big-endian uint64, microseconds since 1970, and one frame as sent or received. Both
-directions are in one file.
+A record is a big-endian uint64, microseconds since 1970, and one frame as sent or received. One
+file contains both directions.
 """
 
 import os
@@ -12,15 +12,15 @@ from typing import Self
 
 from autopilot_bridge.errors import BridgeError
 
-# MAVProxy keeps the number of the link in the two lowest bits; pymavlink reads it there.
+# MAVProxy stores the number of the link in the two lowest bits, and pymavlink reads it.
 _LINK_BITS = 3
 
 
 class Tlog:
-    """A recording, open while its context is; ``wall_us`` gives microseconds since 1970.
+    """A .tlog file, open while its context is; ``wall_us`` returns microseconds since 1970.
 
-    Records are appended to an existing file. Each is written to the operating system at once, so
-    that a crash of the program loses none.
+    Records are appended to an existing file. Each is passed to the operating system at once, so
+    that a crash of the program loses no record.
     """
 
     def __init__(self, path: Path, wall_us: Callable[[], int]) -> None:
@@ -32,7 +32,7 @@ class Tlog:
             raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
 
     def record(self, frames: list[bytes]) -> None:
-        """Add frames that were sent or received now; raises BridgeError when the disk is full."""
+        """Append frames that were sent or received now; raises BridgeError if the disk is full."""
         stamp = struct.pack(">Q", self._wall_us() & ~_LINK_BITS)
         data = b"".join(stamp + frame for frame in frames)
         try:
@@ -50,5 +50,5 @@ class Tlog:
 
 
 def _private(path: str, flags: int) -> int:
-    """Open with access for the user alone; a symbolic link is an error."""
+    """Open a file with access for the user only; a symbolic link is an error."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o600)

@@ -1,7 +1,7 @@
-"""Transports, which carry frames to and from the other end: one class for each kind of link.
+"""Transports, which send and receive the frames of a link: one class for each kind of link.
 
-A lost connection is not an error: the peers handle silence by their timeouts, and ``tcp`` and
-``serial`` reconnect with delays that grow to five seconds.
+A lost connection is not an error: the peers have timeouts, and ``tcp`` and ``serial`` reconnect
+with delays that increase to five seconds.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ from autopilot_bridge.links.framing import Framer, source_of, target_system_of
 from autopilot_bridge.links.link import LinkAddress, SerialAddress, reconnect_wait_s
 from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
 
-# Beyond this, frames for a remote that does not read are dropped, as on a radio.
+# If a remote does not read, frames beyond this buffer size are dropped, as on a radio.
 MAX_UNSENT_BYTES = 256 * 1024
 MAX_REMOTES = 1024
 MAX_AT_ONCE = 256  # datagrams read before other tasks run
@@ -32,21 +32,21 @@ SILENCE = {
 }
 
 
-Batch = list[tuple[str, list[bytes]]]  # remotes and the frames of each, in order
+Batch = list[tuple[str, list[bytes]]]  # remotes and the frames from each, in order
 
 
 class Listener(Protocol):
     """The receiver of a transport's frames and errors."""
 
     def frames_received(self, batch: Batch) -> None:
-        """Process received whole frames."""
+        """Process received frames."""
 
     def failed(self, error: Exception) -> None:
         """Report an error after which the transport cannot continue."""
 
 
 class Transport(Protocol):
-    """Carries frames while it is open. ``called``: the remote it connects to, "" if it listens."""
+    """An open link; ``called`` is the remote that it connects to, "" if it listens."""
 
     called: str
 
@@ -54,14 +54,14 @@ class Transport(Protocol):
         """Open the socket or device; raises BridgeError if the link's address cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to a known remote, or to all (""); returns whether there was one."""
+        """Send frames to a remote, or to all (""); returns whether they had a recipient."""
 
     async def close(self) -> None:
         """Close the socket or device."""
 
 
 def transport_of(address: LinkAddress | SerialAddress, listener: Listener) -> Transport:
-    """The transport for a link's address."""
+    """Return the transport for a link's address."""
     if isinstance(address, SerialAddress):
         return StreamClient(lambda: _open_serial(address, listener), listener, address)
     match address.kind:
@@ -90,8 +90,9 @@ class _Remote:
 class Udp(asyncio.DatagramProtocol):
     """A UDP socket.
 
-    ``udpout`` sends to its address; ``udpin`` to all remotes of the last ten seconds, or to
-    the last one of all. Frames with a target system are sent to that system's remote.
+    ``udpout`` sends to its address; ``udpin`` to all remotes of the last ten seconds, or to the
+    last remote if there was none. Frames with a target system are sent to the remote of that
+    system.
     """
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
@@ -132,17 +133,17 @@ class Udp(asyncio.DatagramProtocol):
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         host, _, port = remote.rpartition(":")
-        if remote:  # even one forgotten since, after frames of many others
+        if remote:  # also one that was removed from ``_remotes``
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
-        recent = [at for at, known in self._remotes.items() if known.received_s >= since_s]
+        recent = [at for at, entry in self._remotes.items() if entry.received_s >= since_s]
         return recent or [self._target]
 
     def _of_system(self, targets: list[Where]) -> dict[int, list[Where]]:
-        """The remotes of each system, by system id."""
+        """Return the remotes of each system id."""
         found: dict[int, list[Where]] = {}
         for target in targets:
-            for system in self._remotes[target].systems - {0}:  # 0 stands for all
+            for system in self._remotes[target].systems - {0}:  # 0 is the id of all systems
                 found.setdefault(system, []).append(target)
         return found
 
@@ -153,17 +154,19 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Pass on received frames. asyncio reads one datagram per turn of its loop; with several
-        remotes or quick succession the rest are read here. A read without result costs as much as a
+        """Pass the frames of this datagram, and of further ones in the socket, to the listener.
+
+        asyncio reads one datagram in each turn of its loop. Further datagrams are read here only if
+        they are likely (several remotes, short intervals): a read without result costs as much as a
         datagram.
         """
         now_s = asyncio.get_running_loop().time()
-        crowded = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
+        more_expected = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
         self._last_s = now_s
         batch = [self._frames(data, addr)]
-        most = MAX_AT_ONCE if crowded else 1
-        while len(batch) < most and (waiting := self._read()) is not None:
-            batch.append(self._frames(*waiting))
+        max_datagrams = MAX_AT_ONCE if more_expected else 1
+        while len(batch) < max_datagrams and (datagram := self._read()) is not None:
+            batch.append(self._frames(*datagram))
         batch = [(remote, frames) for remote, frames in batch if frames]
         if batch:
             self._listener.frames_received(batch)
@@ -179,7 +182,7 @@ class Udp(asyncio.DatagramProtocol):
         return None
 
     def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
-        """The whole frames of a datagram, by the parser of its remote."""
+        """Return the frames of a datagram, parsed by the framer of its remote."""
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MAX_REMOTES:
@@ -193,12 +196,12 @@ class Udp(asyncio.DatagramProtocol):
         return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore ICMP errors: no program listens there yet, or the network is unreachable."""
+        """Ignore ICMP errors: no program listens at the address, or the network is unreachable."""
         if not isinstance(exc, OSError) or exc.errno not in SILENCE:
             self._listener.failed(exc)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Note that the socket is closed."""
+        """Record that the socket is closed."""
         self._closed.set()
 
 
@@ -206,13 +209,13 @@ class Udp(asyncio.DatagramProtocol):
 
 
 class Stream(asyncio.Protocol):
-    """One connection of TCP or one open serial line, until it is lost."""
+    """One TCP connection or one open serial line, until it is lost."""
 
     def __init__(self, listener: Listener) -> None:
         self.lost = asyncio.Event()
-        self.heard = False
+        self.received_frames = False
         self.out: asyncio.WriteTransport | None = None
-        self._in: asyncio.BaseTransport | None = None
+        self._read_transport: asyncio.BaseTransport | None = None
         self._framer = Framer()
         self._listener = listener
         self.remote = ""
@@ -227,7 +230,7 @@ class Stream(asyncio.Protocol):
         return True
 
     async def close(self) -> None:
-        """Close after pending data is sent, within one second at most."""
+        """Close after the buffered data is sent, within one second at most."""
         if self.out is not None:
             self.out.close()
         try:
@@ -239,30 +242,30 @@ class Stream(asyncio.Protocol):
             await self.lost.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Note the open connection."""
-        self._in = transport
+        """Record the open connection."""
+        self._read_transport = transport
         host_and_port = transport.get_extra_info("peername") or ()
         self.remote = ":".join(str(part) for part in host_and_port[:2])
         if isinstance(transport, asyncio.Transport):  # a serial line has a separate write transport
             self.out = transport
 
     def data_received(self, data: bytes) -> None:
-        """Process received bytes, which may hold parts of frames."""
+        """Process received bytes, which may contain parts of frames."""
         frames = self._framer.feed(data)
         if frames:
-            self.heard = True
+            self.received_frames = True
             self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Note that the connection is closed, by the remote or by us."""
+        """Record that the connection is closed, by the remote or by us."""
         self.lost.set()
-        if self.out is not None and self.out is not self._in:
+        if self.out is not None and self.out is not self._read_transport:
             self.out.abort()
 
     def writing_ended(self) -> None:
         """Close after the write transport of a serial line has closed."""
-        if self._in is not None:
-            self._in.close()
+        if self._read_transport is not None:
+            self._read_transport.close()
 
 
 class StreamClient:
@@ -274,7 +277,7 @@ class StreamClient:
         listener: Listener,
         address: LinkAddress | SerialAddress,
     ) -> None:
-        self.called = ""  # there is only one remote
+        self.called = ""  # the link has only one remote
         self._connect = connect
         self._listener = listener
         self._address = address
@@ -284,7 +287,7 @@ class StreamClient:
     async def open(self) -> None:
         """Start to connect.
 
-        A serial device must exist and a host name resolve; a TCP server may start later.
+        A serial device must exist, and a host name must resolve; a TCP server may start later.
         """
         if isinstance(self._address, LinkAddress):
             await look_up(self._address)
@@ -293,8 +296,9 @@ class StreamClient:
                 self._stream = await self._connect()
             except OSError as error:
                 raise BridgeError(
-                    f"link {self._address}: cannot be opened ({reason_of(error)}); is it plugged "
-                    "in, may you read and write it, and is no other program using it?"
+                    f"link {self._address}: cannot be opened ({reason_of(error)}); check that the "
+                    "device is connected, that you may read and write it, and that no other "
+                    "program uses it"
                 ) from None
         self._task = asyncio.create_task(self._stay_connected())
         self._task.add_done_callback(self._ended)
@@ -308,9 +312,9 @@ class StreamClient:
                     async with asyncio.timeout(CONNECT_WITHIN_S):
                         self._stream = await self._connect()
                 await self._stream.lost.wait()
-                if self._stream.heard:
+                if self._stream.received_frames:
                     failures = 0
-            except OSError:  # also TimeoutError: no server yet
+            except OSError:  # also TimeoutError: the server does not listen yet
                 pass
             self._stream = None
             await asyncio.sleep(reconnect_wait_s(failures))
@@ -325,7 +329,7 @@ class StreamClient:
         return self._stream is not None and self._stream.send(frames)
 
     async def close(self) -> None:
-        """Stop connecting, and disconnect."""
+        """Disconnect, and stop reconnecting."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])
@@ -357,12 +361,12 @@ class TcpServer:
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
         """Send to all connections, or to one remote."""
-        the_one = [stream for stream in self._streams if remote == stream.remote]
-        sent = [stream.send(frames) for stream in the_one or self._streams]
+        addressed = [stream for stream in self._streams if remote == stream.remote]
+        sent = [stream.send(frames) for stream in addressed or self._streams]
         return any(sent)
 
     async def close(self) -> None:
-        """Close all connections and stop listening."""
+        """Stop listening and close all connections."""
         if self._server is not None:
             self._server.close()
         connected = [stream for stream in self._streams if stream.out is not None]
@@ -395,7 +399,7 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
         port = serial.Serial(address.device, address.baud, timeout=0, exclusive=True)
     except ValueError as error:
         raise BridgeError(f"link {address}: {error}") from None
-    # asyncio's pipes work on any character device; each needs its own file to close.
+    # asyncio's pipes work on any character device; each closes its file, so each needs its own.
     _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
     writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
     try:
@@ -408,11 +412,11 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
 
 
 class _Writing(asyncio.BaseProtocol):
-    """The write transport's protocol of a serial line."""
+    """The protocol of a serial line's write transport."""
 
     def __init__(self, stream: Stream) -> None:
         self._stream = stream
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Close the line: the device was closed or removed."""
+        """Close the serial line after its device was closed or removed."""
         self._stream.writing_ended()

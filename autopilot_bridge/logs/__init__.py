@@ -1,5 +1,5 @@
-"""Logs of flights: MAVLink telemetry logs, ArduPilot's DataFlash, PX4's ULog, as the same events.
+"""Readers of flight logs: MAVLink telemetry logs, ArduPilot's DataFlash, PX4's ULog.
 
-Each reader yields entries in the order of the file, on the log's own clock, and continues after
-damaged parts, which it lists in its ``damage``. Only the part being read is held in memory.
+All readers yield the same events, in the order of the file, on the log's own clock. They continue
+after damaged parts, which they list in ``damage``. Only the part being read is in memory.
 """

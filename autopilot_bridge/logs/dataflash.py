@@ -1,8 +1,8 @@
-"""ArduPilot's DataFlash logs (.bin), a self-describing format.
+"""Reader of ArduPilot's DataFlash logs (.bin), a self-describing format.
 
 A message is A3 95, its type, its values; FMT messages (type 128) name a type's columns and their
-formats. Read: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since boot
-(``TimeUS``); GPS messages give its date.
+formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since
+boot (``TimeUS``); the date is in GPS messages.
 """
 
 import math
@@ -42,39 +42,27 @@ HEAD = b"\xa3\x95"
 FMT = 128
 FMT_BYTES = 89
 LONGEST_BYTES = 255
-NO_MESSAGE = "no DataFlash message that was described"
+NO_MESSAGE = "not a DataFlash message of a described type"
 GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
 LEAP_US = 18_000_000  # GPS time minus UTC since 2017
 WEEK_US = 7 * 86_400_000_000
-# By format letter: struct's code and the divisor of the value; strings are stripped.
+# For each format letter: struct's code and the divisor of the value; 0: bytes, -1: a string.
 LETTERS: dict[str, tuple[str, float]] = {
+    **{letter: (letter, 1.0) for letter in "bBhHiIfdqQ"},
+    **{letter: (code, 100.0) for letter, code in zip("cCeE", "hHiI", strict=True)},
     "a": ("64s", 0.0),
-    "b": ("b", 1.0),
-    "B": ("B", 1.0),
-    "h": ("h", 1.0),
-    "H": ("H", 1.0),
-    "i": ("i", 1.0),
-    "I": ("I", 1.0),
-    "f": ("f", 1.0),
     "g": ("e", 1.0),
-    "d": ("d", 1.0),
     "n": ("4s", -1.0),
     "N": ("16s", -1.0),
     "Z": ("64s", -1.0),
-    "c": ("h", 100.0),
-    "C": ("H", 100.0),
-    "e": ("i", 100.0),
-    "E": ("I", 100.0),
     "L": ("i", 1e7),
     "M": ("B", 1.0),
-    "q": ("q", 1.0),
-    "Q": ("Q", 1.0),
 }
 ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Disarming motors")
 
 
 class DataFlashLog:
-    """A .bin file of one vehicle. The file has no system id; the default is 1."""
+    """The reader of a .bin file. The file has no system id; the default is 1."""
 
     def __init__(self, path: Path, system_id: int = 1) -> None:
         self.path = path
@@ -84,7 +72,7 @@ class DataFlashLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """The offset by the first GPS message with a valid time."""
+        """Return the offset to UTC from the first GPS message with a valid time."""
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
@@ -94,18 +82,18 @@ class DataFlashLog:
         return None
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning."""
+        """Yield the entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
             return _CONVERTERS[name](flight, values, values["TimeUS"])
 
-        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        messages = steady(self._messages(frozenset(_CONVERTERS)), "TimeUS")
         for event in events_of(self, messages, convert):
             yield Entry(self.system_id, event)
 
-    def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Name and values of each message of the wanted kinds that has a time."""
+    def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
+        """Yield name and values of the messages with these names that have a time."""
         lengths = [0] * 256
         lengths[FMT] = FMT_BYTES
         kinds: list[_Kind | None] = [None] * 256
@@ -113,7 +101,10 @@ class DataFlashLog:
         def length_at(data: bytes, at: int, lost: bool) -> int:
             return _length_at(data, at, lengths)
 
-        for data, at, _ in records(self, 2 * LONGEST_BYTES, length_at, _next_start, NO_MESSAGE):
+        def next_start(data: bytes, at: int) -> int:
+            return data.find(HEAD, at)
+
+        for data, at, _ in records(self, 2 * LONGEST_BYTES, length_at, next_start, NO_MESSAGE):
             number = data[at + 2]
             kind = kinds[number]
             if kind is not None:
@@ -122,24 +113,15 @@ class DataFlashLog:
                     yield kind.name, values
             elif number == FMT:
                 described = _Kind(data[at + 3 : at + FMT_BYTES])
-                if described.right:
+                if described.valid:
                     lengths[described.number] = described.length
-                    kinds[described.number] = described if described.name in wanted else None
-
-
-def _time_of(message: tuple[str, Values]) -> int:
-    at_us: int = message[1]["TimeUS"]
-    return at_us
-
-
-def _next_start(data: bytes, at: int) -> int:
-    return data.find(HEAD, at)
+                    kinds[described.number] = described if described.name in names else None
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
-    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return the length of the message at ``at``; 0 if none begins there or it is incomplete.
 
-    Messages have no checksum: one is accepted only if another follows it.
+    Messages have no checksum: a message is accepted only if another follows it.
     """
     if data[at : at + 2] != HEAD or at + 3 > len(data):
         return 0
@@ -157,19 +139,19 @@ class _Kind:
         self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", fields)
         self.name = _text(name)
         self._columns = _text(columns).split(",")
-        known = [LETTERS.get(letter) for letter in _text(letters)]
-        self._struct = struct.Struct("<" + "".join(each[0] for each in known if each))
-        self._scales = [each[1] for each in known if each]
+        types = [LETTERS.get(letter) for letter in _text(letters)]
+        self._struct = struct.Struct("<" + "".join(each[0] for each in types if each))
+        self._scales = [each[1] for each in types if each]
         self._plain = all(scale == 1.0 for scale in self._scales)
-        self.right = (
-            None not in known
-            and len(known) == len(self._columns)
+        self.valid = (
+            None not in types
+            and len(types) == len(self._columns)
             and self._struct.size + 3 == self.length
         )
         self.timed = "TimeUS" in self._columns
 
     def read(self, data: bytes, at: int) -> Values | None:
-        """The values by column in scaled units; None without a time."""
+        """Return the values by column in scaled units; None without a time."""
         if not self.timed:
             return None
         values = self._struct.unpack_from(data, at)
@@ -198,20 +180,20 @@ class _Flight:
         self.stack: Stack | None = None
         self.armed = False
         self.mode: int | None = None
-        self.mode_name = ""  # unknown until the log names the firmware
+        self.mode_name = ""  # "" before the text that names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
-        self.by_filter = False  # velocity is the EKF's, not the GPS receiver's
+        self.by_filter = False  # whether the velocity is from the EKF, not from GPS
         self.yaw_deg = 0.0
         self.airspeed_m_s: float | None = None
         self.throttle_percent = 0
         self.items: dict[int, MissionItem] = {}
-        self.known: dict[int, MissionItem] = {}  # of the mission on board, without its home
+        self.on_board: dict[int, MissionItem] = {}  # items of the mission on board
         self.count = 0
         self.current: int | None = None
         self._changes = Changes()
 
-    def announcements(self, event: Battery | GpsFix) -> list[LogEvent]:
-        """Where it has changed."""
+    def on_change(self, event: Battery | GpsFix) -> list[LogEvent]:
+        """Return the event as a list; empty if the state has not changed."""
         return [event] if self._changes.has(event) else []
 
 
@@ -251,7 +233,7 @@ def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     climb_m_s = -float(fields["VZ"])
     speed = Speed(at_us, flight.airspeed_m_s, fields["Spd"], climb_m_s, flight.throttle_percent)
     return [
-        *flight.announcements(GpsFix(at_us, fix_name(fields["Status"]), fields["NSats"])),
+        *flight.on_change(GpsFix(at_us, fix_name(fields["Status"]), fields["NSats"])),
         speed,
     ]
 
@@ -266,10 +248,12 @@ def _ctun(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 
 
 def _mode(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return _now(flight, fields["ModeNum" if "ModeNum" in fields else "Mode"], flight.armed, at_us)
+    return _mode_changed(
+        flight, fields["ModeNum" if "ModeNum" in fields else "Mode"], flight.armed, at_us
+    )
 
 
-def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[LogEvent]:
+def _mode_changed(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[LogEvent]:
     name = "" if flight.stack is None or mode is None else flight.stack.mode_name(mode)
     if (mode, armed, name) == (flight.mode, flight.armed, flight.mode_name):
         return []
@@ -280,7 +264,7 @@ def _now(flight: _Flight, mode: int | None, armed: bool, at_us: int) -> list[Log
 
 
 def _arm(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return _now(flight, flight.mode, bool(fields["ArmState"]), at_us)
+    return _mode_changed(flight, flight.mode, bool(fields["ArmState"]), at_us)
 
 
 def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
@@ -290,13 +274,13 @@ def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
         if flight.stack is None and text.startswith(word):
             flight.stack = stack_named("ardupilot", vehicle)
             found = [Connected(at_us, flight.stack)]
-    # Logs often begin with arming, before the first ARM message.
+    # Logs often begin at arming, before the first ARM message.
     armed = text in ARMED or (flight.armed and text not in DISARMED)
-    changed = _now(flight, flight.mode, armed, at_us)
+    changed = _mode_changed(flight, flight.mode, armed, at_us)
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
-# Defaults of an item's fields that a log's MISE does not have.
+# Defaults of the fields of an item that MISE does not have.
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
@@ -307,9 +291,10 @@ def _item(fields: Values) -> MissionItem:
 
 
 def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """CMD: the whole mission, home first, at the start of a log and after an upload by items.
+    """Process a CMD; after the last one return MissionLoaded.
 
-    A mission uploaded as a file (MAVFTP) is not logged (4.6.2: ``AP_Filesystem_Mission.cpp``).
+    ArduPilot logs the whole mission, home first, at the start of a log and after an upload by
+    items, but not after an upload by MAVFTP (4.6.2: ``AP_Filesystem_Mission.cpp``).
     """
     number, count = fields["CNum"], fields["CTot"]
     if number == 0:
@@ -317,21 +302,21 @@ def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     flight.items[number] = _item(fields)
     if number + 1 < count or len(flight.items) < count or count < 2:
         return []
-    user = tuple(flight.items[place] for place in range(1, count))
-    flight.known, flight.count = flight.items, count
+    user = tuple(flight.items[seq] for seq in range(1, count))
+    flight.on_board, flight.count = flight.items, count
     flight.items = {}
     return [MissionLoaded(at_us, user)]
 
 
 def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """MISE: an item is started, so the item before it was reached."""
+    """Process a MISE, the start of an item: the item before it was reached."""
     seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
-    other = flight.count and (count, flight.known.get(seq + 1, item)) != (flight.count, item)
-    if other:
-        flight.known, flight.current = {}, None
-    flight.count, flight.known[seq + 1] = count, item
+    replaced = flight.count and (count, flight.on_board.get(seq + 1, item)) != (flight.count, item)
+    if replaced:
+        flight.on_board, flight.current = {}, None
+    flight.count, flight.on_board[seq + 1] = count, item
     before, flight.current = flight.current, seq
-    if other:
+    if replaced:
         return [MissionReplaced(at_us), MissionProgress(at_us, seq)]
     if before is None or seq != before + 1:
         return [MissionProgress(at_us, seq)]
@@ -347,7 +332,7 @@ def _bat(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     if fields.get("Inst", 0):
         return []
     percent = fields.get("RemPct")
-    return flight.announcements(
+    return flight.on_change(
         Battery(at_us, 0, percent, round(fields["Volt"], 2), round(fields["Curr"], 1))
     )
 

@@ -1,4 +1,4 @@
-"""The contents of a log: the events of a vehicle's client, and events that only logs have."""
+"""The entries of a log: the events of a vehicle's client, and events that only logs have."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from autopilot_bridge.vehicle.client_events import (
     Text,
 )
 
-LATEST_US = 4_102_444_800_000_000  # 2100: a later time is noise
+LATEST_US = 4_102_444_800_000_000  # the year 2100: later times are noise
 
 
 @dataclass(frozen=True, slots=True)
 class MissionLoaded:
-    """The vehicle has this mission now (the user's items, without ArduPilot's home)."""
+    """This mission is on board now (the user's items, without ArduPilot's home)."""
 
     at_us: int
     items: Items
@@ -32,14 +32,14 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionReplaced:
-    """The vehicle has a new mission, whose items are not in the log."""
+    """A new mission is on board; its items are not in the log."""
 
     at_us: int
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """The autopilot's servo outputs from the first one on: pulse widths in microseconds."""
+    """The autopilot's servo outputs from output 1 on: pulse widths in microseconds."""
 
     at_us: int
     pulse_us: tuple[int, ...]
@@ -82,14 +82,14 @@ LogEvent = (
 
 
 class Entry(NamedTuple):
-    """An event of one vehicle, by its MAVLink system id, at ``event.at_us`` of the log's clock."""
+    """An event of the vehicle with this MAVLink system id; its time is by the log's clock."""
 
     system_id: int
     event: LogEvent
 
 
 class Damage(NamedTuple):
-    """Bytes of a log that could not be read, and why."""
+    """Bytes of a log that could not be read, and the reason."""
 
     at_byte: int
     skipped_bytes: int
@@ -111,7 +111,7 @@ class Log(Protocol):
     damage: list[Damage]
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning. Raises BridgeError if it cannot be opened."""
+        """Yield the entries from the beginning; raises BridgeError if the file is unreadable."""
 
     def unix_offset_us(self) -> int | None:
-        """Offset from the log's clock to microseconds since 1970; None if the log has no date."""
+        """Return the offset of microseconds since 1970 to the log's clock; None without a date."""

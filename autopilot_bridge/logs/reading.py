@@ -16,10 +16,10 @@ SUFFIXES = (".tlog", ".bin", ".ulg")
 
 
 def open_log(path: Path) -> Log:
-    """Open a logged flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
+    """Open the log of a flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; its first bytes select the format, or else its suffix.
+        path: The file; its first bytes or else its suffix select the format.
 
     Returns:
         A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
@@ -53,9 +53,9 @@ class MergedEntry(NamedTuple):
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """All entries by time: since 1970 if all logs have a date, else by each log's own clock.
+    """Yield all entries by time: since 1970 if all logs have a date, else by each log's own clock.
 
-    Within a log the order is the file's; autopilots write some topics a little late.
+    The entries of a log keep the order of its file; autopilots write some topics slightly late.
     """
     offsets = [log.unix_offset_us() for log in logs]
     shared = all(offset is not None for offset in offsets) and len(logs) > 1
@@ -63,8 +63,8 @@ def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
         _on_clock(log, number, offset if shared and offset is not None else 0)
         for number, (log, offset) in enumerate(zip(logs, offsets, strict=True))
     ]
-    for _, _, told in heapq.merge(*streams, key=lambda each: each[:2]):
-        yield told
+    for _, _, entry in heapq.merge(*streams, key=lambda each: each[:2]):
+        yield entry
 
 
 def _on_clock(log: Log, number: int, offset_us: int) -> Iterator[tuple[int, int, MergedEntry]]:

@@ -2,24 +2,24 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
-PIECE_BYTES = 1 << 19
-LEAP_US = 600_000_000  # longer gaps occur only where a log starts again
+CHUNK_BYTES = 1 << 19
+LEAP_US = 600_000_000  # longer gaps occur only if a log starts again
 
-Message = TypeVar("Message")
 Values = dict[str, Any]
+Message = tuple[str, Values]  # name, and values by column
 
 
 def chunks(path: Path) -> Iterator[bytes]:
-    """The bytes of a file, in order. Raises BridgeError if it cannot be read."""
+    """Yield the bytes of a file, in order. Raises BridgeError if it cannot be read."""
     try:
         with path.open("rb", buffering=0) as file:
-            while piece := file.read(PIECE_BYTES):
-                yield piece
+            while chunk := file.read(CHUNK_BYTES):
+                yield chunk
     except OSError as error:
         raise BridgeError(f"{path}: cannot be read: {error.strerror}") from None
 
@@ -31,21 +31,21 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Data, offset and length of each record; counts records and damage in the log.
+    """Yield data, offset and length of each record; count records and damage in the log.
 
-    ``length_at(data, at, lost)`` is 0 where no whole record begins; it needs ``ahead_bytes`` of
-    data except at the end of the file. ``lost``: the bytes before this offset were no record.
-    ``next_start(data, at)`` is the next offset, from ``at`` on, where a record may begin; -1 if
-    none.
+    ``length_at(data, at, lost)`` returns 0 if no complete record begins at ``at``; it needs
+    ``ahead_bytes`` of data except at the end of the file. ``lost``: the bytes before ``at`` were
+    not a record. ``next_start(data, at)`` returns the next offset from ``at`` on where a record may
+    begin; -1 if none.
     """
     log.messages, log.damage = 0, []
     data, at, base, lost_at = b"", 0, 0, -1
     source, more = chunks(log.path), True
     while more:
-        piece = next(source, b"")
-        more = bool(piece)
+        chunk = next(source, b"")
+        more = bool(chunk)
         base += at
-        data, at = data[at:] + piece, 0
+        data, at = data[at:] + chunk, 0
         end = len(data) - (ahead_bytes if more else 0)
         while at < end:
             length = length_at(data, at, lost_at >= 0)
@@ -64,17 +64,19 @@ def records(
         log.damage.append(Damage(lost_at, base + at - lost_at, damaged))
 
 
-def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> Iterator[Message]:
-    """Messages without those whose time leaps away from their neighbours', which are noise in
-    formats without checksums. A leap that the next message confirms is kept.
+def steady(messages: Iterator[Message], time_key: str) -> Iterator[Message]:
+    """Yield messages without those whose time differs greatly from the times around them.
+
+    Such messages are noise in formats without checksums. A leap that the next message confirms is
+    accepted.
     """
     latest_us: int | None = None
     held: Message | None = None
     for message in messages:
-        at_us = time_of(message)
+        at_us = message[1][time_key]
         if latest_us is not None and abs(at_us - latest_us) <= LEAP_US:
             held = None
-        elif held is not None and abs(at_us - time_of(held)) <= LEAP_US:
+        elif held is not None and abs(at_us - held[1][time_key]) <= LEAP_US:
             yield held
             held = None
         else:
@@ -88,19 +90,21 @@ def steady(messages: Iterator[Message], time_of: Callable[[Message], int]) -> It
 
 def events_of(
     log: Log,
-    messages: Iterator[tuple[str, Values]],
+    messages: Iterator[Message],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """The events of messages, by their names. A message without the expected fields is left out and
-    its kind recorded once as damage: its description differs from the autopilots' or is damaged.
+    """Yield the events of messages.
+
+    A message without the expected fields is omitted, and its name is recorded once as damage: the
+    description of its type is damaged or differs from the autopilots'.
     """
-    strange = set[str]()
+    reported = set[str]()
     for name, values in messages:
         try:
             events = convert(name, values)
-        except KeyError as lacks:
-            if name not in strange:
-                strange.add(name)
-                log.damage.append(Damage(0, 0, f"{name} has no {lacks}: left out"))
+        except KeyError as error:
+            if name not in reported:
+                reported.add(name)
+                log.damage.append(Damage(0, 0, f"{name} has no {error}: omitted"))
             continue
         yield from events

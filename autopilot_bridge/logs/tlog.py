@@ -1,13 +1,14 @@
-"""MAVLink telemetry logs: records of a time (big-endian uint64) and one frame.
+"""Reader of MAVLink telemetry logs: records of a time (big-endian uint64) and one frame.
 
 Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
-``links/tlog_writer.py`` write them; MAVProxy keeps the number of the link in the lowest two
-bits. Only frames with a right checksum are accepted; a message of another dialect is skipped by its
-length if another record follows. If a simulator was faster or slower than the recorder's clock,
-time follows the autopilots' time since boot (``boot_time.py``).
+``links/tlog_writer.py`` write it; MAVProxy stores the number of the link in the lowest two bits.
+Only frames with a right checksum are accepted; a message of another dialect is skipped by its
+length if another record follows. If a simulator was faster or slower than the recorder's clock, the
+time is derived from the autopilots' time since boot (``boot_time.py``).
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -16,7 +17,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message, item_of
-from autopilot_bridge.links.framing import STARTS, frame_length, is_known, message_id_of, source_of
+from autopilot_bridge.links.framing import (
+    STARTS,
+    frame_length,
+    in_dialect,
+    message_id_of,
+    source_of,
+)
 from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.entries import (
     LATEST_US,
@@ -40,11 +47,11 @@ from autopilot_bridge.vehicle.telemetry import MESSAGES
 STAMP_BYTES = 8
 LONGEST_BYTES = STAMP_BYTES + 280
 LINK_BITS = 3
-NO_RECORD = "no record of a time and a MAVLink frame"
+NO_RECORD = "not a record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MAX_FILE_BYTES = 4_000_000
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-MAX_SURVEYED = 30_000  # records, for the rate of the autopilots' clocks
+MAX_SURVEYED = 30_000  # records used for the rate of the autopilots' clocks
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -59,15 +66,15 @@ _OTHERS = (
     "MISSION_ACK",
     "FILE_TRANSFER_PROTOCOL",
 )
-WANTED = frozenset(
-    known.id
-    for known in mavlink.mavlink_map.values()
-    if known.msgname in MESSAGES or known.msgname in _OTHERS
+MESSAGE_IDS = frozenset(
+    message_class.id
+    for message_class in mavlink.mavlink_map.values()
+    if message_class.msgname in MESSAGES or message_class.msgname in _OTHERS
 )
 
 
 class TlogLog:
-    """A .tlog file. Vehicles are the systems with frames of component 1."""
+    """The reader of a .tlog file. Vehicles are the systems with frames of component 1."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -76,12 +83,12 @@ class TlogLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """0: the stamps are microseconds since 1970."""
+        """Return 0, because the stamps are microseconds since 1970."""
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """The entries from the beginning; three seconds without frames are a lost link."""
-        codec, seen = Codec(255, 0), dict[int, _Seen]()
+        """Yield the entries; a link is lost after three seconds without frames."""
+        codec, vehicles = Codec(255, 0), dict[int, _Vehicle]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
         for frame, stamp_us in self._frames():
@@ -91,30 +98,32 @@ class TlogLog:
             message, (system_id, component_id) = decoded[0], source_of(frame)
             own = component_id == AUTOPILOT
             at_us = time.at(stamp_us, system_id, _boot_us(message) if own else None)
-            yield from missions.receive(message, at_us, seen)
+            yield from missions.receive(message, at_us, vehicles)
             if own:
-                if system_id not in seen:
-                    seen[system_id] = _Seen()
-                for event in seen[system_id].receive(message, at_us):
+                if system_id not in vehicles:
+                    vehicles[system_id] = _Vehicle()
+                for event in vehicles[system_id].receive(message, at_us):
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Frames of the wanted messages, with their stamps."""
+        """Yield the frames of messages in ``MESSAGE_IDS`` with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
         ):
             frame = data[at + STAMP_BYTES : at + length]
-            if message_id_of(frame) not in WANTED:
+            if message_id_of(frame) not in MESSAGE_IDS:
                 continue
             at_us = int.from_bytes(data[at : at + STAMP_BYTES], "big") & ~LINK_BITS
             if latest_us is None or not -LEAP_US <= at_us - latest_us <= LEAP_US:
-                at_us = _steady(at_us, latest_us, data[at + length : at + length + STAMP_BYTES])
+                at_us = _without_leap(
+                    at_us, latest_us, data[at + length : at + length + STAMP_BYTES]
+                )
             latest_us = at_us
             yield frame, at_us
 
     def _samples(self) -> Iterator[Sample]:
-        """Times since boot of the autopilots in the first records, with their stamps."""
+        """Yield times since boot of the autopilots in the first records, with their stamps."""
         codec = Codec(255, 0)
         for frame, stamp_us in islice(self._frames(), MAX_SURVEYED):
             system_id, component_id = source_of(frame)
@@ -129,8 +138,8 @@ def _boot_us(message: Message) -> int | None:
     return None if boot_ms is None else boot_ms * 1000
 
 
-def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """A record's time; if it leaps and the next stamp does not, the latest or the next time."""
+def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
+    """Return a record's time, or the latest or the next one if only this one leaps."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -140,7 +149,7 @@ def _steady(at_us: int, latest_us: int | None, after: bytes) -> int:
 
 
 def _record_length(data: bytes, at: int, lost: bool) -> int:
-    """Length of the record at ``at``; 0 if none begins there."""
+    """Return the length of the record at ``at``; 0 if none begins there."""
     begin = at + STAMP_BYTES
     if begin >= len(data) or data[begin] not in STARTS:
         return 0
@@ -154,9 +163,9 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Length of a record of another dialect, if another record or the end of the data follows."""
+    """Return the length of a record of another dialect; 0 unless a record or the end follows."""
     header = data[begin : begin + 10]
-    if len(header) < 10 or is_known(message_id_of(header)):
+    if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0
     version_2 = header[0] == mavlink.PROTOCOL_MARKER_V2
     length = header[1] + (12 + (13 if header[2] & 1 else 0) if version_2 else 8)
@@ -167,24 +176,24 @@ def _length_unknown(data: bytes, begin: int) -> int:
 
 
 def _next_start(data: bytes, at: int) -> int:
-    """The next offset at which a record may begin."""
-    places = (data.find(start, at + STAMP_BYTES) for start in STARTS)
-    return min((place - STAMP_BYTES for place in places if place >= 0), default=-1)
+    """Return the next offset at which a record may begin."""
+    offsets = (data.find(start, at + STAMP_BYTES) for start in STARTS)
+    return min((offset - STAMP_BYTES for offset in offsets if offset >= 0), default=-1)
 
 
-class _Seen:
-    """The state of one vehicle."""
+class _Vehicle:
+    """One vehicle in the log: its monitor and its texts."""
 
     def __init__(self) -> None:
-        self.watch = VehicleMonitor()
+        self.monitor = VehicleMonitor()
         self._texts = StatustextAssembler()
 
     def receive(self, message: Message, at_us: int) -> list[LogEvent]:
-        """The events of a message of this vehicle."""
+        """Return the events of a message of this vehicle."""
         events: list[ClientEvent] = []
-        due_us = self.watch.next_timer()
+        due_us = self.monitor.next_timer()
         if due_us is not None and at_us >= due_us:
-            events += self.watch.handle_timer(at_us)
+            events += self.monitor.handle_timer(at_us)
         kind = message.get_type()
         if kind == "SERVO_OUTPUT_RAW":
             return [*events, _outputs(message, at_us)]  # type: ignore[list-item]
@@ -192,9 +201,9 @@ class _Seen:
             return [*events, Acknowledged(at_us, message.command, message.result)]  # type: ignore[list-item]
         if kind in ("HEARTBEAT", "STATUSTEXT"):
             for whole in self._texts.receive(message):
-                events += self.watch.receive(whole, at_us)
+                events += self.monitor.receive(whole, at_us)
         else:
-            events += self.watch.receive(message, at_us)
+            events += self.monitor.receive(message, at_us)
         return [event for event in events if not isinstance(event, LinkAlarm | AlarmEnded)]  # type: ignore[misc]
 
 
@@ -203,81 +212,76 @@ def _outputs(message: Message, at_us: int) -> Outputs:
 
 
 class _Missions:
-    """Missions transferred over the link in either direction, by any station."""
+    """The missions transferred over the link in either direction, by any station."""
 
     def __init__(self) -> None:
-        self._coming: dict[tuple[int, int], dict[int, MissionItem]] = {}
+        self._incoming: dict[tuple[int, int], dict[int, MissionItem]] = {}
         self._count: dict[tuple[int, int], int] = {}
         self._files: dict[tuple[int, int], bytearray] = {}  # written by MAVFTP (ArduPilot)
 
-    def receive(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        """MissionLoaded when all items were sent and acknowledged."""
+    def receive(self, message: Message, at_us: int, vehicles: dict[int, _Vehicle]) -> list[Entry]:
+        """Return MissionLoaded after an acknowledged transfer, or the command of a gripper."""
         kind = message.get_type()
         if kind == "COMMAND_LONG":
             if message.command == mavlink.MAV_CMD_DO_GRIPPER:
                 return [Entry(message.target_system, GripperMoved(at_us, message.param2 == 0.0))]
             return []
         if kind == "FILE_TRANSFER_PROTOCOL":
-            return self._file(message, at_us, seen)
+            return self._file(message, at_us, vehicles)
         if not kind.startswith("MISSION_") or getattr(message, "mission_type", False):
             return []
-        ways = (message.get_srcSystem(), getattr(message, "target_system", 0))
+        direction = (message.get_srcSystem(), getattr(message, "target_system", 0))
         match kind:
             case "MISSION_COUNT":
-                self._coming[ways], self._count[ways] = {}, message.count
-            case "MISSION_ITEM_INT" | "MISSION_ITEM" if ways in self._coming:
-                if message.seq < self._count[ways] and out_of_bounds(message) is None:
-                    self._coming[ways][message.seq] = _item(message)
+                self._incoming[direction], self._count[direction] = {}, message.count
+            case "MISSION_ITEM_INT" | "MISSION_ITEM" if direction in self._incoming:
+                if message.seq < self._count[direction] and out_of_bounds(message) is None:
+                    self._incoming[direction][message.seq] = _item(message)
             case "MISSION_ACK" if message.type == mavlink.MAV_MISSION_ACCEPTED:
-                return self._complete(ways[::-1], at_us, seen)
+                return self._complete(direction[::-1], at_us, vehicles)
             case _:
                 pass
         return []
 
-    def _file(self, message: Message, at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        """MissionLoaded when a mission file written by MAVFTP is closed."""
+    def _file(self, message: Message, at_us: int, vehicles: dict[int, _Vehicle]) -> list[Entry]:
+        """Return MissionLoaded when a mission file written by MAVFTP is closed."""
         packet = packet_of(message)
-        ways = (message.get_srcSystem(), message.target_system)
+        direction = (message.get_srcSystem(), message.target_system)
         if packet.opcode == CREATE and packet.data.rstrip(b"\0").decode("latin-1") == MISSION_FILE:
-            self._files[ways] = bytearray()
-        elif packet.opcode == WRITE and ways in self._files:
-            file = self._files[ways]
+            self._files[direction] = bytearray()
+        elif packet.opcode == WRITE and direction in self._files:
+            file = self._files[direction]
             if packet.offset <= MAX_FILE_BYTES:
                 file.extend(bytes(max(packet.offset + len(packet.data) - len(file), 0)))
                 file[packet.offset : packet.offset + len(packet.data)] = packet.data
         elif packet.opcode == ACK and packet.asked == TERMINATE:
-            file = self._files.pop(ways[::-1], bytearray())
-            if not file or ways[0] not in seen:
+            file = self._files.pop(direction[::-1], bytearray())
+            if not file or direction[0] not in vehicles:
                 return []
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
-            except BridgeError:  # incomplete: the vehicle has rejected it too
+            except BridgeError:  # incomplete: the vehicle has also rejected it
                 return []
             if list_out_of_bounds(items):
                 return []
-            hidden = seen[ways[0]].watch.hidden_items
-            return [Entry(ways[0], MissionLoaded(at_us, tuple(items[hidden:])))]
+            hidden = vehicles[direction[0]].monitor.hidden_items
+            return [Entry(direction[0], MissionLoaded(at_us, tuple(items[hidden:])))]
         return []
 
-    def _complete(self, ways: tuple[int, int], at_us: int, seen: dict[int, _Seen]) -> list[Entry]:
-        items, count = self._coming.pop(ways, {}), self._count.pop(ways, 0)
-        vehicle = ways[0] if ways[0] in seen else ways[1]
-        if not count or len(items) < count or vehicle not in seen:
+    def _complete(
+        self, direction: tuple[int, int], at_us: int, vehicles: dict[int, _Vehicle]
+    ) -> list[Entry]:
+        items, count = self._incoming.pop(direction, {}), self._count.pop(direction, 0)
+        vehicle = direction[0] if direction[0] in vehicles else direction[1]
+        if not count or len(items) < count or vehicle not in vehicles:
             return []
-        hidden = seen[vehicle].watch.hidden_items
+        hidden = vehicles[vehicle].monitor.hidden_items
         user = tuple(items[seq] for seq in range(hidden, count))
         return [Entry(vehicle, MissionLoaded(at_us, user))]
 
 
 def _item(message: Message) -> MissionItem:
+    item = item_of(message)
     if message.get_type() == "MISSION_ITEM_INT":
-        return item_of(message)
-    item: MissionItem = item_of(message)
-    return MissionItem(
-        item.command,
-        item.frame,
-        round(float(message.x) * 1e7),
-        round(float(message.y) * 1e7),
-        *(item.z, item.param1, item.param2, item.param3, item.param4),
-        item.autocontinue,
-    )
+        return item
+    return replace(item, x=round(float(message.x) * 1e7), y=round(float(message.y) * 1e7))

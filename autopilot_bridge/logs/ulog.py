@@ -1,7 +1,7 @@
-"""PX4's ULog (.ulg): messages of topics whose formats stand at the beginning of the file.
+"""Reader of PX4's ULog (.ulg): messages of topics, whose formats are at the beginning of the file.
 
-Read: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; GPS topics give
-its date. Mission items are not logged.
+Source: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; the date is in
+GPS topics. Mission items are not logged.
 """
 
 import math
@@ -37,18 +37,18 @@ from autopilot_bridge.vehicle.client_events import (
     SystemState,
     Text,
 )
-from autopilot_bridge.vehicle.telemetry import Changes, ToldOnChange, fix_name, wind_of_air
+from autopilot_bridge.vehicle.telemetry import Changes, ReportedOnChange, fix_name, wind_of_air
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
-NO_MESSAGE = "no ULog message"
-# Maximum size of a message body by its kind; other kinds do not exist.
+NO_MESSAGE = "not a ULog message"
+# Maximum size of the body of each kind of message; other kinds do not exist.
 MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
-PADDING_BYTES = 8  # at the end of a topic, left out in files
+PADDING_BYTES = 8  # maximum padding at the end of a topic, which files omit
 DATA = ord("D")
-BOOT_KEY = b"uint64_t boot_time_utc_us"  # the autopilot's own, where it has one
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # by the autopilot's clock, if it has one
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -65,7 +65,7 @@ LETTERS = {
 }
 ARMED, ROTARY_WING, FIXED_WING = 2, 1, 2
 _FIELD = re.compile(r"([A-Za-z0-9_\-/]+)(?:\[(\d+)\])? (\w+)")
-# vehicle_status.nav_state by the words for modes, in PX4's order; others have none.
+# The names of modes for vehicle_status.nav_state, in PX4's order; other states have no name.
 NAV_STATES = {
     0: "manual",
     1: "altitude",
@@ -90,7 +90,7 @@ NAV_STATES = {
 
 
 class UlogLog:
-    """A .ulg file of one vehicle; its system id is the parameter MAV_SYS_ID, 1 without it."""
+    """The reader of a .ulg file; the system id is the parameter MAV_SYS_ID, 1 without it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -101,27 +101,27 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """The offset by the first valid GPS time, else by the autopilot's own clock."""
+        """Return the offset to UTC from the first valid GPS time, else the autopilot's clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
         return self._boot_unix_us
 
     def entries(self) -> Iterator[Entry]:
-        """The entries of the file from its beginning."""
+        """Yield the entries of the file from its beginning."""
         flight = _Flight()
 
         def convert(name: str, values: Values) -> list[LogEvent]:
             return _CONVERTERS[name](flight, values, values["timestamp"])
 
-        messages = steady(self._messages(frozenset(_CONVERTERS)), _time_of)
+        messages = steady(self._messages(frozenset(_CONVERTERS)), "timestamp")
         for event in events_of(self, messages, convert):
             yield Entry(self._system_id, event)
 
-    def _messages(self, wanted: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Topic and values of messages of the wanted topics (first instance); "L" is a log text."""
+    def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
+        """Yield topic and values of the messages of these topics (first instance); "L": a text."""
         formats: dict[str, str] = {}
-        subscribed = _Subscriptions(wanted)
+        subscribed = _Subscriptions(names)
 
         def length_at(data: bytes, at: int, lost: bool) -> int:
             return _length_at(data, at, lost, subscribed.sizes)
@@ -144,7 +144,7 @@ class UlogLog:
                     subscribed.topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" | "I" as kind if len(body) > 1:
                     self._header_value(kind, body)
-                case "L" if "L" in wanted and len(body) > 9:
+                case "L" if "L" in names and len(body) > 9:
                     level, at_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode("utf-8", "replace")
                     yield "L", {"timestamp": at_us, "level": level, "text": text}
@@ -152,7 +152,7 @@ class UlogLog:
                     pass
 
     def _header_value(self, kind: str, body: bytes) -> None:
-        """A parameter (P) or an information (I): the system id, and the time of the boot."""
+        """Store the system id of a parameter (P) or the time of the boot of an information (I)."""
         key = body[1 : 1 + body[0]]
         if (kind, key) == ("P", b"int32_t MAV_SYS_ID") and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
@@ -162,15 +162,15 @@ class UlogLog:
 
 
 class _Subscriptions:
-    """Topics by their numbers: the sizes of all, and the columns of the wanted ones."""
+    """Topics by their numbers: the sizes of all, and the columns of the requested ones."""
 
-    def __init__(self, wanted: frozenset[str]) -> None:
+    def __init__(self, names: frozenset[str]) -> None:
         self.topics: dict[int, _Topic] = {}
         self.sizes: dict[int, int] = {}
-        self._wanted = wanted
+        self._names = names
 
     def add(self, body: bytes, formats: dict[str, str]) -> None:
-        """Apply an ADD_LOGGED message; one without a known format is noise and ignored."""
+        """Process an ADD_LOGGED message; a message without a known format is noise and ignored."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")
         if name not in formats:
@@ -179,43 +179,38 @@ class _Subscriptions:
         topic = _topic(name, formats)
         if topic is not None:
             self.sizes[number] = topic.size
-            if instance == 0 and name in self._wanted:
+            if instance == 0 and name in self._names:
                 self.topics[number] = topic
 
 
-def _time_of(message: tuple[str, Values]) -> int:
-    at_us: int = message[1]["timestamp"]
-    return at_us
-
-
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
-    """Length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return the length of the message at ``at``; 0 if none begins there or it is incomplete.
 
-    Messages have no checksum: one is accepted if its length is valid for its kind or topic
-    (``sizes`` by topic number) and another follows; after damage, if three follow.
+    Messages have no checksum: a message is accepted if its length is valid for its kind or topic
+    (``sizes`` by topic number) and one more message follows; after damage, if three follow.
     """
     if data.startswith(MAGIC, at):
         return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
-    place, first = at, 0
+    offset, first = at, 0
     for number in range(4 if lost else 2):
-        if place == len(data) and number:
+        if offset == len(data) and number:
             break
-        if place + HEAD_BYTES > len(data) or not _may_be(data, place, sizes):
-            # A truncated message after a whole one does not invalidate the whole one.
-            return first if first and len(data) - place < HEAD_BYTES else 0
-        length = HEAD_BYTES + (data[place] | data[place + 1] << 8)
+        if offset + HEAD_BYTES > len(data) or not _is_valid_length(data, offset, sizes):
+            # A truncated message after a complete one does not invalidate the complete one.
+            return first if first and len(data) - offset < HEAD_BYTES else 0
+        length = HEAD_BYTES + (data[offset] | data[offset + 1] << 8)
         first = first or length
-        if place + length > len(data):
+        if offset + length > len(data):
             return first if number else 0
-        place += length
+        offset += length
     return first
 
 
-def _may_be(data: bytes, place: int, sizes: dict[int, int]) -> bool:
-    length, kind = data[place] | data[place + 1] << 8, data[place + 2]
+def _is_valid_length(data: bytes, offset: int, sizes: dict[int, int]) -> bool:
+    length, kind = data[offset] | data[offset + 1] << 8, data[offset + 2]
     if kind != DATA:
         return length <= MAX_BYTES.get(kind, -1)
-    number = data[place + HEAD_BYTES : place + HEAD_BYTES + 2]
+    number = data[offset + HEAD_BYTES : offset + HEAD_BYTES + 2]
     size = sizes.get(number[0] | number[1] << 8) if len(number) == 2 else None
     return size is None or size - PADDING_BYTES < length - 2 <= size
 
@@ -234,14 +229,14 @@ class _Topic:
         self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
-        """The values by column; files omit the padding at the end."""
+        """Return the values by column; files omit the padding at the end."""
         size = self._struct.size
         whole = body if len(body) >= size else body.ljust(size, b"\0")
         return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
 
 
 def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
-    """The topic of this name; None if it has no known format or no time."""
+    """Return the topic of this name; None if it has no known format or no time."""
     columns: list[str] = []
     letters: list[str] = []
     if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
@@ -251,30 +246,30 @@ def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
 
 def _flatten(
     name: str,
-    before: str,
+    prefix: str,
     formats: dict[str, str],
     columns: list[str],
     letters: list[str],
-    deep: int,
+    depth: int,
 ) -> bool:
     """Add a topic's fields, with those of nested topics; returns whether all types are known."""
-    if name not in formats or deep > 5:
+    if name not in formats or depth > 5:
         return False
     for field in filter(None, formats[name].split(";")):
         found = _FIELD.fullmatch(field.strip())
         if found is None:
             return False
-        kind, count, word = found[1], found[2], before + found[3]
+        kind, count, path = found[1], found[2], prefix + found[3]
         if kind == "char" or found[3].startswith("_padding"):
             size = int(count or 1) * (1 if kind in ("char", "uint8_t") else 0)
             letters.append(f"{size}x")
             continue
         for number in range(int(count or 1)):
-            one = f"{word}[{number}]" if count else word
+            column = f"{path}[{number}]" if count else path
             if kind in LETTERS:
-                columns.append(one)
+                columns.append(column)
                 letters.append(LETTERS[kind])
-            elif not _flatten(kind, f"{one}.", formats, columns, letters, deep + 1):
+            elif not _flatten(kind, f"{column}.", formats, columns, letters, depth + 1):
                 return False
     return True
 
@@ -293,8 +288,8 @@ class _Flight:
         self.mission: int | None = None
         self._changes = Changes()
 
-    def announcements(self, event: ToldOnChange) -> list[LogEvent]:
-        """Where it has changed."""
+    def on_change(self, event: ReportedOnChange) -> list[LogEvent]:
+        """Return the event as a list; empty if the state has not changed."""
         return [event] if self._changes.has(event) else []
 
 
@@ -328,8 +323,8 @@ def _attitude(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 def _airspeed(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     airspeed_m_s = fields["calibrated_airspeed_m_s"]
     north, east, down = flight.velocity
-    known = airspeed_m_s if math.isfinite(airspeed_m_s) else None
-    return [Speed(at_us, known, math.hypot(north, east), -down, 0)]
+    airspeed = airspeed_m_s if math.isfinite(airspeed_m_s) else None
+    return [Speed(at_us, airspeed, math.hypot(north, east), -down, 0)]
 
 
 def _wind(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
@@ -343,19 +338,19 @@ def _status(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
             "px4", "plane" if fields["vehicle_type"] == FIXED_WING else "copter"
         )
         found.append(Connected(at_us, flight.stack))
-    word = NAV_STATES.get(fields["nav_state"], "")
-    number = next((mode for name, mode in PX4 if name == word), 0)
+    mode_name = NAV_STATES.get(fields["nav_state"], "")
+    number = next((mode for name, mode in PX4 if name == mode_name), 0)
     state = (number, fields["arming_state"] == ARMED)
     if state != flight.state:
         flight.state = state
-        found.append(ModeChanged(at_us, *state, word))
+        found.append(ModeChanged(at_us, *state, mode_name))
     # As in PX4's heartbeat.
     system = "critical" if fields.get("failsafe") else "active" if state[1] else "standby"
-    return [*found, *flight.announcements(SystemState(at_us, system))]
+    return [*found, *flight.on_change(SystemState(at_us, system))]
 
 
 def _landed(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return flight.announcements(LandedState(at_us, "on ground" if fields["landed"] else "in air"))
+    return flight.on_change(LandedState(at_us, "on ground" if fields["landed"] else "in air"))
 
 
 def _mission(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
@@ -392,13 +387,11 @@ def _battery(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     percent = round(100.0 * share) if math.isfinite(share) and share >= 0.0 else None
     voltage_v = round(fields["voltage_v"], 2)
     current_a = round(fields["current_a"], 1) if fields["current_a"] >= 0.0 else None  # -1: unknown
-    return flight.announcements(Battery(at_us, 0, percent, voltage_v, current_a))
+    return flight.on_change(Battery(at_us, 0, percent, voltage_v, current_a))
 
 
 def _gps(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    return flight.announcements(
-        GpsFix(at_us, fix_name(fields["fix_type"]), fields["satellites_used"])
-    )
+    return flight.on_change(GpsFix(at_us, fix_name(fields["fix_type"]), fields["satellites_used"]))
 
 
 def _text(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:

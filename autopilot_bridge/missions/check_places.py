@@ -1,4 +1,4 @@
-"""Positions, fences and rally points that an autopilot would refuse or misread."""
+"""Checks of positions, fences and rally points that an autopilot would reject or misinterpret."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,25 +12,24 @@ from autopilot_bridge.missions.fencefile import CIRCLES, POLYGONS
 from autopilot_bridge.missions.problems import Kind, Problem, problem
 from autopilot_bridge.stacks.rules import FENCE_COMMANDS, TERRAIN_FRAMES, Rules
 
-_FRAME = "frames 0 (above sea level) and 3 (above home) are taken"
+_FRAME = "frames 0 (above sea level) and 3 (above home) are accepted"
 
 
 def bad_place(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:
-    """Problems of frame, latitude, longitude and altitude of an item with a position."""
+    """Yield problems of frame, latitude, longitude and altitude of an item with a position."""
     yield from _bad_frame(index, item, rules)
-    kind: Kind = "dangerous" if rules.trusting else "refused"
-    for field, most, name in (("x", 900_000_000, "latitude"), ("y", 1_800_000_000, "longitude")):
-        if abs(getattr(item, field)) > most:
-            reason = f"the {name} is beyond {most // 10_000_000} degrees"
+    kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
+    for field, maximum, name in (("x", 900_000_000, "latitude"), ("y", 1_800_000_000, "longitude")):
+        if abs(getattr(item, field)) > maximum:
+            reason = f"the {name} is beyond {maximum // 10_000_000} degrees"
             yield problem(kind, index, item, field, reason, f"give the {name} in 1e-7 degrees")
-    if item.x == 0 and item.y == 0 and not rules.zero_is_here:
+    if item.x == 0 and item.y == 0 and not rules.zero_is_current_position:
         reason = "the vehicle would fly to latitude 0, longitude 0"
         yield problem("dangerous", index, item, "x", reason, "give the position")
     if not math.isfinite(item.z):
-        yield problem(kind, index, item, "z", "the altitude is no number", "give one in metres")
+        yield problem(kind, index, item, "z", "the altitude is not a number", "give it in metres")
     elif abs(item.z) >= rules.max_altitude_m:
-        max_m = rules.max_altitude_m
-        reason = f"altitudes must be under {max_m:g} m"
+        reason = f"altitudes must be under {rules.max_altitude_m:g} m"
         yield problem("refused", index, item, "z", reason, "give it in metres")
 
 
@@ -38,44 +37,44 @@ def _bad_frame(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]
     if item.frame in rules.frames:
         return
     if item.frame == mavlink.MAV_FRAME_MISSION and rules.bare_frame is None:
-        reason = "without a frame the altitude is taken as above sea level"
+        reason = "without a frame the altitude is interpreted as above sea level"
         yield problem("dangerous", index, item, "frame", reason, "give the altitude's frame")
         return
     terrain = item.frame in TERRAIN_FRAMES
-    reason = "altitudes above terrain are not taken" if terrain else "the frame is not taken"
+    reason = f"{'altitudes above terrain are' if terrain else 'the frame is'} not accepted"
     yield problem("refused", index, item, "frame", reason, _FRAME)
 
 
 def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Problems of rally points."""
+    """Yield problems of rally points."""
     for index, item in enumerate(points):
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
-            reason = "it is no rally point"
-            yield problem("refused", index, item, "command", reason, "take it out of the list")
+            reason = "it is not a rally point"
+            yield problem("refused", index, item, "command", reason, "remove it from the list")
         yield from bad_place(index, item, rules)
         if rules.whole_m_rally and math.isfinite(item.z) and item.z != math.trunc(item.z):
-            reason = f"the altitude is cut to {math.trunc(item.z)} m"
+            reason = f"the altitude is truncated to {math.trunc(item.z)} m"
             yield problem("changed", index, item, "z", reason, "give whole metres")
     yield from _too_many("rally points", len(points), rules.max_rally)
 
 
 def bad_fence(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Problems of the items of a fence."""
+    """Yield problems of the items of a fence."""
     returns = 0
+    kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
     for index, item in enumerate(points):
         if item.command not in FENCE_COMMANDS:
-            kind: Kind = "dangerous" if rules.trusting else "refused"
-            reason = "it is no part of a fence"
-            yield problem(kind, index, item, "command", reason, "take it out of the list")
+            reason = "it is not an item of a fence"
+            yield problem(kind, index, item, "command", reason, "remove it from the list")
         yield from bad_place(index, item, rules)
         if item.command in CIRCLES and not (item.param1 > 0.0 and math.isfinite(item.param1)):
-            kind = "dangerous" if rules.trusting else "refused"
             reason = "a circle needs a radius above 0"
             yield problem(kind, index, item, "param1", reason, "give it in metres")
-        returns += item.command == mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
-        if returns > 1 and item.command == mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
-            reason = "it is the second point to return to"
-            yield problem("refused", index, item, "command", reason, "keep one")
+        if item.command == mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
+            returns += 1
+            if returns > 1:
+                reason = "the fence already has a return point"
+                yield problem("refused", index, item, "command", reason, "keep one")
     yield from _bad_polygons(points, rules)
     yield from _too_many("fence points", len(points), rules.max_fence)
 
@@ -92,11 +91,11 @@ def _bad_polygons(points: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             yield problem("refused", index, first, "param1", reason, "add vertices")
             continue
         if rules.max_vertices is not None and count > rules.max_vertices:
-            reason = f"a polygon may have {rules.max_vertices} vertices"
+            reason = f"a polygon may have {rules.max_vertices} vertices at most"
             yield problem("refused", index, first, "param1", reason, "simplify it")
         if len(vertices) % count:
-            kind: Kind = "dangerous" if rules.trusting else "refused"
-            reason = f"{len(vertices)} vertices follow where polygons have {count:g} each"
+            kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
+            reason = f"{len(vertices)} vertices are not whole polygons of {count:g}"
             yield problem(kind, index, first, "param1", reason, "give the number of vertices")
             continue
         for start in range(0, len(vertices), int(count)):
@@ -104,10 +103,10 @@ def _bad_polygons(points: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             if not shapely.LinearRing([(item.y, item.x) for _, item in ring]).is_simple:
                 reason = "the polygon crosses itself, so that inside and outside are unclear"
                 at, item = ring[0]
-                yield problem("dangerous", at, item, "param1", reason, "put its vertices in order")
+                yield problem("dangerous", at, item, "param1", reason, "reorder its vertices")
 
 
-def _too_many(name: str, count: int, most: int | None) -> Iterator[Problem]:
-    if most is not None and count > most:
-        reason = f"the autopilot holds {most} {name}"
+def _too_many(name: str, count: int, maximum: int | None) -> Iterator[Problem]:
+    if maximum is not None and count > maximum:
+        reason = f"the autopilot stores {maximum} {name} at most"
         yield Problem("refused", None, "", "count", count, reason, "send fewer")

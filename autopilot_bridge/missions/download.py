@@ -1,7 +1,8 @@
 """Download and clearing of missions, sans-IO (MAVLink mission protocol).
 
-listed --MISSION_COUNT--> asking --each item--> asking --last item--> ended (MISSION_ACK sent)
-every request is repeated on timeout
+list requested --MISSION_COUNT--> item requested --item--> item requested
+item requested --last item--> ended (MISSION_ACK sent)
+Every request is repeated on timeout.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,24 +17,24 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-# More tries for each item: with a fifth of the messages lost each way, a download of fifty items
-# would else fail now and then, since one request and its reply get through only two times of three.
+# More retries for each item: with 20 % loss in each direction a request and its reply succeed with
+# probability 0.64, so downloads of fifty items would sometimes fail without them.
 MORE_RETRIES = 2
 
 
 class RequestRepeater(Exchange):
-    """Repeats its last request until it is answered or the retries are used up."""
+    """An exchange that repeats its last request until the reply or the last retry."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)
         self._tries = 0
-        self._question: Message = None
+        self._request: Message = None
 
-    def _send_request(self, question: Message, now_us: int) -> list[Message]:
-        self._question = question
+    def _send_request(self, request: Message, now_us: int) -> list[Message]:
+        self._request = request
         self._tries = 0
         self._deadline_us = now_us + self._timing.timeout_us
-        return [question]
+        return [request]
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Repeat the request, or fail after the last retry."""
@@ -42,14 +43,14 @@ class RequestRepeater(Exchange):
         self._tries += 1
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= MORE_RETRIES * self._timing.retries:
-            return [self._question]
-        name = self._question.get_type()
-        self.result = TransferResult("failed", f"the autopilot did not answer {name}")
+            return [self._request]
+        name = self._request.get_type()
+        self.result = TransferResult("failed", f"the autopilot did not reply to {name}")
         return []
 
 
 class MissionDownload(RequestRepeater):
-    """One download; the result carries the items."""
+    """The download of a list; the result contains the items."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)
@@ -102,7 +103,7 @@ class MissionDownload(RequestRepeater):
 
 
 class MissionClear(RequestRepeater):
-    """Removes the mission."""
+    """The removal of the mission on board."""
 
     def start(self, now_us: int) -> list[Message]:
         """Request the removal."""

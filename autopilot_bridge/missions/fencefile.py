@@ -1,8 +1,8 @@
-"""Geofence and rally points of a .plan file and the mission items they are sent as.
+"""Conversion of the geofence and rally points in a .plan file to mission items and back.
 
-As QGroundControl sends them: fence points in frame GLOBAL at altitude 0, a polygon's vertices
-each with the number of vertices, rally points above home, none of them with autocontinue.
-All functions raise ValueError naming the wrong point.
+The items are as QGroundControl sends them: fence points in frame GLOBAL at altitude 0, each vertex
+of a polygon with the number of vertices, rally points above home, autocontinue 0.
+All functions raise ValueError, which names the wrong point.
 """
 
 from typing import Any
@@ -28,14 +28,14 @@ _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_REL
 def _point(command: int, frame: int, place: list[Any], name: str, value: float) -> MissionItem:
     lat_deg, lon_deg = (number(part, name) for part in place[:2])
     if abs(lat_deg) > 90.0 or abs(lon_deg) > 180.0:
-        raise ValueError(f"{name} lies at {lat_deg:g}, {lon_deg:g}, which is not on the earth")
+        raise ValueError(f"{name}: {lat_deg:g}, {lon_deg:g} is not a latitude and longitude")
     z = number(place[2], name) if len(place) > 2 else 0.0
     x, y = round(lat_deg * 1e7), round(lon_deg * 1e7)
     return MissionItem(command, frame, x, y, z, param1=value, autocontinue=0)
 
 
 def fence_of(fence: Any) -> Items:
-    """The items of ``geoFence``: polygons, circles, then the return point."""
+    """Return the items of ``geoFence``: polygons, circles, then the return point."""
     if fence is None:
         return ()
     if not isinstance(fence, dict):
@@ -84,7 +84,7 @@ def _inclusion(entry: Any, name: str) -> bool:
 
 
 def fence_json(fence: Items) -> dict[str, Any]:
-    """``geoFence`` of the items."""
+    """Return the ``geoFence`` of a plan file for these items."""
     polygons: list[dict[str, Any]] = []
     circles: list[dict[str, Any]] = []
     written: dict[str, Any] = {"circles": circles, "polygons": polygons, "version": 2}
@@ -95,11 +95,11 @@ def fence_json(fence: Items) -> dict[str, Any]:
         if item.command in POLYGONS:
             count = int(item.param1) if 1.0 <= item.param1 <= len(fence) else 0
             others, rest = rest[: count - 1], rest[max(count - 1, 0) :]
-            alike = all((b.command, b.param1) == (item.command, item.param1) for _, b in others)
-            if not alike or len(others) != count - 1:
+            same_kind = all((b.command, b.param1) == (item.command, item.param1) for _, b in others)
+            if not same_kind or len(others) != count - 1:
                 raise ValueError(
-                    f"fence item {index} belongs to {item.param1:g} vertices, but "
-                    "not so many of its kind follow one another"
+                    f"fence item {index} is a vertex of {item.param1:g}, but the list does not "
+                    "contain so many of its kind in sequence"
                 )
             vertices = [place, *(_place(at, other, "fence") for at, other in others)]
             inclusion = bool(POLYGONS.index(item.command))
@@ -113,37 +113,37 @@ def fence_json(fence: Items) -> dict[str, Any]:
                 raise ValueError(_not_relative(f"fence item {index}", item))
             written["breachReturn"] = [*place, item.z]
         else:
-            raise ValueError(f"fence item {index} is a {command_name(item.command)} too many")
+            raise ValueError(f"fence item {index}: unexpected {command_name(item.command)}")
     return written
 
 
 def _not_relative(name: str, item: MissionItem) -> str:
     return (
-        f"{name} has frame {item.frame}; a .plan file has altitudes above home there "
+        f"{name} has frame {item.frame}; its altitude in a .plan file is above home "
         f"(frame {_RELATIVE[0]} or {_RELATIVE[1]})"
     )
 
 
 def _place(index: int, item: MissionItem, name: str) -> list[float]:
     if any((item.param2, item.param3, item.param4)):
-        raise ValueError(f"{name} item {index} has params 2 to 4, which a .plan file cannot hold")
+        raise ValueError(f"{name} item {index} has params 2 to 4, which a .plan file cannot store")
     return [item.x / 1e7, item.y / 1e7]
 
 
 def rally_of(rally: Any) -> Items:
-    """The items of ``rallyPoints``."""
+    """Return the items of ``rallyPoints``."""
     if rally is None:
         return ()
     points = array(_of(rally, "points", "rallyPoints"), "rallyPoints.points")
     command = mavlink.MAV_CMD_NAV_RALLY_POINT
+    named = ((f"rally point {index}", point) for index, point in enumerate(points))
     return tuple(
-        _point(command, _RELATIVE[0], array(place, name, 3), name, 0.0)
-        for name, place in ((f"rally point {at}", place) for at, place in enumerate(points))
+        _point(command, _RELATIVE[0], array(point, name, 3), name, 0.0) for name, point in named
     )
 
 
 def rally_json(rally: Items) -> dict[str, Any]:
-    """``rallyPoints`` of the items."""
+    """Return the ``rallyPoints`` of a plan file for these items."""
     points = []
     for index, item in enumerate(rally):
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:

@@ -22,19 +22,19 @@ ERRORS = {
     INVALID_SIZE: "the size of a message is not valid",
     INVALID_SESSION: "another session is open",
     NO_SESSIONS: "no session is free",
-    END_OF_FILE: "the file ends before",
+    END_OF_FILE: "the offset is beyond the end of the file",
     UNKNOWN_COMMAND: "it does not support the request",
     FILE_EXISTS: "the file exists",
     PROTECTED: "the file is protected",
-    NOT_FOUND: "there is no such file",
+    NOT_FOUND: "the file does not exist",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or a reply; ``asked`` is the request's opcode in a reply.
+    """A request or a reply; ``asked`` is the opcode of the request in a reply.
 
-    ``size`` is the number of bytes wanted in a read request, else the length of ``data``.
+    ``size`` is the number of requested bytes in a read request, else the length of ``data``.
     """
 
     seq: int
@@ -46,7 +46,7 @@ class Packet:
     data: bytes = b""
 
     def message(self, target: tuple[int, int]) -> Message:
-        """The FILE_TRANSFER_PROTOCOL message that carries it."""
+        """Return the FILE_TRANSFER_PROTOCOL message with this packet."""
         head = _HEAD.pack(
             self.seq, self.session, self.opcode, self.size, self.asked, 0, self.offset
         )
@@ -55,7 +55,7 @@ class Packet:
 
 
 def packet_of(message: Message) -> Packet:
-    """The packet in a FILE_TRANSFER_PROTOCOL message; data beyond its size is left out."""
+    """Return the packet in a FILE_TRANSFER_PROTOCOL message, without data beyond its size."""
     payload = bytes(message.payload)
     seq, session, opcode, size, asked, _, offset = _HEAD.unpack_from(payload)
     return Packet(
@@ -64,8 +64,8 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """The error of a NAK in words."""
+    """Return the error of a NAK in words."""
     code = packet.data[0] if packet.data else 0
-    words = ERRORS.get(code, "it refused")
+    words = ERRORS.get(code, "it rejected the request")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""
     return f"{words} (FTP error {code}{errno})"

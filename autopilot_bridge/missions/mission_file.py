@@ -1,7 +1,7 @@
-"""ArduPilot's mission, fence and rally files (``@MISSION/mission.dat`` and so on) as bytes.
+"""Encoding and decoding of ArduPilot's mission, fence and rally files (``@MISSION/mission.dat``).
 
-A header of five little-endian uint16 (magic, mission type, options, start, count), then one
-MISSION_ITEM_INT payload of full length for each item (AP_Filesystem_Mission.cpp).
+The format: a header of five little-endian uint16 (magic, mission type, options, start, count), then
+one MISSION_ITEM_INT payload of full length for each item (AP_Filesystem_Mission.cpp).
 """
 
 import math
@@ -21,9 +21,9 @@ PATHS = {
     mavlink.MAV_MISSION_TYPE_FENCE: "@MISSION/fence.dat",
     mavlink.MAV_MISSION_TYPE_RALLY: "@MISSION/rally.dat",
 }
-MAX_ITEMS = 0xFFFE  # 65535 switches the autopilot's check of the length off
+MAX_ITEMS = 0xFFFE  # with 65535 the autopilot does not check the length
 
-# Commands that ArduPilot 4.6 accepts (AP_Mission.cpp): with a position, and others.
+# Commands that ArduPilot 4.6 accepts (AP_Mission.cpp), with and without a position.
 _WITH_PLACE = frozenset(
     (*(16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92), *(179, 188, 189, 191, 195, 201))
 )
@@ -40,14 +40,14 @@ _ALTITUDE_LIMIT_M = 83_000.0
 
 
 def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, str] | None:
-    """Index and defect of the first item that ArduPilot would refuse; None if there is none.
+    """Return index and defect of the first item that ArduPilot would reject; None if all are good.
 
     Must be called before a file is sent: ArduPilot clears the old mission, applies the file item by
-    item, and stops without a report at a refused item.
+    item, and stops without a report at a rejected item.
     """
     for seq, item in enumerate(items):
         if seq >= max_items:
-            return seq, f"the autopilot holds {max_items} items"
+            return seq, f"the autopilot stores {max_items} items at most"
         if defect := _defect(item, len(items)):
             return seq, defect
     return None
@@ -69,7 +69,7 @@ def _defect(item: MissionItem, count: int) -> str | None:
     if not place:
         return None
     if abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
-        return f"the place {item.x / 1e7:.7f}, {item.y / 1e7:.7f} is not on Earth"
+        return f"{item.x / 1e7:.7f}, {item.y / 1e7:.7f} is not a latitude and longitude"
     if abs(item.z) >= _ALTITUDE_LIMIT_M:
         return f"the altitude is {item.z:g} m"
     return None if item.frame in _FRAMES else f"frame {item.frame} is not supported"
@@ -78,9 +78,9 @@ def _defect(item: MissionItem, count: int) -> str | None:
 def encode_mission_file(
     items: Sequence[MissionItem], mission_type: int, target: tuple[int, int]
 ) -> bytes:
-    """The file that replaces a whole list. Raises BridgeError for what does not fit the format."""
+    """Return the file that replaces a whole list; raises BridgeError if an item does not fit."""
     if len(items) > MAX_ITEMS:
-        raise BridgeError(f"mission file: {len(items)} items, the format holds {MAX_ITEMS}")
+        raise BridgeError(f"mission file: {len(items)} items, the maximum is {MAX_ITEMS}")
     parts = [HEADER.pack(MAGIC, mission_type, 0, 0, len(items))]
     for seq, item in enumerate(items):
         params = (item.param1, item.param2, item.param3, item.param4)
@@ -93,16 +93,16 @@ def encode_mission_file(
 
 
 def file_length(start: bytes, mission_type: int) -> int:
-    """Length of the whole file from its first bytes. Raises BridgeError for a damaged header."""
+    """Return the file's length from its first bytes; raises BridgeError for a damaged header."""
     if len(start) < HEADER.size:
         raise BridgeError(
-            f"mission file: {len(start)} bytes, the header alone has {HEADER.size}; read it again"
+            f"mission file: {len(start)} bytes, but the header has {HEADER.size}; read it again"
         )
     magic, kind, options, first, count = HEADER.unpack_from(start)
     if magic != MAGIC:
         raise BridgeError(f"mission file: begins with {magic:#06x} instead of {MAGIC:#06x}")
     if kind != mission_type:
-        raise BridgeError(f"mission file: holds mission type {kind} instead of {mission_type}")
+        raise BridgeError(f"mission file: has mission type {kind} instead of {mission_type}")
     if options or first:
         raise BridgeError(
             f"mission file: options {options} and start {first}; only whole lists can be read"
@@ -111,23 +111,29 @@ def file_length(start: bytes, mission_type: int) -> int:
 
 
 def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ...]:
-    """The items of a whole file. Raises BridgeError when it is damaged."""
+    """Return the items of a whole file. Raises BridgeError when it is damaged."""
     length = file_length(data, mission_type)
     if len(data) != length:
         raise BridgeError(
-            f"mission file: {len(data)} bytes, but {length} by its header; read it again"
+            f"mission file: {len(data)} bytes, but the header requires {length}; read it again"
         )
     return tuple(
         _item(data, seq, mission_type) for seq in range((length - HEADER.size) // ITEM.size)
     )
 
 
-def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
+def unpack_item(data: bytes, index: int) -> tuple[int, MissionItem]:
+    """Return the number and the contents of an item in a file, without a check."""
     values = ITEM.unpack_from(data, HEADER.size + index * ITEM.size)
     param1, param2, param3, param4, x, y, z, seq, command, _, _, frame, _, auto, _ = values
-    if command == 0:
+    return seq, MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
+
+
+def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
+    seq, item = unpack_item(data, index)
+    if item.command == 0:
         raise BridgeError(f"mission file: item {index} is empty; read the file again")
-    # ArduPilot numbers the items of missions only.
+    # ArduPilot writes numbers only for the items of missions.
     if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
         raise BridgeError(f"mission file: item {index} has the number {seq}; read the file again")
-    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
+    return item

@@ -6,10 +6,9 @@ mission items is as in QGroundControl and MAVSDK.
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -28,10 +27,8 @@ from autopilot_bridge.missions.numbers import array, null_or_number, number, who
 from autopilot_bridge.missions.textfile import read_text, write_text
 from autopilot_bridge.stacks.stacks import Stack
 
-_Read = TypeVar("_Read")
-
-# QGroundControl's AltitudeMode by frame. Its numbers have changed between versions, so that the
-# frame is what counts in a file that is read.
+# QGroundControl's AltitudeMode for each frame. Its numbers differ between versions, so the reader
+# uses only the frame.
 _ALTITUDE_MODES = {3: 1, 6: 1, 0: 2, 5: 2, 10: 4, 11: 4}
 WPL_SUFFIXES = (".waypoints", ".txt")
 
@@ -46,7 +43,7 @@ def read_any(path: Path) -> Plan:
         Mission, fence, rally points and home.
 
     Raises:
-        BridgeError: The file cannot be read, or an item in it is not valid; the text names it.
+        BridgeError: The file cannot be read or an item is not valid; the text names the item.
     """
     text = read_text(path)
     return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
@@ -72,8 +69,8 @@ def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
 def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
     """Write a .plan file.
 
-    The format has polygons before circles, rally altitudes above home, and no ``autocontinue``
-    in fence and rally points; raises BridgeError for what it cannot hold, naming the item.
+    In this format polygons precede circles, rally altitudes are above home, and fence and rally
+    points have no ``autocontinue``. Raises BridgeError, which names an item that does not fit.
     """
     try:
         content = {
@@ -86,7 +83,7 @@ def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
                 "version": 2,
                 "firmwareType": stack.autopilot if stack else mavlink.MAV_AUTOPILOT_GENERIC,
                 "vehicleType": stack.mav_type if stack else mavlink.MAV_TYPE_GENERIC,
-                "globalPlanAltitudeMode": 0,  # mixed: each item has its own
+                "globalPlanAltitudeMode": 0,  # each item has its own mode
                 "cruiseSpeed": 18,
                 "hoverSpeed": 8,
                 "plannedHomePosition": list(plan.home or (0.0, 0.0, 0.0)),
@@ -120,15 +117,12 @@ def _simple(item: MissionItem, index: int) -> dict[str, Any]:
     return simple
 
 
-def read_plan(path: Path) -> Plan:
-    """The plan in a .plan file. Raises BridgeError naming file and item.
-
-    ``null`` parameters are NaN; frame and params count, not what QGroundControl shows.
-    """
-    return _parse(path, read_text(path))
-
-
 def _parse(path: Path, text: str) -> Plan:
+    """Return the plan in the text of a .plan file; ``path`` is named in errors.
+
+    ``null`` parameters become NaN. Frame and params are used, not the values that QGroundControl
+    displays.
+    """
     content = _json(path, text)
     mission = content.get("mission")
     if content.get("fileType") != "Plan" or not isinstance(mission, dict):
@@ -160,7 +154,7 @@ def _json(path: Path, text: str) -> dict[str, Any]:
 
 
 def _no_number(word: str) -> float:
-    raise ValueError(f"{word} is no JSON")
+    raise ValueError(f"{word} is not JSON")
 
 
 def _home(value: Any) -> tuple[float, float, float] | None:
@@ -174,7 +168,7 @@ def _home(value: Any) -> tuple[float, float, float] | None:
 
 
 def _mission(entries: list[Any]) -> Items:
-    items = tuple(_each(index, entry, _item) for index, entry in enumerate(entries))
+    items = tuple(_numbered_item(index, entry) for index, entry in enumerate(entries))
     ids = {repr(entry.get("doJumpId")): index for index, entry in enumerate(entries)}
     return tuple(
         _jump(index, item, ids) if item.command == mavlink.MAV_CMD_DO_JUMP else item
@@ -186,26 +180,26 @@ def _jump(index: int, item: MissionItem, ids: dict[str, int]) -> MissionItem:
     target = ids.get(f"{item.param1:g}")
     if target is None:
         raise ValueError(
-            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; name one that is"
+            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; give another"
         )
     return replace(item, param1=float(target))
 
 
-def _each(index: int, entry: Any, read: Callable[[Any], _Read]) -> _Read:
+def _numbered_item(index: int, entry: Any) -> MissionItem:
     try:
-        return read(entry)
+        return _item(entry)
     except ValueError as error:
         raise ValueError(f"item {index} {error}") from None
 
 
 def _item(entry: Any) -> MissionItem:
     if not isinstance(entry, dict):
-        raise ValueError("is damaged: no object")
+        raise ValueError("is damaged: not an object")
     if entry.get("type") != "SimpleItem":
         kind = entry.get("complexItemType")
         shown = f"{entry.get('type')} ({kind})" if kind else entry.get("type")
         raise ValueError(
-            f"is a {shown}; only simple items can be uploaded: turn it into waypoints first"
+            f"is a {shown}; only simple items can be uploaded: convert it to waypoints first"
         )
     try:
         params = [
@@ -214,9 +208,9 @@ def _item(entry: Any) -> MissionItem:
         ]
         command = whole(entry.get("command"), "command", 65535)
         frame = whole(entry.get("frame"), "frame", 255)
-        carries_on = entry.get("autoContinue")
-        if not isinstance(carries_on, bool):
+        autocontinue = entry.get("autoContinue")
+        if not isinstance(autocontinue, bool):
             raise ValueError("autoContinue is not true or false")
-        return item_of_params(command, frame, params, int(carries_on))
+        return item_of_params(command, frame, params, int(autocontinue))
     except ValueError as error:
         raise ValueError(f"is damaged: {error}") from None

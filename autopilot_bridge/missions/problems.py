@@ -1,4 +1,4 @@
-"""Problems of a mission, in words."""
+"""Problems of a mission, as text for users."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,11 +10,11 @@ Kind = Literal["refused", "dangerous", "dropped", "changed"]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing wrong with a mission for one stack.
+    """One problem of a mission for one stack.
 
-    ``refused``: the autopilot rejects the item. ``dangerous``: it accepts the item and flies
-    something else. ``dropped``: it accepts the item and never executes it. ``changed``: it stores
-    another value. ``index`` is None for the mission as a whole.
+    ``refused``: the autopilot rejects the item. ``dangerous``: it accepts the item and executes
+    another action. ``dropped``: it accepts the item and never executes it. ``changed``: it stores
+    another value. ``index`` is None for a problem of the whole mission.
     """
 
     kind: Kind
@@ -33,6 +33,6 @@ class Problem:
 def problem(
     kind: Kind, index: int, item: MissionItem, field: str, reason: str, remedy: str
 ) -> Problem:
-    """A problem of one field of an item."""
+    """Return a problem of one field of an item."""
     value: float = getattr(item, field)
     return Problem(kind, index, command_name(item.command), field, value, reason, remedy)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.items import MissionItem, has_position
+from autopilot_bridge.items import MissionItem, has_position, params_of
 from autopilot_bridge.stacks.rules import SAME_AS, TWIN, Rules, rules_of
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 
@@ -21,7 +21,7 @@ _IN_FILES = rules_of(stack_named("ardupilot", "plane"))  # only ArduPilot has mi
 
 
 def single(value: float) -> float:
-    """A number in single precision, as MAVLink carries it."""
+    """Return a number in single precision, as MAVLink carries it."""
     if not math.isfinite(value):
         return value
     try:
@@ -72,14 +72,14 @@ KEEP: dict[str, Callable[[float], float]] = {
 
 
 def words_of(item: MissionItem, rules: Rules) -> list[str]:
-    """The rules (``Rules``) by which a stack stores params 1 to 4; "keep" for unknown commands."""
+    """Return the words of ``Rules`` for params 1 to 4; "keep" for unknown commands."""
     with_position = takes_position(item, rules)
     kept = (rules.position if with_position else rules.bare).get(item.command)
     return (kept or "keep keep keep keep").split()
 
 
 def takes_position(item: MissionItem, rules: Rules) -> bool:
-    """Whether the stack reads x, y, z of an item as a position."""
+    """Return whether the stack reads x, y, z of an item as a position."""
     if rules.bare_frame is not None and item.frame == rules.bare_frame:
         return False
     if item.command in rules.position:
@@ -88,16 +88,16 @@ def takes_position(item: MissionItem, rules: Rules) -> bool:
 
 
 def kept_param(word: str, value: float) -> float:
-    """The stored value of a param; NaN stays NaN only by the rules "keep" and "yaw"."""
+    """Return the stored value of a param; NaN remains NaN only with "keep" and "yaw"."""
     if not math.isfinite(value):
         return value if word in ("keep", "yaw") else 0.0
     return KEEP[word](single(value))
 
 
 def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -> MissionItem:
-    """The read-back of an item that was sent and accepted.
+    """Return the expected read-back of an item that was sent and accepted.
 
-    Not for ArduPilot's item 0, which is its home whatever was sent.
+    Not valid for ArduPilot's item 0, which is always its home.
     """
     rules = rules_of(stack)
     if mission_type == FENCE:
@@ -118,16 +118,15 @@ def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -
         if item.command == mavlink.MAV_CMD_DO_MOUNT_CONTROL:
             z = float(mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING)
     command = SAME_AS.get(item.command, item.command)
-    carries_on = item.autocontinue if rules.trusting else 1
-    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, carries_on)
+    autocontinue = item.autocontinue if rules.accepts_bad_numbers else 1
+    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, autocontinue)
 
 
 def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> MissionItem:
-    """An item of ArduPilot's mission file, with these values in fields that its command does not
-    use.
+    """Return an item of ArduPilot's mission file with x, y and z replaced where they are not used.
 
-    In a file these fields hold leftovers of the autopilot's memory (read: 4.6.2,
-    ``AP_Mission::get_item`` fills an item that was not set to zeros; seen: home's place in a
+    In a file the unused fields contain old values of the autopilot's memory (source: 4.6.2,
+    ``AP_Mission::get_item`` does not initialise the item; observed: the position of home in a
     DO_CHANGE_SPEED).
     """
     if takes_position(item, _IN_FILES):
@@ -144,44 +143,45 @@ def _altitude(z: float, rules: Rules) -> float:
 
 
 def _fence_point(item: MissionItem, rules: Rules) -> MissionItem:
-    """Both stacks forget a fence point's frame; PX4 keeps its altitude, ArduPilot does not."""
+    """Return the read-back of a fence point: without its frame; only PX4 stores the altitude."""
     bare = replace(item, param2=0.0, param3=0.0, param4=0.0, autocontinue=0)
     circle = item.command in (5003, 5004)
     param1 = single(item.param1) if circle else kept_param("u16", item.param1)
     if item.command == mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
         param1 = 0.0
     frame = rules.frames_read.get(mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL)
-    return replace(bare, param1=param1, frame=frame, z=single(item.z) if rules.trusting else 0.0)
+    return replace(
+        bare, param1=param1, frame=frame, z=single(item.z) if rules.accepts_bad_numbers else 0.0
+    )
 
 
 def _rally_point(item: MissionItem, rules: Rules) -> MissionItem:
     frame = rules.frames_read.get(item.frame, item.frame)
     z = kept_param("i16", item.z) if rules.whole_m_rally else single(item.z)
-    carries_on = 0 if rules.whole_m_rally else item.autocontinue
-    return MissionItem(item.command, frame, item.x, item.y, z, autocontinue=carries_on)
+    autocontinue = 0 if rules.whole_m_rally else item.autocontinue
+    return MissionItem(item.command, frame, item.x, item.y, z, autocontinue=autocontinue)
 
 
 def same_as_sent(
     sent: MissionItem, read: MissionItem, stack: Stack, mission_type: int = MISSION
 ) -> bool:
-    """Whether an item read back equals the stack's expected read-back of the item sent.
+    """Return whether an item read back equals the stack's expected read-back of the item sent.
 
-    Tolerated: single precision, a frame's INT twin, a NaN read back as any number.
+    Tolerated: single precision, the equivalent INT frame, any number instead of NaN.
     """
-    due = as_read_back(sent, stack, mission_type)
-    frames = {TWIN.get(frame, frame) for frame in (due.frame, read.frame)}
-    if len(frames) > 1 or (due.command, due.x, due.y) != (read.command, read.x, read.y):
+    expected = as_read_back(sent, stack, mission_type)
+    frames = {TWIN.get(frame, frame) for frame in (expected.frame, read.frame)}
+    if len(frames) > 1 or (expected.command, expected.x, expected.y) != (
+        read.command,
+        read.x,
+        read.y,
+    ):
         return False
-    if not (math.isnan(due.z) or abs(due.z - read.z) <= _ALTITUDE_TOLERANCE_M):
+    if not (math.isnan(expected.z) or abs(expected.z - read.z) <= _ALTITUDE_TOLERANCE_M):
         return False
     return all(
         math.isnan(ours) or abs(ours - theirs) <= 1e-4 * max(1.0, abs(ours))
-        for ours, theirs in (
-            (due.param1, read.param1),
-            (due.param2, read.param2),
-            (due.param3, read.param3),
-            (due.param4, read.param4),
-        )
+        for ours, theirs in zip(params_of(expected)[:4], params_of(read)[:4], strict=True)
     )
 
 
@@ -191,9 +191,9 @@ def same_mission(
     stack: Stack,
     mission_type: int = MISSION,
 ) -> bool:
-    """Whether a list read back equals the stack's expected read-back of the list sent.
+    """Return whether a list read back equals the stack's expected read-back of the list sent.
 
-    Both as they are on the wire; item 0 of an ArduPilot's mission is its home, whatever was sent.
+    Both lists are as transmitted; item 0 of ArduPilot's mission is its home and is not compared.
     """
     first = 1 if stack.item_0_is_home and mission_type == MISSION else 0
     return len(sent) == len(read) and all(

@@ -6,7 +6,7 @@ from autopilot_bridge.errors import BridgeError
 
 
 def read_text(path: Path) -> str:
-    """A file's text. Raises BridgeError naming it."""
+    """Return a file's text. Raises BridgeError, which names the file."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -16,7 +16,7 @@ def read_text(path: Path) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file's text. Raises BridgeError naming it."""
+    """Write a file's text. Raises BridgeError, which names the file."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

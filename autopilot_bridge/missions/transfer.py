@@ -9,7 +9,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 
 Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded", "cancelled"]
-# What the vehicle holds after a transfer, in words that programs can compare.
+# The mission on board after a transfer, in words that programs can compare.
 Holds = Literal["the new one", "the old one", "a mixture", "one of both", "not known"]
 Kind = Literal["mission", "fence", "rally"]
 MISSION_TYPES: dict[Kind, int] = {
@@ -27,7 +27,7 @@ REASONS = {
     mavlink.MAV_MISSION_INVALID_PARAM5_X: "the latitude is not valid",
     mavlink.MAV_MISSION_INVALID_PARAM6_Y: "the longitude is not valid",
     mavlink.MAV_MISSION_INVALID_PARAM7: "the altitude is not valid",
-    mavlink.MAV_MISSION_INVALID_SEQUENCE: "an item came out of order",
+    mavlink.MAV_MISSION_INVALID_SEQUENCE: "an item was out of sequence",
     mavlink.MAV_MISSION_DENIED: "the autopilot is busy with another ground station",
     mavlink.MAV_MISSION_OPERATION_CANCELLED: "the autopilot cancelled the transfer",
 }
@@ -35,7 +35,7 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class TransferTiming:
-    """Timeout of an answer, and the number of retries."""
+    """Timeout of a reply, and number of retries."""
 
     timeout_us: int = 1_500_000
     retries: int = 5
@@ -50,7 +50,7 @@ class Address:
     mission_type: int = 0
 
     def concerns(self, message: Message) -> bool:
-        """Whether a message comes from the target, to this end, about this type of mission."""
+        """Return whether the target sent a message about this type of mission to this station."""
         return (
             (message.get_srcSystem(), message.get_srcComponent()) == self.target
             and is_for(message, self.own)
@@ -59,19 +59,19 @@ class Address:
 
 
 def is_for(message: Message, own: tuple[int, int]) -> bool:
-    """Whether a message is for this station, or for all."""
+    """Return whether a message is for this station or for all stations."""
     system, component = own
     return message.target_system in (system, 0) and message.target_component in (component, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class TransferResult:
-    """How a transfer ended.
+    """The result of a transfer.
 
-    ``rejected``: the autopilot refused (``code`` is its MAV_MISSION_RESULT, ``seq`` the last item
-    it requested). ``unknown``: all items were sent without a final answer. ``failed``: the transfer
-    was aborted. ``cancelled``: it was cancelled on request. ``holds`` is the mission that the
-    vehicle has now, and ``items`` are its items if they were read.
+    ``rejected``: the autopilot rejected it (``code`` is its MAV_MISSION_RESULT, ``seq`` the last
+    item that it requested). ``unknown``: all items were sent, but no final reply arrived.
+    ``failed``: the transfer was aborted. ``cancelled``: it was cancelled on request. ``holds`` is
+    the mission that is now on board, and ``items`` are its items if they were read.
     """
 
     outcome: Outcome
@@ -83,14 +83,14 @@ class TransferResult:
 
 
 def rejected(code: int, seq: int | None) -> TransferResult:
-    """The result for a MISSION_ACK that refuses."""
-    words = REASONS.get(code, "the autopilot refused")
+    """Return the result for a MISSION_ACK with an error code."""
+    words = REASONS.get(code, "the autopilot rejected the transfer")
     where = "" if seq is None else f" at item {seq}"
     return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)
 
 
 class Exchange:
-    """One part of a transfer: an address, a deadline, and a result when it has ended."""
+    """One part of a transfer; ``result`` is set when it has ended."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         self.result: TransferResult | None = None
@@ -99,12 +99,12 @@ class Exchange:
         self._deadline_us = 0
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """End the exchange; nothing more is sent."""
+        """End the exchange; no further message is sent."""
         self.result = TransferResult("cancelled", "cancelled")
         return []
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return the time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def _is_from_target(self, message: Message) -> bool:

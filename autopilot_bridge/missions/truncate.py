@@ -1,9 +1,9 @@
-"""Cuts the end off a mission that is being flown, sans-IO; for ArduPilot.
+"""Removal of the last items of a mission in flight, sans-IO; for ArduPilot.
 
-counted --request for item 0--> refusing --any MISSION_ACK but "busy"--> ended
-MISSION_COUNT cuts the list at once; item 0 is answered with a command that no autopilot has, so the
-transfer ends (MISSION_ACK 3) before anything is overwritten. A read-back must show whether the list
-was cut.
+counted --request for item 0--> invalid item sent --any MISSION_ACK but "busy"--> ended
+MISSION_COUNT truncates the list at once. The reply to the request for item 0 contains an unknown
+command, so the transfer ends (MISSION_ACK 3) before an item is overwritten. A read-back must check
+whether the list was truncated.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -17,14 +17,14 @@ UNKNOWN_COMMAND = MissionItem(65535, mavlink.MAV_FRAME_GLOBAL, 0, 0, 0.0)
 
 
 class Truncate(RequestRepeater):
-    """Leaves the first ``count`` items, home included."""
+    """The removal of all items but the first ``count``, home included."""
 
     def __init__(self, address: Address, count: int, timing: TransferTiming) -> None:
         super().__init__(address, timing)
         self._count = count
 
     def start(self, now_us: int) -> list[Message]:
-        """Announce a mission of that length."""
+        """Send MISSION_COUNT with the new length."""
         return self._send_request(
             mavlink.MAVLink_mission_count_message(
                 *self._address.target, self._count, self._address.mission_type
@@ -33,7 +33,7 @@ class Truncate(RequestRepeater):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Answer the request for item 0; the refusal ends the exchange."""
+        """Reply to the request for item 0; the rejection ends the exchange."""
         kind = message.get_type()
         if kind not in ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"):
             return []

@@ -2,14 +2,14 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent on request, or a few ahead of the requests if the autopilot accepts that,
-until it repeats a request: then a message was lost, and each request is awaited
+sending: items are sent on request. If the autopilot accepts it, a few are sent before they are
+requested, until it repeats a request: then a message was lost, and each request is awaited
 any --MISSION_ACK--> ended
-sending --MISSION_ERROR--> sending, until silence ends it: it may be the answer to a duplicate (PX4
-to a MISSION_COUNT, ArduPilot to the last item), and the transfer goes on or has succeeded
+sending --MISSION_ERROR--> sending, and ended after a timeout: it may be the reply to a duplicate
+(of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or succeeded
 sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
-any --cancel--> cancelling --OPERATION_CANCELLED or silence--> ended
-cancelling: nothing is sent any more; PX4 forgets the transfer when cancelled, ArduPilot after 8 s
+any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
+cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -30,7 +30,7 @@ IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MA
 
 
 class MissionUpload(Exchange):
-    """One upload; ``result`` is set when it has ended."""
+    """The upload of a list; ``result`` is set when it has ended."""
 
     def __init__(
         self,
@@ -41,14 +41,14 @@ class MissionUpload(Exchange):
         ahead: int = 0,
         plan_id: int | None = None,
     ) -> None:
-        """``items`` are sent unchanged; ``first`` is the item to be flown first (current = 1).
+        """Upload ``items`` unchanged; ``first`` is the index of the first item to fly.
 
         Up to ``ahead`` items are sent before they are requested. ``plan_id`` is the expected id of
         the plan (see ``plan_id.py``), which proves the upload if the acknowledgement is lost.
         """
         super().__init__(address, timing)
         self.items = items
-        self.touched = False  # whether the autopilot may have changed anything for it
+        self.touched = False  # whether the upload may have changed the mission on board
         self._first = first
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
@@ -58,10 +58,10 @@ class MissionUpload(Exchange):
         self._plan_id = plan_id
         self._reported_id: int | None = None  # by MISSION_CURRENT since all items were sent
         self._all_sent = False
-        self._doubt: TransferResult | None = None  # a refusal that may be meant for a duplicate
+        self._possible_refusal: TransferResult | None = None  # maybe the reply to a duplicate
 
     def start(self, now_us: int) -> list[Message]:
-        """Announce the mission."""
+        """Send MISSION_COUNT."""
         self._deadline_us = now_us + self._timing.timeout_us
         return [self._count()]
 
@@ -71,7 +71,7 @@ class MissionUpload(Exchange):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Answer a message of the autopilot."""
+        """Process a message from the autopilot; returns the replies."""
         kind = message.get_type()
         if kind == "MISSION_CURRENT" and self._all_sent:
             if self._is_from_target(message):
@@ -92,7 +92,7 @@ class MissionUpload(Exchange):
             return []
         self._state = "sending"
         self._tries = 0
-        self._doubt = None
+        self._possible_refusal = None
         before = -1 if self._requested_seq is None else self._requested_seq
         if not before < seq <= self._sent + 1:  # requested again
             self._ahead = 0
@@ -113,7 +113,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel: at once, or after the autopilot's own timeout if it ignores cancellations."""
+        """Cancel at once, or after the autopilot's own timeout if it ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -132,7 +132,7 @@ class MissionUpload(Exchange):
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
         if code == mavlink.MAV_MISSION_ERROR and self._state == "sending":
-            self._doubt = rejected(code, self._requested_seq)
+            self._possible_refusal = rejected(code, self._requested_seq)
             self._deadline_us = now_us + self._timing.timeout_us
         elif code != mavlink.MAV_MISSION_ACCEPTED:
             self.result = rejected(code, self._requested_seq)
@@ -140,14 +140,14 @@ class MissionUpload(Exchange):
             self.result = TransferResult("accepted", "accepted", code, items=self.items)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the count, wait on, or fail after the last retry."""
+        """Repeat MISSION_COUNT, continue to wait, or fail after the last retry."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
-            self.result = TransferResult("cancelled", "cancelled, and the autopilot fell silent")
+            self.result = TransferResult("cancelled", "cancelled, the autopilot stopped replying")
             return []
-        if self._doubt is not None:
-            self.result = self._doubt
+        if self._possible_refusal is not None:
+            self.result = self._possible_refusal
             return []
         if self._all_sent and self._plan_id and self._reported_id == self._plan_id:
             words = "accepted: the acknowledgement was lost, the autopilot reports the plan's id"
@@ -157,15 +157,15 @@ class MissionUpload(Exchange):
         self._deadline_us = now_us + self._timing.timeout_us
         if self._tries <= self._timing.retries:
             return [self._count()] if self._state == "counted" else []
-        self.touched = True  # a lost MISSION_COUNT and a lost answer to it look alike
+        self.touched = True  # a lost MISSION_COUNT and a lost reply to it are indistinguishable
+        seq = self._requested_seq
         if self._all_sent:
-            self.result = TransferResult("unknown", "all items were sent, no acknowledgement came")
+            reason = "all items were sent, no acknowledgement arrived"
+            self.result = TransferResult("unknown", reason)
         elif self._state == "counted":
-            self.result = TransferResult("failed", "the autopilot did not answer MISSION_COUNT")
+            reason = "the autopilot did not reply to MISSION_COUNT"
+            self.result = TransferResult("failed", reason)
         else:
-            self.result = TransferResult(
-                "failed",
-                f"the autopilot fell silent after item {self._requested_seq}",
-                seq=self._requested_seq,
-            )
+            reason = f"the autopilot stopped requesting items after item {seq}"
+            self.result = TransferResult("failed", reason, seq=seq)
         return []

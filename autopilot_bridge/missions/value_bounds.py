@@ -1,13 +1,13 @@
-"""Bounds of message fields: values that are not finite or not plausible are discarded. Pure.
+"""Bounds of message fields: values that are not finite or not plausible are discarded.
 
 One table covers all messages from which the bridge reads a vehicle's state. A message with any
-value out of bounds is discarded as a whole. Integers that mean "unknown" are allowed by name;
-floats that may be NaN for "unknown" (``UNKNOWN``) are decoded as such.
+value out of bounds is discarded as a whole. ``also`` is the integer for "unknown" of a field;
+``UNKNOWN`` has the float fields that are NaN if unknown.
 
-Sources: common.xml of MAVLink for units and unknowns; latitude, longitude and angles by definition;
-heights from the Dead Sea (-430 m) to twice the ceiling of any aircraft here; speeds of air from
-the fastest gust measured (113 m/s, Barrow Island 1996, WMO), of aircraft below half of sound's;
-numbers of items from the longest list of either stack (``stacks/stacks.py``).
+Sources: common.xml of MAVLink for units and unknown values; definitions for latitude, longitude and
+angles; heights from the Dead Sea (-430 m) to twice the ceiling of any supported aircraft; wind
+speeds from the fastest measured gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds below half
+of the speed of sound; numbers of items from the longest list of a stack (``stacks/stacks.py``).
 """
 
 import math
@@ -22,11 +22,11 @@ GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MAX_PARAM = 1e12  # of an item; no command has values near it
+MAX_PARAM = 1e12  # of an item; the values of all commands are far below it
 
 
 class Bound(NamedTuple):
-    """Minimum and maximum of a field; ``also`` is a value beyond them that means unknown."""
+    """Minimum and maximum of a field; ``also`` is a value outside them for "unknown"."""
 
     field: str
     least: float
@@ -34,35 +34,25 @@ class Bound(NamedTuple):
     also: float | None = None
 
 
+_BATTERY = (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767))
 BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "GLOBAL_POSITION_INT": (
         Bound("lat", -90e7, 90e7),
         Bound("lon", -180e7, 180e7),
         Bound("alt", LOWEST_M * 1e3, HIGHEST_M * 1e3),
         Bound("relative_alt", -HIGHEST_M * 1e3, HIGHEST_M * 1e3),
-        Bound("vx", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
-        Bound("vy", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
-        Bound("vz", -SPEED_M_S * 1e2, SPEED_M_S * 1e2),
+        *(Bound(field, -SPEED_M_S * 1e2, SPEED_M_S * 1e2) for field in ("vx", "vy", "vz")),
         Bound("hdg", 0, 36_000, 65_535),
     ),
-    "ATTITUDE": (
-        Bound("roll", -TURN_RAD, TURN_RAD),
-        Bound("pitch", -TURN_RAD, TURN_RAD),
-        Bound("yaw", -TURN_RAD, TURN_RAD),
-    ),
+    "ATTITUDE": tuple(Bound(field, -TURN_RAD, TURN_RAD) for field in ("roll", "pitch", "yaw")),
     "VFR_HUD": (
-        Bound("airspeed", -SPEED_M_S, SPEED_M_S),
-        Bound("groundspeed", -SPEED_M_S, SPEED_M_S),
-        Bound("climb", -SPEED_M_S, SPEED_M_S),
+        *(Bound(field, -SPEED_M_S, SPEED_M_S) for field in ("airspeed", "groundspeed", "climb")),
         Bound("throttle", 0, 200),
     ),
     "WIND": (Bound("direction", -360.0, 360.0), Bound("speed", 0.0, GUST_M_S)),
     "WIND_COV": (Bound("wind_x", -GUST_M_S, GUST_M_S), Bound("wind_y", -GUST_M_S, GUST_M_S)),
-    "SYS_STATUS": (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767)),
-    "BATTERY_STATUS": (
-        Bound("battery_remaining", -1, 100),
-        Bound("current_battery", -32_768, 32_767),
-    ),
+    "SYS_STATUS": _BATTERY,
+    "BATTERY_STATUS": _BATTERY,
     "MISSION_CURRENT": (Bound("seq", 0, MAX_ITEMS),),
     "MISSION_ITEM_REACHED": (Bound("seq", 0, MAX_ITEMS),),
     "MISSION_COUNT": (Bound("count", 0, MAX_ITEMS),),
@@ -77,14 +67,14 @@ UNKNOWN: Final = {
 
 
 def out_of_bounds(message: Message) -> str | None:
-    """The first value of a message that is out of bounds, in words; None if there is none."""
+    """Describe the first value of a message that is out of bounds; None if all are within."""
     kind = message.get_type()
-    for field, least, most, also in BOUNDS.get(kind, ()):
+    for field, minimum, maximum, also in BOUNDS.get(kind, ()):
         value = getattr(message, field)
-        if not least <= value <= most and value != also and not _unknown(kind, field, value):
+        if not minimum <= value <= maximum and value != also and not _unknown(kind, field, value):
             return f"{kind}.{field} is {value:g}"
     if kind in ("MISSION_ITEM_INT", "MISSION_ITEM"):
-        return _absurd_item(message)
+        return _item_out_of_bounds(message)
     return None
 
 
@@ -93,13 +83,15 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
 
 
 def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
-    """The first value of the items that is out of bounds, in words; None if there is none."""
-    found = (f"item {n}: {words}" for n, item in enumerate(items) if (words := _absurd_item(item)))
+    """Describe the first value of the items that is out of bounds; None if all are within."""
+    found = (
+        f"item {n}: {words}" for n, item in enumerate(items) if (words := _item_out_of_bounds(item))
+    )
     return next(found, None)
 
 
-def _absurd_item(item: MissionItem | Message) -> str | None:
-    """The first value of a wire item that is out of bounds; its parameters may be NaN."""
+def _item_out_of_bounds(item: MissionItem | Message) -> str | None:
+    """Describe the first value of an item that is out of bounds; parameters may be NaN."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MAX_PARAM or math.isnan(value)):
@@ -107,8 +99,8 @@ def _absurd_item(item: MissionItem | Message) -> str | None:
     if not (abs(item.z) <= MAX_PARAM or math.isnan(item.z)):
         return f"MISSION_ITEM_INT.z is {item.z:g}"
     if has_degrees(item) and isinstance(item.x, int):
-        for field, most in (("x", 90e7), ("y", 180e7)):
+        for field, maximum in (("x", 90e7), ("y", 180e7)):
             value = getattr(item, field)
-            if abs(value) > most and value != NO_POSITION:
+            if abs(value) > maximum and value != NO_POSITION:
                 return f"MISSION_ITEM_INT.{field} is {value}"
     return None

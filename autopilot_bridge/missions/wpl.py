@@ -1,8 +1,9 @@
-"""QGC WPL text files, the plain format of MAVProxy, Mission Planner and older QGroundControl.
+"""QGC WPL text files, the format of MAVProxy, Mission Planner and older QGroundControl.
 
-Tab-separated: index, current, frame, command, params 1 to 4, latitude, longitude, altitude,
-autocontinue (mavlink.io, "Mission Plain-Text File Format"). In version 110 item 0 is the home
-position, in 120 there is none (so QGroundControl reads them). Missions only: no fence, no rally.
+A line has, separated by tabs: index, current, frame, command, params 1 to 4, latitude, longitude,
+altitude, autocontinue (mavlink.io, "Mission Plain-Text File Format"). In version 110 item 0 is the
+home position, version 120 has no home (as QGroundControl reads them). The format has no fence and
+no rally points.
 """
 
 import math
@@ -20,22 +21,17 @@ from autopilot_bridge.items import (
     params_of,
 )
 from autopilot_bridge.missions.numbers import whole
-from autopilot_bridge.missions.textfile import read_text, write_text
+from autopilot_bridge.missions.textfile import write_text
 
-_HOME_AT = {"QGC WPL 110": 1, "QGC WPL 120": 0}  # items taken up by home
+_HOME_ITEMS = {"QGC WPL 110": 1, "QGC WPL 120": 0}  # number of home items at the beginning
 _AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 
 
-def read_wpl(path: Path) -> Plan:
-    """The plan in a QGC WPL 110 or 120 file. Raises BridgeError naming file and line."""
-    return parse(path, read_text(path))
-
-
 def parse(path: Path, text: str) -> Plan:
-    """The plan in a file's text; ``path`` is named in errors."""
+    """Return the plan in a file's text. Raises BridgeError, which names ``path`` and the line."""
     lines = [(at, line.strip()) for at, line in enumerate(text.splitlines(), 1)]
     version = lines[0][1] if lines else ""
-    if version not in _HOME_AT:
+    if version not in _HOME_ITEMS:
         raise BridgeError(f"{path}: line 1 is {version[:40]!r}, not QGC WPL 110 or QGC WPL 120")
     items: list[MissionItem] = []
     for at, line in lines[1:]:
@@ -45,7 +41,7 @@ def parse(path: Path, text: str) -> Plan:
             items.append(_item(line, len(items)))
         except ValueError as error:
             raise BridgeError(f"{path}: line {at}: {error}") from None
-    homes = _HOME_AT[version]
+    homes = _HOME_ITEMS[version]
     home = _home(path, items[0]) if homes and items else None
     return Plan(jumps_moved(items[homes:], -homes), home=home)
 
@@ -55,7 +51,7 @@ def _item(line: str, index: int) -> MissionItem:
     if len(words) != 12:
         raise ValueError(f"{len(words)} values where 12 are needed")
     if words[0] != str(index):
-        raise ValueError(f"the item is numbered {words[0]} where {index} comes next; renumber them")
+        raise ValueError(f"the item has number {words[0]} instead of {index}; renumber the items")
     params = [float(word) for word in words[4:11]]
     if any(math.isinf(value) for value in params):
         raise ValueError("an infinite value")
@@ -64,7 +60,8 @@ def _item(line: str, index: int) -> MissionItem:
 
 
 def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
-    # A file without home would lose its first item; Mission Planner writes home as command 0.
+    # Without this check the first item of a file without home would be lost. Mission Planner writes
+    # home as command 0.
     if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in _AMSL:
         raise BridgeError(
             f"{path}: item 0 is a {command_name(item.command)} in frame {item.frame}, but in QGC "
@@ -81,7 +78,7 @@ def write_wpl(path: Path, plan: Plan) -> None:
     """
     if plan.fence or plan.rally:
         raise BridgeError(
-            f"{path}: a WPL file holds no fence and no rally points; write a .plan file instead"
+            f"{path}: a WPL file cannot store a fence or rally points; write a .plan file instead"
         )
     lat_deg, lon_deg, altitude_m = plan.home or (0.0, 0.0, 0.0)
     position = (0.0, 0.0, 0.0, 0.0, lat_deg, lon_deg, altitude_m)

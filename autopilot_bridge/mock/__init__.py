@@ -1,1 +1,1 @@
-"""A mock autopilot: the vehicle's side of the protocols of both stacks, with simple flight."""
+"""A mock autopilot: the vehicle's side of the protocols of both stacks, with a flight model."""

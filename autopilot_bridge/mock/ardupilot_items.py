@@ -12,14 +12,14 @@ from autopilot_bridge.stacks.stacks import Stack
 
 
 def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
-    """ArduPilot's MAV_MISSION_RESULT for an item."""
+    """Return ArduPilot's MAV_MISSION_RESULT for an item."""
     rules = rules_of(stack)
-    known = {
+    accepted = {
         MISSION: rules.position.keys() | rules.bare.keys(),
         FENCE: FENCE_COMMANDS,
         RALLY: {RALLY_POINT},
     }[mission_type]
-    if item.command not in known:
+    if item.command not in accepted:
         return int(mavlink.MAV_MISSION_UNSUPPORTED)
     may_be_open = (rules.nan_ok or {}).get(item.command, ())
     params = (item.param1, item.param2, item.param3, item.param4)
@@ -41,7 +41,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def fence_fault(items: list[MissionItem]) -> tuple[int, str] | None:
-    """The fault of a whole fence: severity and text; None if there is none."""
+    """Return the fault of a whole fence: severity and text; None if there is none."""
     left = 0
     for item in items:
         if item.command in VERTICES:

@@ -1,7 +1,7 @@
 """ArduPilot's side of the mission protocol.
 
-Each list has a transfer of its own. A mission is cut to its new length at once and overwritten
-item by item; a fence is taken over when it is whole.
+Each list has a separate transfer. A mission is truncated to its new length at once and overwritten
+item by item; a fence is applied when it is complete.
 """
 
 from collections import deque
@@ -35,13 +35,13 @@ INFO, WARNING, DEBUG = 6, 4, 7
 
 @dataclass
 class Receiving:
-    """An upload under way."""
+    """An active upload."""
 
     client: Client
     mission_type: int
     count: int
     received_us: int
-    asked_us: int
+    requested_us: int
     next_seq: int = 0
     fence: list[MissionItem] = field(default_factory=list)
 
@@ -56,41 +56,41 @@ class ArduPilotServer(MissionServer):
         self._receiving = {}
         self._queue: deque[Message] = deque()
         self._tick_us = 0
-        self._scolded: set[str] = set()
+        self._sent_texts: set[str] = set()
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Keep the message for the next tick."""
+        """Queue the message for the next tick."""
         if not self._queue:
             self._tick_us = now_us + self.constants.tick_us
         self._queue.append(message)
         return []
 
     def next_timer(self) -> int | None:
-        """The next tick with work to do."""
+        """Return the time of the next tick with a message, or of a timeout."""
         timers = [self._tick_us] if self._queue else []
         timers += [self._due_us(receiving) for receiving in self._receiving.values()]
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Answer one message per tick, repeat requests to silent uploaders, end their transfers."""
+        """Process one message per tick, repeat unanswered requests, end overdue transfers."""
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):
-                answers += self._nudge(receiving, now_us)
+                answers += self._overdue(receiving, now_us)
         if self._queue and now_us >= self._tick_us:
             answers += self._answer(self._queue.popleft(), now_us)
-        return self._heard(answers)
+        return self._limited(answers)
 
     def forget_transfers(self) -> None:
-        """After a reboot no items are requested any more."""
+        """End all transfers, as a reboot does: no item is requested afterwards."""
         self._receiving.clear()
         self._queue.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
-        """Take over a file's items one by one, up to the first refused; no message is sent.
+        """Apply a file's items one by one, up to the first rejected one; no message is sent.
 
-        A mission being flown is not cleared: a shorter file leaves the old items behind its own.
-        A fence is taken over when it is whole.
+        A mission in flight is not cleared: the old items remain after those of a shorter file. A
+        fence is applied only if it is complete.
         """
         good = []
         for item in items[: self.constants.most[mission_type]]:
@@ -112,11 +112,11 @@ class ArduPilotServer(MissionServer):
 
     def _due_us(self, receiving: Receiving) -> int:
         return min(
-            receiving.asked_us + self.constants.rerequest_us,
+            receiving.requested_us + self.constants.rerequest_us,
             receiving.received_us + self.constants.gives_up_us,
         )
 
-    def _nudge(self, receiving: Receiving, now_us: int) -> list[Message]:
+    def _overdue(self, receiving: Receiving, now_us: int) -> list[Message]:
         if now_us < receiving.received_us + self.constants.gives_up_us:
             return [self._request(receiving, now_us)]
         del self._receiving[receiving.mission_type]
@@ -129,7 +129,7 @@ class ArduPilotServer(MissionServer):
     def _answer(self, message: Message, now_us: int) -> list[Message]:
         kind = message.get_type()
         if kind == "MISSION_ACK":
-            return []  # even a cancellation is ignored
+            return []  # ArduPilot also ignores a cancellation
         client, mission_type = client_of(message), message.mission_type
         if mission_type not in self.lists:
             return [ack(client, int(mavlink.MAV_MISSION_UNSUPPORTED), mission_type)]
@@ -140,32 +140,34 @@ class ArduPilotServer(MissionServer):
                 return self._item(client, message, now_us)
             case "MISSION_ITEM":
                 answers = self._item(client, message, now_us)
-                return answers + self._scold("got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
+                return answers + self._text_once(
+                    "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"
+                )
             case "MISSION_REQUEST_LIST":
                 if mission_type in self._receiving:
                     return [ack(client, DENIED, mission_type)]
                 return [count_message(client, len(self.lists[mission_type]), mission_type)]
             case "MISSION_REQUEST_INT":
-                return self._asked(client, message, as_int=True)
+                return self._requested(client, message, as_int=True)
             case "MISSION_REQUEST":
-                answers = self._asked(client, message, as_int=False)
-                return answers + self._scold("got MISSION_REQUEST; use MISSION_REQUEST_INT!")
+                answers = self._requested(client, message, as_int=False)
+                return answers + self._text_once("got MISSION_REQUEST; use MISSION_REQUEST_INT!")
             case "MISSION_CLEAR_ALL":
                 return self._clear(client, mission_type)
             case _:
                 return []
 
-    def _scold(self, words: str) -> list[Message]:
-        """A text that is sent once."""
-        if words in self._scolded:
+    def _text_once(self, words: str) -> list[Message]:
+        """Return a text as a message; the text is sent only once."""
+        if words in self._sent_texts:
             return []
-        self._scolded.add(words)
+        self._sent_texts.add(words)
         return [text(WARNING, words)]
 
     def _count(self, client: Client, message: Message, now_us: int) -> list[Message]:
         mission_type = message.mission_type
-        under_way = self._receiving.get(mission_type)
-        if under_way is not None and under_way.client != client:
+        active = self._receiving.get(mission_type)
+        if active is not None and active.client != client:
             return [ack(client, DENIED, mission_type)]
         most = self.constants.most[mission_type]
         if message.count > most:
@@ -181,7 +183,7 @@ class ArduPilotServer(MissionServer):
         return [self._request(receiving, now_us)]
 
     def _request(self, receiving: Receiving, now_us: int) -> Message:
-        receiving.asked_us = now_us
+        receiving.requested_us = now_us
         return mavlink.MAVLink_mission_request_message(
             *receiving.client, receiving.next_seq, receiving.mission_type
         )
@@ -213,7 +215,7 @@ class ArduPilotServer(MissionServer):
         return self._complete(receiving)
 
     def _put(self, mission_type: int, seq: int, item: MissionItem) -> None:
-        """Replace an item or add it at the end; item 0 of a mission is home, whatever was sent."""
+        """Replace an item or append it; item 0 of a mission is always home."""
         held = self.lists[mission_type]
         if mission_type == MISSION and seq == 0:
             kept = self.home
@@ -236,7 +238,7 @@ class ArduPilotServer(MissionServer):
         self.lists[FENCE] = receiving.fence
         return [done, text(DEBUG, "Fence Indexed OK")]
 
-    def _asked(self, client: Client, message: Message, as_int: bool) -> list[Message]:
+    def _requested(self, client: Client, message: Message, as_int: bool) -> list[Message]:
         mission_type, seq = message.mission_type, message.seq
         if mission_type in self._receiving:
             return [ack(client, DENIED, mission_type)]

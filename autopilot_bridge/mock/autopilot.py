@@ -1,6 +1,6 @@
-"""The mock autopilot, sans-IO: bytes in, datagrams out, one timer.
+"""The mock autopilot, sans-IO: it receives bytes, returns datagrams and needs one timer.
 
-Times passed to the mock are its simulation clock; ``time_boot_ms`` counts from the first one.
+The times passed to the mock are its simulation clock; ``time_boot_ms`` counts from the first one.
 """
 
 from dataclasses import replace
@@ -25,26 +25,26 @@ from autopilot_bridge.mock.telemetry_sender import TelemetrySender
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
-# As delivered: WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.
+# Default values of WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.
 LIMITS = {
     ("ardupilot", "copter"): Limits(climb_m_s=2.5, sink_m_s=1.5),
     ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
 }
-# A process that was held up does not try to make up for more than this at once.
+# After a delay of the process at most this number of steps is computed at once.
 MAX_STEPS_AT_ONCE = 4000
 
 
 class MockAutopilot:
-    """One vehicle standing at its home, disarmed; a peer for a ``Connection`` or a ``MemoryLink``.
+    """One vehicle, at first disarmed at its home; a peer for a ``Connection`` or ``MemoryLink``.
 
     Args:
         stack: The autopilot and the kind of vehicle to simulate.
         home: Its start position.
         system_id: MAVLink system id, 1 to 255.
         airspeed_m_s: Cruise speed in m/s.
-        wind: Speed in m/s and direction that it comes from.
+        wind: Speed in m/s and direction from which the wind blows.
         terrain: Ground in metres AMSL by latitude and longitude; None: flat at home's altitude.
-        battery_minutes: How long a full battery lasts in the air; None: no battery is reported.
+        battery_minutes: Endurance of a full battery in the air; None: no battery is reported.
     """
 
     def __init__(
@@ -91,32 +91,32 @@ class MockAutopilot:
 
     @property
     def positions(self) -> bool:
-        """Whether there is a GPS position to report."""
+        """Whether the mock has a GPS position to report."""
         return self.flight.gps
 
     @positions.setter
-    def positions(self, told: bool) -> None:
-        self.flight.gps = told
+    def positions(self, available: bool) -> None:
+        self.flight.gps = available
 
     @property
     def outputs(self) -> list[Output]:
-        """What missions and commands switched: (at_us since boot, what, its number, value)."""
+        """Outputs switched by missions and commands: (at_us since boot, kind, number, value)."""
         return self.flight.payload.outputs
 
     @property
     def battery_percent(self) -> float | None:
         """Remaining charge in percent; None: not reported."""
-        return self.flight.battery_percent
+        return self.flight.battery.percent
 
     @battery_percent.setter
     def battery_percent(self, percent: float | None) -> None:
-        self.flight.battery_percent = percent
+        self.flight.battery.percent = percent
 
     def breach_fence(self, breached: bool) -> None:
         """Set whether the vehicle's fence is breached."""
         self.flight.breach(breached, self._now_s())
 
-    # Bytes and time -----------------------------------------------------------------------------
+    # Data and timers ----------------------------------------------------------------------------
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process a datagram from any ground station."""
@@ -127,18 +127,18 @@ class MockAutopilot:
                 self._receive(message, now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams to send, each handed out once."""
+        """Remove and return the datagrams to send."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def next_timer(self) -> int:
-        """When the next step or re-request is due."""
+        """Return the time of the next step or repeated request."""
         step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
         timers = (step_us, self.missions.next_timer(), self.ftp.next_timer())
         return min(timer for timer in timers if timer is not None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Fly up to now and send what is due."""
+        """Simulate the flight until now and send the messages that are due."""
         if self._boot_us is None:
             self._boot_us = now_us
         while (due_us := self.missions.next_timer()) is not None and due_us <= now_us:
@@ -157,11 +157,11 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def send_message(self, message: Message) -> None:
-        """Send any message, such as an acknowledgement that no request expects."""
+        """Send a message, such as an acknowledgement without a request."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Restart at the vehicle's position, disarmed; lists are kept, transfers are not."""
+        """Restart at the vehicle's position, disarmed; lists remain, transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
@@ -211,13 +211,13 @@ class MockAutopilot:
         if not self.stack.keeps_target:
             self._restart()
         if not self.stack.keeps_target and self._flying_mission():
-            # PX4 reports it within the second, or at once if it begins elsewhere than commanded.
+            # PX4 reports it within a second, or at once if the current item is another one.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:
             self.telemetry.send_current(self.flight)
 
     def _restart(self) -> None:
-        """PX4 flies a new mission at once; without one it loiters."""
+        """Start a new mission at once, as PX4 does; without a mission it loiters."""
         flight = self.flight
         self.telemetry.forget()
         if flight.mode == "mission" and not flight.items:
@@ -226,7 +226,7 @@ class MockAutopilot:
         flight.make_current(self.missions.start_at, self._now_s())
 
     def _restart_item(self) -> None:
-        """ArduCopter begins its item again at every change of the mission."""
+        """Restart the current item, as ArduCopter does at every change of the mission."""
         flight, missions = self.flight, self.missions
         if flight.current < len(flight.items) and (missions.cut or missions.written):
             flight.go_to(flight.current, self._now_s())

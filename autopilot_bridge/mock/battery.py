@@ -12,15 +12,15 @@ CAPACITY_MAH = 5000.0
 
 @dataclass(slots=True)
 class Battery:
-    """``percent`` None: no battery is reported. ``endurance_s`` None: it does not drain."""
+    """The battery of one vehicle."""
 
-    percent: float | None = None
-    endurance_s: float | None = None
-    acted: bool = False  # on a low charge
-    warned: bool = False  # of the emergency
+    percent: float | None = None  # None: no battery is reported
+    endurance_s: float | None = None  # None: it does not drain
+    acted: bool = False  # whether the low charge has been reported
+    warned: bool = False  # whether the emergency has been reported
 
     def drain(self) -> bool:
-        """Drain for one step in the air; True once, when the charge becomes low."""
+        """Drain for one step in the air; returns True once, when the charge becomes low."""
         if self.percent is None:
             return False
         if self.endurance_s is not None:
@@ -31,7 +31,7 @@ class Battery:
         return True
 
     def emergency(self) -> bool:
-        """True once, when the charge falls to the emergency threshold."""
+        """Return True once, when the charge falls to the emergency threshold."""
         if self.warned or self.percent is None or self.percent > EMERGENCY_PERCENT:
             return False
         self.warned = True
@@ -49,7 +49,7 @@ class Battery:
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 
     def low_text(self, ardupilot: bool) -> tuple[int, str]:
-        """Severity and text that the stack sends when it acts."""
+        """Return severity and text that the stack sends at a low charge."""
         if not ardupilot:
             return 2, "Low battery\t"
         used_mah = CAPACITY_MAH * (1.0 - (self.percent or 0.0) / 100.0)

@@ -21,23 +21,23 @@ from autopilot_bridge.stacks.stacks import Stack
 Place = tuple[float, float]  # metres north and east of home
 
 APPROACH_M = 60.0
-LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # a copter's way down
+LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # the slow end of a copter's landing
 GLIDE = math.tan(math.radians(6.0))
-IN_PLACE_M = 2.0  # from above what lies so near, a copter goes straight down to it
+IN_PLACE_M = 2.0  # over a shorter horizontal distance a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
-WIDER_M = 12.0  # 11 at 12.6 m/s, 13 at 22 m/s, at radii of 100 and 150 m
+WIDER_M = 12.0  # observed: 11 m at 12.6 m/s, 13 m at 22 m/s, at radii of 100 and 150 m
 FALL_M_S = 8.0  # of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """Excess of a plane's circle over the ordered radius: ArduPlane 4.6 10 to 13 m, PX4 none."""
+    """Return the excess of a plane's circle over its radius: ArduPlane 4.6 10 to 13 m, PX4 0."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
 @dataclass(slots=True)
 class Body:
-    """One vehicle in its surroundings; each manoeuvre is one step of it."""
+    """One vehicle with wind and terrain; each manoeuvre method computes one time step."""
 
     stack: Stack
     frame: LocalFrame
@@ -52,11 +52,11 @@ class Body:
         self.motion = Motion(0.0, 0.0, self.frame.altitude_m)
         self._stood_amsl_m = self.frame.altitude_m
 
-    # What there is to see ---------------------------------------------------------------------
+    # State ------------------------------------------------------------------------------------
 
     @property
     def ground_amsl_m(self) -> float:
-        """The terrain below; without one, where the vehicle last stood."""
+        """The altitude of the terrain below; without terrain that of the last standing place."""
         if self.terrain is None:
             return self._stood_amsl_m
         return self.terrain(*self.frame.global_position(self.motion))
@@ -64,12 +64,12 @@ class Body:
     # Manoeuvres -------------------------------------------------------------------------------
 
     def follow(self, start: Place, end: Place, altitude_m: float) -> None:
-        """A plane's step along a line."""
+        """Move a plane one step along a line."""
         course = course_along(self.motion, start, end, APPROACH_M)
         step_plane(self.motion, course, altitude_m, self.limits, wind=self.wind)
 
     def approach(self, place: Place, altitude_m: float, stop: bool) -> None:
-        """A copter's step towards a place."""
+        """Move a copter one step towards a position."""
         step_copter(self.motion, place, altitude_m, self.limits, stop, self.wind)
 
     def straight(
@@ -81,26 +81,26 @@ class Body:
         stop: bool,
         near_m: float,
     ) -> bool:
-        """A copter's step along a line that rises by ``rise_m`` to a place; whether it is there.
+        """Move a copter one step along a line that rises by ``rise_m``; returns whether it arrived.
 
-        It is as slow as climbing or sinking along the line needs, and goes straight up or down to
-        what lies above or below it.
+        The speed is limited by the climb or sink rate along the line. If the end is above or below
+        the start, the copter moves vertically.
         """
         length_m, left_m, limits = math.dist(start, place), self.distance(place), self.limits
-        wanted_m = altitude_m
+        target_m = altitude_m
         in_place = length_m <= IN_PLACE_M
         if not in_place:
             rate = limits.climb_m_s if rise_m > 0.0 else limits.sink_m_s
             fastest = rate * length_m / max(abs(rise_m), 1e-6)
             self.limits = replace(limits, airspeed_m_s=min(limits.airspeed_m_s, fastest))
-            wanted_m -= rise_m * min(left_m / length_m, 1.0)
-        self.approach(place, wanted_m, stop or in_place)
+            target_m -= rise_m * min(left_m / length_m, 1.0)
+        self.approach(place, target_m, stop or in_place)
         self.limits = limits
-        high = abs(self.motion.altitude_m - wanted_m) <= HIGH_ENOUGH_M
+        high = abs(self.motion.altitude_m - target_m) <= HIGH_ENOUGH_M
         return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of circling; copters stand at the centre. Negative radius: anticlockwise."""
+        """Circle for one step; copters hover at the centre. Negative radius: anticlockwise."""
         if self.stack.vehicle == "copter":
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
@@ -113,7 +113,7 @@ class Body:
         step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
 
     def circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """A step of ArduCopter's circle."""
+        """Move ArduCopter one step along its circle."""
         motion, limits, size = self.motion, self.limits, abs(radius_m)
         bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
         fastest = math.sqrt(limits.acceleration_m_s2 * size)
@@ -124,27 +124,27 @@ class Body:
         step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
 
     def orbit(self, centre: Place, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """A step of a PX4 multirotor's orbit; on its way to the circle it is as fast as it may."""
+        """Move a PX4 multirotor one step along its orbit, or at cruise speed towards it."""
         on_circle = abs(self.distance(centre) - abs(radius_m)) < 5.0
         speed_m_s = speed_m_s if on_circle else self.limits.airspeed_m_s
         limits = replace(self.limits, airspeed_m_s=speed_m_s)
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """A copter's landing: over the place, then down; True when it stands."""
+        """Land a copter: move over the position, then sink; returns True when it stands."""
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
         if self.distance(place) < 1.0:
             rate = self.limits.sink_m_s if height_m > LAST_DESCENT_M else LAST_DESCENT_M_S
-        wanted_m = self.motion.altitude_m - min(rate * STEP_S, max(height_m, 0.0))
-        self.approach(place, wanted_m, stop=True)
+        target_m = self.motion.altitude_m - min(rate * STEP_S, max(height_m, 0.0))
+        self.approach(place, target_m, stop=True)
         if height_m > rate * STEP_S or rate == 0.0:
             return False
         self.touch(self.ground_amsl_m)
         return True
 
     def glide(self, start: Place, place: Place, ground_m: float) -> bool:
-        """A plane's landing along a line; True when it stands."""
+        """Land a plane along a line; returns True when it stands."""
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)
@@ -156,7 +156,7 @@ class Body:
         return True
 
     def fall(self) -> None:
-        """Without power: a plane sinks as fast as it may, a copter falls."""
+        """Move one step without power: a plane sinks at its maximum rate, a copter falls."""
         motion = self.motion
         if self.stack.vehicle == "plane":
             step_plane(motion, motion.course_rad, -math.inf, self.limits, wind=self.wind)
@@ -165,11 +165,11 @@ class Body:
             motion.altitude_m -= FALL_M_S * STEP_S
 
     def touch(self, ground_m: float) -> None:
-        """Stand on the ground."""
+        """Stop on the ground."""
         self.motion.stop()
         self.motion.altitude_m = self._stood_amsl_m = ground_m
         self.airborne = False
 
     def distance(self, place: Place) -> float:
-        """Horizontal distance to a place in metres."""
+        """Return the horizontal distance to a position in metres."""
         return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)

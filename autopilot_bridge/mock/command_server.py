@@ -1,5 +1,7 @@
-"""Execution of commands by the mock, by the rules of each stack (read and seen: PX4 1.17,
-ArduPilot 4.6.2)."""
+"""Execution of commands by the mock, by the rules of each stack.
+
+Sources: source code and simulations of PX4 1.17 and ArduPilot 4.6.2.
+"""
 
 import math
 from collections.abc import Callable
@@ -14,12 +16,10 @@ from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
+from autopilot_bridge.mock.payload import ACCEPTED, DENIED, REJECTED
 from autopilot_bridge.stacks.rules import rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
-ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
-REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-DENIED = int(mavlink.MAV_RESULT_DENIED)
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
 FAILED = int(mavlink.MAV_RESULT_FAILED)
 _MODES: dict[str, Mode] = {
@@ -37,13 +37,13 @@ _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 def custom_mode_of(stack: Stack, mode: Mode) -> int:
-    """The number in the heartbeat."""
+    """Return the ``custom_mode`` of a mode in the heartbeat."""
     return 0 if mode == "idle" else stack.mode_number(_NAMES[mode])
 
 
 @dataclass(frozen=True, slots=True)
 class CommandRequest:
-    """COMMAND_LONG or COMMAND_INT in the same words; ``frame`` is None for the former."""
+    """A COMMAND_LONG or COMMAND_INT; ``frame`` is None for the former."""
 
     command: int
     params: tuple[float, float, float, float]
@@ -54,12 +54,12 @@ class CommandRequest:
 
     @property
     def x_is_none(self) -> bool:
-        """COMMAND_INT's word for no place."""
+        """Whether a COMMAND_INT has no position."""
         return self.frame is not None and round(self.lat_deg * 1e7) == NO_PLACE
 
 
 def command_request_of(message: Message) -> CommandRequest:
-    """The request of a COMMAND_LONG or COMMAND_INT."""
+    """Return the request of a COMMAND_LONG or COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)
@@ -73,7 +73,7 @@ Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
 
 
 class CommandServer:
-    """Executes commands; messages besides the acknowledgement go to ``send``."""
+    """The execution of commands; other messages than acknowledgements are passed to ``send``."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class CommandServer:
         return ACCEPTED if done else FAILED if servo else UNSUPPORTED
 
     def _handlers_of_stack(self) -> dict[int, Handler]:
-        """The handler of each MAV_CMD; those that only switch an output are the payload's."""
+        """Return the handler of each MAV_CMD except those that only switch an output."""
         handlers: dict[int, Handler] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -150,21 +150,21 @@ class CommandServer:
         return ACCEPTED
 
     def _set_mode(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
-        wanted = int(request.params[1])
+        number = int(request.params[1])
         if self._px4:
-            wanted = wanted << 16 | int(request.params[2]) << 24
-        mode = _MODES.get(self._stack.mode_name(wanted))
+            number = number << 16 | int(request.params[2]) << 24
+        mode = _MODES.get(self._stack.mode_name(number))
         if mode is None:
             return DENIED
         result = self._change(flight, mode, now_s)
-        if result == ACCEPTED and mode == "takeoff":  # ArduPlane: climbs when armed
+        if result == ACCEPTED and mode == "takeoff":  # ArduPlane climbs when armed
             ground_m = flight.motion.altitude_m
             height_m = self._parameters.value("TKOFF_ALT") if not self._px4 else 20.0
-            flight.fly_around(_here(flight), ground_m + height_m, DEFAULT_RADIUS_M)
+            flight.fly_around(_position(flight), ground_m + height_m, DEFAULT_RADIUS_M)
         return result
 
     def _without_position(self, mode: Mode) -> int:
-        """A change of mode that a blind vehicle refuses."""
+        """Reject a mode that requires a position; returns the MAV_RESULT."""
         if self._px4:
             self._send(text(2, f"Switching to {mode.title()} is currently not available\t"))
             return REJECTED
@@ -187,14 +187,14 @@ class CommandServer:
     def _takeoff(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
         if self._px4:
             flight.set_mode("takeoff", now_s)
-            flight.fly_around(_here(flight), request.z, DEFAULT_RADIUS_M)
+            flight.fly_around(_position(flight), request.z, DEFAULT_RADIUS_M)
             return ACCEPTED
         frame_taken = request.frame in (None, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
         if not self._plane and not frame_taken:
             return DENIED
         if self._plane or flight.mode != "guided" or not flight.armed or flight.airborne:
             return FAILED
-        flight.fly_around(_here(flight), flight.frame.altitude_m + request.z, DEFAULT_RADIUS_M)
+        flight.fly_around(_position(flight), flight.frame.altitude_m + request.z, DEFAULT_RADIUS_M)
         return ACCEPTED
 
     def _land_start(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
@@ -216,7 +216,7 @@ class CommandServer:
                 return UNSUPPORTED
             flight.set_mode("hold", now_s)
             if request.x_is_none and math.isnan(request.z):
-                flight.fly_around(_here(flight), flight.motion.altitude_m, DEFAULT_RADIUS_M)
+                flight.fly_around(_position(flight), flight.motion.altitude_m, DEFAULT_RADIUS_M)
             elif flight.armed:
                 flight.fly_around(place, request.z, DEFAULT_RADIUS_M)
             return ACCEPTED
@@ -238,7 +238,9 @@ class CommandServer:
         radius_m, speed_m_s, _, _ = request.params
         nowhere = request.x_is_none or math.isnan(request.lat_deg + request.lon_deg)
         place = (
-            _here(flight) if nowhere else flight.frame.local_of(request.lat_deg, request.lon_deg)
+            _position(flight)
+            if nowhere
+            else flight.frame.local_of(request.lat_deg, request.lon_deg)
         )
         altitude_m = flight.motion.altitude_m if math.isnan(request.z) else request.z
         if self._plane:
@@ -266,8 +268,8 @@ class CommandServer:
         if flight.mode not in ("guided", "mission"):
             return FAILED
         if self._plane:
-            least, most = map(self._parameters.value, ("AIRSPEED_MIN", "AIRSPEED_MAX"))
-            if kind != 0.0 or not least <= speed_m_s <= most:
+            minimum, maximum = map(self._parameters.value, ("AIRSPEED_MIN", "AIRSPEED_MAX"))
+            if kind != 0.0 or not minimum <= speed_m_s <= maximum:
                 return FAILED
             self._send(text(6, f"Set airspeed {int(speed_m_s)} m/s"))
         elif speed_m_s <= 0.0:
@@ -286,5 +288,5 @@ class CommandServer:
         return ACCEPTED
 
 
-def _here(flight: FlightModel) -> tuple[float, float]:
+def _position(flight: FlightModel) -> tuple[float, float]:
     return flight.motion.north_m, flight.motion.east_m

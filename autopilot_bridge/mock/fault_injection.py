@@ -1,4 +1,4 @@
-"""A mock with faults: it takes the mock's place on a link."""
+"""A mock with faults, which replaces the mock on a link."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,8 +20,10 @@ SECOND = 1_000_000
 
 
 class FaultyMock:
-    """A peer around a mock. Times count from the first one it is given; the same seed and traffic
-    give the same faults."""
+    """A peer that adds faults to a mock.
+
+    Times count from the first call; the same seed and traffic cause the same faults.
+    """
 
     def __init__(self, mock: MockAutopilot, faults: Faults, seed: int = 0) -> None:
         self.mock = mock
@@ -33,14 +35,14 @@ class FaultyMock:
                 round(faults.delay_s * SECOND),
                 round(faults.jitter_s * SECOND),
                 faults.duplication,
-                2 * seed + way,
+                2 * seed + direction,
             )
-            for way in (0, 1)
+            for direction in (0, 1)
         )
         self._late = MemoryLink(delay_us=round(faults.late_ack_s * SECOND))
         self._other = Codec(mock.system_id, OTHER_COMPONENT)
         self._second = NativeClient(*SECOND_GROUND, target_system=mock.system_id)
-        self._second_speaks = bool(faults.second_upload or faults.second_download)
+        self._second_active = bool(faults.second_upload or faults.second_download)
         self._outgoing: list[bytes] = []
         self._began_us: int | None = None
         self._due: list[tuple[float, Callable[[int], None]]] = []
@@ -53,29 +55,29 @@ class FaultyMock:
             (faults.second_download, self._download),
         ):
             self._due += [(at_s, change) for at_s in times]
-        for spans, trouble in (
+        for spans, switch in (
             (faults.gps_loss, self._lose_gps),
             (faults.fence_breach, self._breach_fence),
             (faults.engine_failure, self._fail_engine),
         ):
             for start_s, end_s in spans:
-                self._due += [(start_s, partial(trouble, True)), (end_s, partial(trouble, False))]
+                self._due += [(start_s, partial(switch, True)), (end_s, partial(switch, False))]
         self._due.sort(key=lambda due: due[0])
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process a datagram of the station under test."""
+        """Process a datagram from the station under test."""
         self._begin(now_us)
         if not self._within(self.faults.silence, now_us):
             self._up.send(data, now_us)
         self._exchange(now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams that got through."""
+        """Return the datagrams that were not lost."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def next_timer(self) -> int:
-        """When something is due."""
+        """Return the time of the next due action."""
         timers = [self.mock.next_timer()]
         timers += [
             due_us
@@ -84,17 +86,17 @@ class FaultyMock:
         ]
         if self._due and self._began_us is not None and self._due[0][0] < 1e12:
             timers.append(self._began_us + round(self._due[0][0] * SECOND))
-        if self._second_speaks and (due := self._second.next_timer()) is not None:
+        if self._second_active and (due := self._second.next_timer()) is not None:
             timers.append(due)
         return min(timers)
 
     def handle_timer(self, now_us: int) -> None:
-        """Do what is due."""
+        """Run all actions due at ``now_us``."""
         began_us = self._begin(now_us)
         self.mock.handle_timer(now_us)
         while self._due and (now_us - began_us) / SECOND >= self._due[0][0]:
             self._due.pop(0)[1](now_us)
-        if self._second_speaks:
+        if self._second_active:
             self._second.handle_timer(now_us)
         self._exchange(now_us)
 
@@ -111,11 +113,11 @@ class FaultyMock:
         """Exchange messages between the station and the mock."""
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
-        if self._second_speaks:
+        if self._second_active:
             for datagram in self._second.data_to_send():
                 self.mock.receive_data(datagram, now_us)
         for datagram in self.mock.data_to_send():
-            if self._second_speaks:
+            if self._second_active:
                 self._second.receive_data(datagram, now_us)
             self._send_down(datagram, now_us)
         for datagram in self._late.receive(now_us):
@@ -129,7 +131,7 @@ class FaultyMock:
         late = self.faults.late_ack_s > 0.0 and number == mavlink.MAVLINK_MSG_ID_MISSION_ACK
         (self._late if late else self._down).send(datagram, now_us)
 
-    # What happens at a time ---------------------------------------------------------------------
+    # Faults at a given time ---------------------------------------------------------------------
 
     def _lose_gps(self, lost: bool, _now_us: int) -> None:
         self.mock.positions = not lost
@@ -144,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Refusing MISSION_ACKs that are not for the station: each is wrong in one field."""
+        """Send MISSION_ACKs with an error that are not for the station: one field is wrong."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))
@@ -157,7 +159,7 @@ class FaultyMock:
         self._second.download(now_us)
 
     def _detour(self) -> Items:
-        """Three waypoints 100 m above home and about 500 m from it."""
+        """Return three waypoints 100 m above home and about 500 m from it."""
         frame = self.mock.flight.frame
         high_m = frame.altitude_m + 100.0
         offsets = ((0.005, 0.0), (0.005, 0.005), (0.0, 0.005))

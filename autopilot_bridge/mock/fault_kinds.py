@@ -1,4 +1,4 @@
-"""Faults to order, as data. ``fault_injection.py`` makes them happen."""
+"""The faults of a mock, as data; ``fault_injection.py`` applies them."""
 
 import math
 from collections.abc import Sequence
@@ -6,16 +6,17 @@ from dataclasses import dataclass, field
 
 from autopilot_bridge.errors import BridgeError
 
-Span = tuple[float, float]  # from, to; seconds since the mock began
+Span = tuple[float, float]  # begin and end in seconds since the start of the mock
 
 
 @dataclass
 class Faults:
-    """What is to go wrong with one mock. All times are seconds since it began.
+    """The faults of one mock; all times are seconds since its start.
 
-    ``refuse``: (mission type, item) refused with a MAV_MISSION_RESULT. ``silent_after``: the
-    autopilot sends that many more messages of the mission protocol, then none. ``loss`` and
-    ``duplication`` (shares) and ``delay_s``, ``jitter_s`` (which reorders) hold for each direction.
+    ``refuse``: the MAV_MISSION_RESULT by which a (mission type, item) is rejected.
+    ``silent_after``: the number of messages of the mission protocol that the autopilot still sends.
+    ``loss`` and ``duplication`` (shares) and ``delay_s``, ``jitter_s`` (which reorders) apply to
+    each direction.
     """
 
     refuse: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -24,8 +25,8 @@ class Faults:
     duplication: float = 0.0
     delay_s: float = 0.0
     jitter_s: float = 0.0
-    late_ack_s: float = 0.0  # how much later than all else MISSION_ACKs arrive
-    silence: list[Span] = field(default_factory=list)  # receives and sends nothing
+    late_ack_s: float = 0.0  # additional delay of MISSION_ACKs
+    silence: list[Span] = field(default_factory=list)  # no message is received or sent
     gps_loss: list[Span] = field(default_factory=list)
     reboot: list[float] = field(default_factory=list)
     battery_low: list[float] = field(default_factory=list)
@@ -52,9 +53,9 @@ _TIMES = (
 
 
 def parse_faults(texts: Sequence[str]) -> Faults:
-    """Read faults such as ``reboot@30``, ``gps-loss@10..20``, ``refuse=3:13`` (see ``FORMS``).
+    """Parse faults such as ``reboot@30``, ``gps-loss@10..20``, ``refuse=3:13`` (see ``FORMS``).
 
-    A span without its end lasts for ever. Raises BridgeError.
+    A span without an end is unlimited. Raises BridgeError.
     """
     faults = Faults()
     for text in texts:
@@ -66,7 +67,7 @@ def parse_faults(texts: Sequence[str]) -> Faults:
         elif name == "silent-after":
             faults.silent_after = _whole(text, value, "MESSAGES", 0, 10**9)
         elif name in ("loss", "duplication"):
-            setattr(faults, name, _number(text, value, "a share from 0 to 1", most=1.0))
+            setattr(faults, name, _number(text, value, "a share from 0 to 1", maximum=1.0))
         elif name in _SECONDS:
             setattr(faults, _SECONDS[name], _number(text, value, "seconds"))
         elif name in _SPANS:
@@ -77,24 +78,24 @@ def parse_faults(texts: Sequence[str]) -> Faults:
         elif name in _TIMES:
             getattr(faults, name.replace("-", "_")).append(_number(text, value, "seconds"))
         else:
-            raise BridgeError(f"--fault {text!r}: no such fault; there are {FORMS}")
+            raise BridgeError(f"--fault {text!r}: unknown fault; the faults are {FORMS}")
     return faults
 
 
-def _number(text: str, value: str, form: str, least: float = 0.0, most: float = 1e9) -> float:
+def _number(text: str, value: str, form: str, minimum: float = 0.0, maximum: float = 1e9) -> float:
     try:
         number = float(value)
     except ValueError:
         number = math.nan
-    if not least <= number <= most:
-        raise BridgeError(f"--fault {text!r}: {value!r} does not fit, give {form}")
+    if not minimum <= number <= maximum:
+        raise BridgeError(f"--fault {text!r}: {value!r} is not valid, give {form}")
     return number
 
 
-def _whole(text: str, value: str, form: str, least: int, most: int) -> int:
-    if not (value.isascii() and value.isdigit() and least <= int(value) <= most):
+def _whole(text: str, value: str, form: str, minimum: int, maximum: int) -> int:
+    if not (value.isascii() and value.isdigit() and minimum <= int(value) <= maximum):
         raise BridgeError(
-            f"--fault {text!r}: {value!r} does not fit, give {form}, "
-            f"a whole number from {least} to {most}"
+            f"--fault {text!r}: {value!r} is not valid, give {form}, "
+            f"a whole number from {minimum} to {maximum}"
         )
     return int(value)

@@ -1,4 +1,4 @@
-"""Flight of the mock: modes, and the execution of a mission's items."""
+"""The flight of the mock: modes, and the execution of a mission's items."""
 
 import math
 from collections import deque
@@ -28,20 +28,20 @@ from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
-NEAR_M = 5.0  # a copter that flies on has arrived
-STOP_WITHIN_M = 2.0  # a copter that stops has arrived
-GLIDES_AT_M_S = 3.0  # a plane without its engine sinks so fast
-GLIDES_BY = 0.7  # and flies by so much of its airspeed
-# How long a copter flies on without satellites before it lands at its estimated position, as the
-# stacks are delivered (FS_EKF_ACTION = 1; PX4 without a remote control).
+NEAR_M = 5.0  # acceptance radius of a copter that does not stop
+STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops
+GLIDES_AT_M_S = 3.0  # sink rate of a vehicle without its engine
+GLIDES_BY = 0.7  # its share of the airspeed
+# Time without satellites after which a copter lands at its estimated position, with the default
+# parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
-# From standing on the ground to disarmed; LAND_DISARMDELAY, COM_DISARM_LAND.
+# Time on the ground until the vehicle disarms; LAND_DISARMDELAY, COM_DISARM_LAND.
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
 
 @dataclass(slots=True)
 class Target:
-    """The item being flown, and the leg that leads to it."""
+    """The current item, and the leg that leads to it."""
 
     item: MissionItem
     leg_start: Place
@@ -54,9 +54,9 @@ class Target:
 
 @dataclass(slots=True)
 class FlightModel(Body):
-    """Moves one vehicle through its mission. ``current`` is a wire sequence number.
+    """The flight of one vehicle; ``current`` is a sequence number as transmitted.
 
-    ``reached`` and ``texts`` are for the telemetry to send and clear.
+    The telemetry sends and clears ``reached`` and ``texts``.
     """
 
     battery: Battery = field(default_factory=Battery)
@@ -64,27 +64,27 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
-    blind: bool = False  # it has given up its position, and takes no mode that needs one
-    failsafe: bool = False  # it acts on one
+    blind: bool = False  # without a position; modes that need one are rejected
+    failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
-    fence: bool | None = None  # whether one is breached; None: none is switched on
+    fence: bool | None = None  # whether a fence is breached; None: no fence is enabled
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
-    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and words
+    texts: list[tuple[int, str]] = field(default_factory=list)  # severity and text
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
-    return_m: float = 60.0  # a copter's least height on its way home
-    orbit_m_s: float = 1.0  # of PX4 multirotors, once they are on the circle
+    return_m: float = 60.0  # a copter's minimum height above home during its return
+    orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
     _powered: Limits = field(init=False)  # the limits while the engine runs
     _return_amsl_m: float = field(init=False)
     _disarm_at_s: float = math.inf
-    _fix_s: float = 0.0  # when there last was one
+    _fix_s: float = 0.0  # time of the last fix
     _jumps: dict[int, int] = field(default_factory=dict)
-    _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items still to run
+    _waiting: deque[int] = field(default_factory=deque)  # ArduPilot's DO items to execute
     _wait_until_s: float = 0.0
     _wait_within_m: float = math.inf
 
@@ -98,7 +98,7 @@ class FlightModel(Body):
         self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "FlightModel":
-        """The same vehicle at its position, disarmed, with its autopilot restarted."""
+        """Return the same vehicle at its position, disarmed, with its autopilot restarted."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         fresh = FlightModel(
             self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
@@ -112,19 +112,8 @@ class FlightModel(Body):
         fresh.payload.outputs = self.payload.outputs
         return fresh
 
-    # What there is to see ---------------------------------------------------------------------
-
-    @property
-    def battery_percent(self) -> float | None:
-        """Charge left; None: not reported."""
-        return self.battery.percent
-
-    @battery_percent.setter
-    def battery_percent(self, percent: float | None) -> None:
-        self.battery.percent = percent
-
     def blind_s(self, now_s: float) -> float:
-        """Seconds since the last fix: 0 with satellites, infinite without them on the ground."""
+        """Return the seconds since the last fix: 0 with satellites, infinite on the ground."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
@@ -138,19 +127,19 @@ class FlightModel(Body):
         if mode != before:
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
-            self._return_amsl_m = self._way_home_amsl_m()
-            if self.stack.vehicle == "plane":  # a speed that was ordered goes with the mode
+            self._return_amsl_m = self._return_altitude_amsl_m()
+            if self.stack.vehicle == "plane":  # a commanded speed is valid only in its mode
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
 
     def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
-        """Set place, altitude and radius of the hold; a vehicle on the ground takes off to it."""
+        """Set position, altitude and radius of the hold; a vehicle on the ground takes off."""
         self._hold_at = (*place, altitude_m)
         self.radius_m = radius_m
 
     def make_current(self, seq: int, now_s: float) -> None:
-        """Make an item the current one; PX4 leaves a DO item there until it flies the mission."""
+        """Set the current item; PX4 executes it only when it flies the mission."""
         if seq <= 1:
             self._jumps.clear()
         if self.stack.item_0_is_home or self.mode == "mission":
@@ -160,13 +149,13 @@ class FlightModel(Body):
 
     @property
     def throttle_percent(self) -> int:
-        """As VFR_HUD has it."""
+        """The throttle in VFR_HUD."""
         if not self.armed:
             return 0
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Make it sink, whatever is commanded, until the engine runs again; it reports nothing."""
+        """Stop or restart the engine; without it the vehicle sinks and does not report it."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -178,15 +167,16 @@ class FlightModel(Body):
             self.limits = self._powered
 
     def change_cruise(self, airspeed_m_s: float) -> None:
-        """The airspeed that it flies unless another is commanded."""
+        """Set the default airspeed."""
         self._cruise_m_s = airspeed_m_s
         self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
 
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
-        """DO_CHANGE_SPEED; False: refused. ``kind`` 0 is airspeed, 1 ground speed; -2 resets.
+        """Execute DO_CHANGE_SPEED; returns whether it is accepted.
 
-        Planes take an airspeed within their limits and fly no ground speed. ArduCopter takes 2 and
-        3 too, its speeds up and down.
+        ``kind`` 0 is airspeed, 1 ground speed; a speed of -2 resets it. Planes accept an airspeed
+        within their limits and ignore a ground speed. ArduCopter also accepts 2 and 3, its climb
+        and sink rates.
         """
         if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
             change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
@@ -197,25 +187,26 @@ class FlightModel(Body):
         plane = self.stack.vehicle == "plane"
         if plane and kind != 0:
             return True
-        least = self.limits.min_airspeed_m_s if plane else 0.1
-        if not least <= speed_m_s <= self.limits.max_airspeed_m_s:
+        minimum = self.limits.min_airspeed_m_s if plane else 0.1
+        if not minimum <= speed_m_s <= self.limits.max_airspeed_m_s:
             return False
         self.limits = replace(self.limits, airspeed_m_s=speed_m_s)
         return True
 
     def go_to(self, seq: int, now_s: float) -> None:
-        """Make an item the current one and fly it; DO items on the way to it are run.
+        """Fly the next NAV item from ``seq`` on, and execute the DO items before it.
 
-        ArduPilot runs the first of them, begins the NAV item, and runs the others one by one while
-        it flies; behind the last NAV item only the first runs. PX4 runs all in their order.
+        ArduPilot executes the first of them, begins the NAV item, and executes the others one by
+        one in flight; after the last NAV item it executes only the first. PX4 executes all in
+        sequence.
         """
         seq = max(seq, 1 if self.stack.item_0_is_home else 0)
-        if self._passes_over(seq):
+        if self._skips(seq):
             seq += 1
-        met, nav = next_of(self.items, seq, self._jumps)
+        do_items, nav = next_of(self.items, seq, self._jumps)
         ardupilot = self.stack.item_0_is_home
-        first = met[:1] if ardupilot else met
-        self._waiting = deque(met[1:] if ardupilot and nav is not None else ())
+        first = do_items[:1] if ardupilot else do_items
+        self._waiting = deque(do_items[1:] if ardupilot and nav is not None else ())
         self._wait_until_s, self._wait_within_m = now_s, math.inf
         for number in first:
             self._run(number, now_s)
@@ -225,18 +216,21 @@ class FlightModel(Body):
             self._hold_at = (self.motion.north_m, self.motion.east_m, self.motion.altitude_m)
             return
         self.current = nav
-        self._name(nav)
-        here = (self.motion.north_m, self.motion.east_m)
-        self.target = Target(self.items[nav], here, self.motion.altitude_m, now_s)
+        self._send_name(nav)
+        position = (self.motion.north_m, self.motion.east_m)
+        self.target = Target(self.items[nav], position, self.motion.altitude_m, now_s)
 
-    def _passes_over(self, seq: int) -> bool:
-        """PX4's planes in the air leave a takeoff out (read: 1.17 ``setActiveMissionItems``)."""
+    def _skips(self, seq: int) -> bool:
+        """Return whether an item is skipped: PX4 planes in the air skip a takeoff.
+
+        Source: PX4 1.17 ``setActiveMissionItems``.
+        """
         px4_plane = (self.stack.name, self.stack.vehicle) == ("px4", "plane")
         flies = px4_plane and self.airborne and self.mode == "mission"
         return flies and seq < len(self.items) and self.items[seq].command in TAKEOFFS
 
     def step(self, now_s: float) -> None:
-        """One time step."""
+        """Compute one time step."""
         if self.crashed or not self.armed or self.mode == "idle":
             self.armed = self.armed and not self.crashed
             return
@@ -254,22 +248,22 @@ class FlightModel(Body):
         elif self.mode == "rtl":
             self._return(now_s)
         elif self.mode == "land":
-            self._land_here(now_s)
+            self._land_at_position(now_s)
         elif self.airborne or self._hold_at[2] > self._stood_amsl_m + 0.5:
             self._hold()
         if not self.airborne:
             self.airborne = self.motion.altitude_m > self._stood_amsl_m + 0.5
         if self.terrain is not None and self.airborne:
-            self._look_down()
+            self._detect_crash()
 
     # Items ------------------------------------------------------------------------------------
 
     def _run(self, seq: int, now_s: float) -> None:
-        """Run a DO item, if the mission is being flown."""
+        """Execute a DO item if the vehicle is in mission mode."""
         item = self.items[seq]
         if self.mode != "mission":
             return
-        self._name(seq)
+        self._send_name(seq)
         match item.command:
             case mavlink.MAV_CMD_DO_CHANGE_SPEED:
                 self.change_speed(int(item.param1), item.param2)
@@ -280,14 +274,14 @@ class FlightModel(Body):
             case command:
                 self.payload.execute(command, params_of(item), round(now_s * 1e6))
 
-    def _name(self, seq: int) -> None:
-        """ArduPilot sends a text with the name of each item it begins in AUTO."""
+    def _send_name(self, seq: int) -> None:
+        """Send the name of an item, as ArduPilot does for each item in AUTO."""
         names, command = stack_constants_of(self.stack).mission_names, self.items[seq].command
         if names and self.mode == "mission":
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """Run the waiting DO items in order, within milliseconds (seen), unless one delays."""
+        """Execute the queued DO items in sequence at once (as observed) unless one delays."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -320,7 +314,7 @@ class FlightModel(Body):
             self._advance(now_s)
 
     def _place(self, target: Target) -> Place:
-        """Of an item; one at 0, 0 means where it was begun."""
+        """Return the position of an item; 0, 0 is the start of its leg."""
         item = target.item
         return self.frame.local(item) if item.x or item.y else target.leg_start
 
@@ -340,11 +334,11 @@ class FlightModel(Body):
         self.current = flown
         self._hold_at = (*self._place(ended), self.motion.altitude_m)
         if self.stack.keeps_target and self.stack.vehicle == "plane":
-            self.set_mode("rtl", now_s)  # ArduPlane goes home after its last item
+            self.set_mode("rtl", now_s)  # ArduPlane returns after its last item
             self.texts.append((6, "Mission complete, changing mode to RTL"))
 
     def _reached_seq(self) -> int:
-        """PX4 reports the DO items after a waypoint instead of the waypoint."""
+        """Return the reported item: PX4 reports the last DO item after a waypoint."""
         seq = self.current
         if not self.stack.item_0_is_home:
             while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:
@@ -354,7 +348,7 @@ class FlightModel(Body):
     # Manoeuvres -------------------------------------------------------------------------------
 
     def _hold(self) -> None:
-        """Stay, circle or orbit where it was sent; PX4 loiters after its takeoff."""
+        """Hover, circle or orbit at the commanded position; PX4 loiters after its takeoff."""
         north, east, altitude_m = self._hold_at
         if self.mode == "orbit":
             self.orbit((north, east), altitude_m, self.radius_m, self.orbit_m_s)
@@ -364,8 +358,8 @@ class FlightModel(Body):
         if up and not self.stack.item_0_is_home:
             self.mode = "hold"
 
-    def _land_here(self, now_s: float) -> None:
-        """Straight down, a plane on its circle."""
+    def _land_at_position(self, now_s: float) -> None:
+        """Sink vertically; a plane circles while it sinks."""
         north, east, _ = self._hold_at
         if self.stack.vehicle == "copter":
             if self.airborne:
@@ -377,7 +371,7 @@ class FlightModel(Body):
             self._disarm_later(now_s)
 
     def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
-        """Fly a loiter; whether it has come to its end. Time and turns count from the arrival."""
+        """Fly a loiter; returns whether it has ended. Time and turns count from the arrival."""
         item, altitude_m = target.item, self._altitude(target.item)
         radius_m = loiter_radius_m(item, self.stack)
         turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
@@ -405,9 +399,9 @@ class FlightModel(Body):
         return target.turned_rad >= item.param1 * math.tau
 
     def _passed(self, target: Target, place: Place, now_s: float) -> bool:
-        """Fly to a waypoint; whether it is reached and the time there is over."""
+        """Fly to a waypoint; returns whether it is reached and its holding time has ended."""
         item, altitude_m = target.item, self._altitude(target.item)
-        # ArduPlane keeps no holding time.
+        # ArduPlane does not store the holding time.
         hold_s = 0.0 if math.isnan(item.param1) else item.param1
         if target.arrived_at_s is not None:
             self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
@@ -417,17 +411,17 @@ class FlightModel(Body):
             near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
             rise_m = altitude_m - target.begun_amsl_m
             rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
-            there = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
+            arrived = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
         else:
             self.follow(target.leg_start, place, altitude_m)
-            there = self._past(target, place)
-        if there and hold_s > 0.0:
+            arrived = self._is_past(target, place)
+        if arrived and hold_s > 0.0:
             target.arrived_at_s = now_s
             return False
-        return there
+        return arrived
 
-    def _past(self, target: Target, place: Place) -> bool:
-        """Within the acceptance radius, or past the end of the leg."""
+    def _is_past(self, target: Target, place: Place) -> bool:
+        """Return whether the vehicle is within the acceptance radius or past the end of the leg."""
         turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
         if self.distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
             return True
@@ -438,7 +432,7 @@ class FlightModel(Body):
         return beyond > 0.0 and self.distance(place) < 3.0 * turn_radius_m
 
     def _land(self, target: Target, place: Place, now_s: float) -> bool:
-        """Land at an item's place; a plane does so at the item's altitude where no terrain is."""
+        """Land at an item's position; without terrain a plane lands at the item's altitude."""
         if self.stack.vehicle == "copter":
             return self._down(place, now_s)
         ground_m = self._altitude(target.item) if self.terrain is None else self.ground_amsl_m
@@ -456,13 +450,13 @@ class FlightModel(Body):
     def _disarm_later(self, now_s: float) -> None:
         self._disarm_at_s = now_s + DISARM_AFTER_S.get((self.stack.name, self.stack.vehicle), 2.0)
 
-    def _way_home_amsl_m(self) -> float:
+    def _return_altitude_amsl_m(self) -> float:
         if self.stack.vehicle == "plane":
             return self.frame.altitude_m + 100.0
         return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
-        """Fly home; a plane circles there, a copter lands (True when it stands)."""
+        """Fly home; a plane circles there, a copter lands. Returns True when it stands."""
         if self.stack.vehicle == "plane":
             self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
             return False
@@ -474,16 +468,16 @@ class FlightModel(Body):
         return False
 
     def _return_item(self, now_s: float) -> bool:
-        """NAV_RETURN_TO_LAUNCH: ArduCopter flies it as an item, the others change their mode."""
+        """Execute NAV_RETURN_TO_LAUNCH: an item for ArduCopter, a change of mode for others."""
         if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
             return self._return(now_s)
         self.set_mode("rtl", now_s)
         return False
 
-    # Mishaps ----------------------------------------------------------------------------------
+    # Failures ---------------------------------------------------------------------------------
 
     def _out_of_power(self, now_s: float) -> bool:
-        """Drain the battery, go home when it is low, come down when it is empty (True)."""
+        """Drain the battery, return when it is low, fall when it is empty (returns True)."""
         ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
             self.texts.append(self.battery.low_text(ardupilot))
@@ -493,7 +487,7 @@ class FlightModel(Body):
         if not self.battery.empty:
             return False
         self.fall()
-        self._look_down()
+        self._detect_crash()
         return True
 
     def failsafe_to(self, mode: Mode, now_s: float) -> None:
@@ -505,9 +499,9 @@ class FlightModel(Body):
                 self.texts.append((2, "Failsafe activated\t"))
 
     def breach(self, breached: bool, now_s: float) -> None:
-        """A fence was crossed, or is kept again; as delivered PX4 holds, ArduPilot goes home.
+        """Set the breach of the fence; by default PX4 then holds, and ArduPilot returns.
 
-        ArduPlane does not count it as a failsafe in its heartbeat (read: 4.6.2
+        ArduPlane's heartbeat does not report it as a failsafe (source: 4.6.2
         ``any_failsafe_triggered``).
         """
         self.fence = breached
@@ -522,7 +516,7 @@ class FlightModel(Body):
                 self.set_mode("rtl", now_s)
 
     def _land_blind(self, now_s: float) -> None:
-        """Land in place after a long loss of satellites."""
+        """Land at the current position after a long loss of satellites."""
         if self.gps or not self.airborne:
             self._fix_s, self.blind = now_s, False
         after_s = BLIND_AFTER_S.get((self.stack.name, self.stack.vehicle), math.inf)
@@ -534,8 +528,8 @@ class FlightModel(Body):
             self.texts.append((2, "EKF Failsafe: changed to LAND Mode"))
         self.failsafe_to("land", now_s)
 
-    def _look_down(self) -> None:
-        """Detect a crash into the ground, after which the vehicle stays there."""
+    def _detect_crash(self) -> None:
+        """Detect a crash into the ground, after which the vehicle remains there."""
         ground_m = self.ground_amsl_m
         if self.motion.altitude_m > ground_m - 0.5:
             return

@@ -1,7 +1,7 @@
-"""The autopilot's side of MAVFTP, for ArduPilot's mission files, with its habits.
+"""The autopilot's side of MAVFTP for ArduPilot's mission files, with ArduPilot's behaviour.
 
-One session at a time over all stations; requests wait in a queue of five; a file written is
-applied when its session is closed, by whomever. PX4 has no such files.
+Only one session is open for all stations; up to five requests are queued; a written file is applied
+when its session is closed, by any station. PX4 has no such files.
 """
 
 from collections import deque
@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20.ardupilotmega import MAV_MISSION_TYPE_MISSION
 
-from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
@@ -19,12 +18,13 @@ from autopilot_bridge.missions.mission_file import (
     MAGIC,
     PATHS,
     encode_mission_file,
+    unpack_item,
 )
 from autopilot_bridge.missions.read_back import with_unheld
 from autopilot_bridge.mock.mission_server import MissionServer
 
 QUEUE = 5
-WORK_US = 4_000  # seen: 109 writes in 0.46 s
+WORK_US = 4_000  # observed: 109 writes in 0.46 s
 IDLE_US = 3_000_000
 LONG_AGO_US = -(10**15)
 _PLACEHOLDER_LENGTH = 1024 * 1024
@@ -32,7 +32,7 @@ _PLACEHOLDER_LENGTH = 1024 * 1024
 
 @dataclass
 class Session:
-    """An open file. ``written`` is None when it is open to read."""
+    """An open file; ``written`` is None if it is open for reading."""
 
     session: int
     mission_type: int
@@ -40,7 +40,7 @@ class Session:
 
 
 class FtpServer:
-    """Reads and writes the lists of a mission server."""
+    """Access to the lists of a mission server by MAVFTP."""
 
     def __init__(self, missions: MissionServer) -> None:
         self.session: Session | None = None
@@ -51,7 +51,7 @@ class FtpServer:
         self._last: tuple[tuple[int, int], Packet] | None = None
 
     def receive(self, message: Message, now_us: int) -> None:
-        """Put a request into the queue; with five there it is dropped without a word."""
+        """Queue a request; a full queue discards it without a reply."""
         if len(self._queue) < QUEUE:
             source = (message.get_srcSystem(), message.get_srcComponent())
             self._queue.append((source, packet_of(message)))
@@ -59,11 +59,11 @@ class FtpServer:
                 self._due_us = now_us + WORK_US
 
     def next_timer(self) -> int | None:
-        """When the next reply is ready."""
+        """Return the time of the next reply."""
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Work on the oldest request."""
+        """Process the oldest request."""
         if self._due_us is None or now_us < self._due_us:
             return []
         source, request = self._queue.popleft()
@@ -73,13 +73,13 @@ class FtpServer:
         repeated = self._repeated(source, request)
         replies = [repeated] if repeated else self._replies(request, now_us)
         self._last = (source, replies[-1])
-        # An ended session counts as idle, even when the one ended is not the one open.
+        # After a TERMINATE the open session is idle, even if the request had another session id.
         ended = request.opcode == ftp.TERMINATE
         self._last_sent_us = LONG_AGO_US if ended else now_us
         return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
-        """The last reply again, if session and sequence number are repeated; else None."""
+        """Return the last reply if session and sequence number are repeated; else None."""
         if self._last is None or self._last[0] != source:
             return None
         last = self._last[1]
@@ -87,7 +87,7 @@ class FtpServer:
         return last if same else None
 
     def _replies(self, request: Packet, now_us: int) -> list[Packet]:
-        """One reply; a burst is read to the end of the file, which the last reply marks."""
+        """Return one reply, or for a burst all replies up to the end of the file."""
         replies = [self._reply(request, now_us)]
         while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
             offset = replies[-1].offset + replies[-1].size
@@ -139,13 +139,13 @@ class FtpServer:
             return _refusal(reply, ftp.FAIL)
         mission_type = self.session.mission_type
         held = tuple(self._missions.lists[mission_type])
-        if mission_type == MAV_MISSION_TYPE_MISSION and held:  # as seen: home's place
+        if mission_type == MAV_MISSION_TYPE_MISSION and held:  # as observed: home's position
             held = tuple(with_unheld(item, held[0].x, held[0].y, held[0].z) for item in held)
         whole = encode_mission_file(held, mission_type, (1, 1))
-        most = min(request.size, ftp.MAX_DATA_BYTES)
+        maximum = min(request.size, ftp.MAX_DATA_BYTES)
         if request.opcode == ftp.BURST_READ and request.size == 0:
-            most = ftp.MAX_DATA_BYTES  # read: a burst of size 0 means the largest pieces
-        data = whole[request.offset : request.offset + most]
+            maximum = ftp.MAX_DATA_BYTES  # a burst of size 0 is read in maximum blocks
+        data = whole[request.offset : request.offset + maximum]
         return _with(reply, request.offset, data) if data else _refusal(reply, ftp.END_OF_FILE)
 
     def _write(self, request: Packet, reply: Packet) -> Packet:
@@ -159,13 +159,13 @@ class FtpServer:
         end = request.offset + len(request.data)
         if request.offset == 0 and len(request.data) >= HEADER.size:
             count = HEADER.unpack_from(request.data)[4]
-            end = max(end, HEADER.size + count * ITEM.size)  # room for all that is to come
+            end = max(end, HEADER.size + count * ITEM.size)  # space for the whole file
         buffer.extend(bytes(max(end - len(buffer), 0)))
         buffer[request.offset : request.offset + len(request.data)] = request.data
         return replace(reply, offset=request.offset)
 
     def _close(self) -> None:
-        """End the session; what was written is applied now, if it looks whole."""
+        """End the session; a written file is applied now if it is complete."""
         session, self.session = self.session, None
         if session is None or session.written is None:
             return
@@ -175,18 +175,11 @@ class FtpServer:
         count = (len(data) - HEADER.size) // ITEM.size
         if count != HEADER.unpack_from(data)[4]:
             return
-        places = [HEADER.size + index * ITEM.size for index in range(count)]
-        if any(not any(data[place : place + ITEM.size]) for place in places):
+        offsets = [HEADER.size + index * ITEM.size for index in range(count)]
+        if any(not any(data[offset : offset + ITEM.size]) for offset in offsets):
             return  # an item of zeros: not all was written
-        items = tuple(_item(data, place) for place in places)
+        items = tuple(unpack_item(data, index)[1] for index in range(count))
         self._missions.apply_file(session.mission_type, items)
-
-
-def _item(data: bytes, place: int) -> MissionItem:
-    """An item as it stands; its number is not looked at."""
-    values = ITEM.unpack_from(data, place)
-    param1, param2, param3, param4, x, y, z, _, command, _, _, frame, _, auto, _ = values
-    return MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
 
 
 def _refusal(reply: Packet, code: int) -> Packet:

@@ -1,7 +1,7 @@
-"""Message rates of the mock: each stack's own until others are requested.
+"""Message rates of the mock: the default rates of each stack until others are requested.
 
-Seen in SITL without any request: ArduPlane sends all at 1 Hz, ArduCopter nothing but HEARTBEAT and
-texts, PX4 what its link's profile holds.
+Observed in SITL without a request: ArduPlane sends all messages at 1 Hz, ArduCopter only HEARTBEAT
+and texts, PX4 the messages of its link's profile.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -31,7 +31,7 @@ _PX4 = {
     **dict.fromkeys((POSITION, ATTITUDE, VFR_HUD), 4.0),
     **dict.fromkeys((SYS_STATUS, BATTERY_STATUS, GPS, WIND_COV, SERVOS, LANDED, ESTIMATOR), 1.0),
 }
-_COPTER_KNOWS = tuple(_PLANE)
+_COPTER_MESSAGES = tuple(_PLANE)
 
 
 class Intervals:
@@ -42,13 +42,13 @@ class Intervals:
         if stack.name == "px4":
             hz = _PX4
         else:
-            hz = _PLANE if stack.vehicle == "plane" else dict.fromkeys(_COPTER_KNOWS, 0.0)
+            hz = _PLANE if stack.vehicle == "plane" else dict.fromkeys(_COPTER_MESSAGES, 0.0)
         for message_id, rate_hz in hz.items():
             self.set(message_id, 1e6 / rate_hz if rate_hz else -1.0)
         self._default = dict(self._every)
 
     def set(self, message_id: int, interval_us: float) -> None:
-        """SET_MESSAGE_INTERVAL: 0 is the default rate, -1 stops it."""
+        """Set the interval of a message: 0 is the default rate, -1 switches the message off."""
         if interval_us == 0.0:
             self._every[message_id] = self._default.get(message_id, 0)
         elif interval_us < 0.0:
@@ -57,18 +57,18 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all others, also after a restart: unused messages cost time."""
+        """Switch off all other messages, also after a restart: unused messages cost time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 
     def reset(self) -> None:
-        """As after a restart."""
+        """Restore the default rates, as a restart does."""
         self._every = dict(self._default)
 
     def has_message(self, message_id: int) -> bool:
-        """Whether the mock has this message."""
+        """Return whether the mock has this message."""
         return message_id in self._every
 
     def due(self, step: int) -> list[int]:
-        """The messages due in a step."""
+        """Return the messages due in a step."""
         return [key for key, every in self._every.items() if every and not step % every]

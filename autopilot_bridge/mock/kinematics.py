@@ -1,7 +1,7 @@
-"""How mock vehicles move. Pure functions of floats, in metres north and east of home.
+"""Kinematics of mock vehicles: pure functions of floats, in metres north and east of home.
 
-One step is short (``STEP_US``), so that plain Euler steps serve. Courses (over the ground) and
-headings (of the nose) are radians clockwise from north.
+One step is short (``STEP_US``), so that Euler steps are accurate enough. Courses (over the ground)
+and headings (of the nose) are radians clockwise from north.
 """
 
 import math
@@ -15,7 +15,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the airframe can do; ``airspeed_m_s`` is flown unless another is commanded."""
+    """The limits of the airframe; ``airspeed_m_s`` is its default airspeed."""
 
     airspeed_m_s: float = 18.0
     min_airspeed_m_s: float = 9.0  # fixed wing
@@ -28,25 +28,25 @@ class Limits:
 
     @property
     def turn_rate_rad_s(self) -> float:
-        """Largest turn rate at the bank limit in level flight."""
+        """Maximum turn rate in level flight, at the bank limit."""
         return GRAVITY_M_S2 * math.tan(math.radians(self.bank_deg)) / self.airspeed_m_s
 
 
 @dataclass(frozen=True)
 class Wind:
-    """A steady wind, by where it comes from and as (north, east) it blows towards."""
+    """A steady wind: its direction from and speed, and the velocity of the air."""
 
     from_deg: float = 0.0
     speed_m_s: float = 0.0
 
     @cached_property
     def north_m_s(self) -> float:
-        """Northwards."""
+        """The north component of the velocity of the air."""
         return -self.speed_m_s * math.cos(math.radians(self.from_deg))
 
     @cached_property
     def east_m_s(self) -> float:
-        """Eastwards."""
+        """The east component of the velocity of the air."""
         return -self.speed_m_s * math.sin(math.radians(self.from_deg))
 
 
@@ -55,7 +55,7 @@ CALM = Wind()
 
 @dataclass(slots=True)
 class Motion:
-    """Where a vehicle is and how it moves.
+    """Position and velocity of a vehicle.
 
     ``altitude_m`` is above mean sea level; ``course_rad`` and ``speed_m_s`` are over the ground,
     ``heading_rad`` and ``airspeed_m_s`` through the air.
@@ -72,21 +72,21 @@ class Motion:
     roll_rad: float = 0.0
 
     def stop(self) -> None:
-        """Come to rest where it is."""
+        """Set all speeds to 0."""
         self.speed_m_s = self.climb_m_s = self.airspeed_m_s = self.roll_rad = 0.0
 
 
 def wrap(angle_rad: float) -> float:
-    """To -pi ... pi."""
+    """Return the angle between -pi and pi."""
     return (angle_rad + math.pi) % math.tau - math.pi
 
 
 def course_along(
     motion: Motion, start: tuple[float, float], end: tuple[float, float], approach_m: float
 ) -> float:
-    """Course that joins the line from start to end and follows it (vector field).
+    """Compute the course that joins the line from start to end and follows it (vector field).
 
-    ``approach_m`` off the line the course cuts in at 45 degrees.
+    At a distance of ``approach_m`` from the line the course meets it at 45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)
@@ -100,7 +100,7 @@ def course_along(
 def course_around(
     motion: Motion, centre: tuple[float, float], radius_m: float, clockwise: bool
 ) -> float:
-    """Course that joins a circle and follows it (vector field)."""
+    """Compute the course that joins a circle and follows it (vector field)."""
     north, east = motion.north_m - centre[0], motion.east_m - centre[1]
     distance = math.hypot(north, east)
     outward = math.atan2(east, north)
@@ -110,16 +110,16 @@ def course_around(
 
 
 def climb_towards(motion: Motion, altitude_m: float, limits: Limits) -> None:
-    """Move the altitude one step towards the wished one."""
-    wanted = (altitude_m - motion.altitude_m) / STEP_S
-    motion.climb_m_s = max(-limits.sink_m_s, min(limits.climb_m_s, wanted))
+    """Move the altitude one step towards the target altitude."""
+    climb_m_s = (altitude_m - motion.altitude_m) / STEP_S
+    motion.climb_m_s = max(-limits.sink_m_s, min(limits.climb_m_s, climb_m_s))
     motion.altitude_m += motion.climb_m_s * STEP_S
 
 
 def crab(course_rad: float, airspeed_m_s: float, wind: Wind) -> tuple[float, float]:
-    """Heading that keeps a course in a wind, and the speed over the ground (wind triangle).
+    """Compute the heading for a course in a wind, and the speed over the ground (wind triangle).
 
-    Where the wind across is stronger than the airspeed, the nose points into it.
+    If the crosswind exceeds the airspeed, the nose points into it.
     """
     north, east = math.cos(course_rad), math.sin(course_rad)
     across = wind.east_m_s * north - wind.north_m_s * east  # from the left
@@ -137,22 +137,22 @@ def step_plane(
     feed_rad_s: float = 0.0,
     wind: Wind = CALM,
 ) -> None:
-    """One step of a fixed wing: airspeed held, turn rate within the bank limit.
+    """Move a fixed wing one step at its airspeed, with the turn rate within the bank limit.
 
-    ``feed_rad_s`` is the turn rate the path itself has (on a circle, without wind), so that it is
-    held exactly.
+    ``feed_rad_s`` is the turn rate of the path (on a circle, without wind), so that the path is
+    followed exactly.
     """
     airspeed = limits.airspeed_m_s
-    if motion.airspeed_m_s > 0.0:  # it is launched at its airspeed
+    if motion.airspeed_m_s > 0.0:  # else it is launched at its airspeed
         gain = limits.acceleration_m_s2 * STEP_S
         airspeed = max(motion.airspeed_m_s - gain, min(motion.airspeed_m_s + gain, airspeed))
-    wanted_rad = course_rad
+    heading_rad = course_rad
     if wind.speed_m_s > 0.0:
-        wanted_rad, ground = crab(course_rad, airspeed, wind)
-        ahead = max(airspeed * math.cos(wanted_rad - course_rad), 0.1 * airspeed)
+        heading_rad, ground = crab(course_rad, airspeed, wind)
+        ahead = max(airspeed * math.cos(heading_rad - course_rad), 0.1 * airspeed)
         feed_rad_s *= ground * ground / (airspeed * ahead)  # d(heading)/d(course) is ground / ahead
     most = limits.turn_rate_rad_s
-    turn = feed_rad_s + wrap(wanted_rad - motion.heading_rad) / (2.0 * STEP_S)
+    turn = feed_rad_s + wrap(heading_rad - motion.heading_rad) / (2.0 * STEP_S)
     turn = max(-most, min(most, turn))
     middle = motion.heading_rad + turn * STEP_S / 2.0
     north, east = airspeed * math.cos(middle), airspeed * math.sin(middle)
@@ -177,10 +177,10 @@ def step_copter(
     stop: bool,
     wind: Wind = CALM,
 ) -> None:
-    """One step of a multirotor towards a point; with ``stop`` it slows down to hover there.
+    """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    It flies its speed over the ground as long as its highest airspeed allows. The nose follows the
-    course at the yaw rate limit.
+    It keeps its speed over the ground unless the required airspeed exceeds the maximum. The nose
+    follows the course at the yaw rate limit.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)
@@ -223,13 +223,13 @@ def step_copter_around(
     limits: Limits,
     radius_m: float,
 ) -> None:
-    """One step of a multirotor on its way to a circle and along it; negative is anticlockwise."""
+    """Move a multirotor one step to a circle and along it; negative radius: anticlockwise."""
     course = course_around(motion, centre, abs(radius_m), radius_m > 0.0)
     ahead_m = max(limits.airspeed_m_s * STEP_S, 1e-3)
     north_m = motion.north_m + ahead_m * math.cos(course)
     east_m = motion.east_m + ahead_m * math.sin(course)
     distance_m = math.hypot(north_m - centre[0], east_m - centre[1])
-    if abs(distance_m - abs(radius_m)) < ahead_m:  # on it: the chord must not lead outwards
+    if abs(distance_m - abs(radius_m)) < ahead_m:  # on the circle: correct the chord
         scale = abs(radius_m) / distance_m
         north_m = centre[0] + (north_m - centre[0]) * scale
         east_m = centre[1] + (east_m - centre[1]) * scale

@@ -1,4 +1,4 @@
-"""Places near home in metres, and altitudes in the frames of mission items."""
+"""Positions near home in metres, and altitudes in the frames of mission items."""
 
 import math
 from collections.abc import Callable
@@ -8,21 +8,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.kinematics import Motion
+from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-)
-TERRAIN_FRAMES = (
-    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
-    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
 )
 Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: metres AMSL
 
 
 @dataclass(slots=True)
 class LocalFrame:
-    """Metres north and east of home by the WGS84 radii of curvature there.
+    """Conversion to metres north and east of home, with the WGS84 radii of curvature there.
 
     Args:
         lat_deg: Latitude of home in degrees.
@@ -45,25 +42,25 @@ class LocalFrame:
         self.east_m_per_deg = math.radians(normal) * math.cos(math.radians(self.lat_deg))
 
     def local(self, item: MissionItem) -> tuple[float, float]:
-        """(north, east) of an item."""
+        """Return (north, east) of an item in metres."""
         return self.local_of(item.x / 1e7, item.y / 1e7)
 
     def local_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """(north, east) of a place."""
+        """Return (north, east) of a position in metres."""
         return (
             (lat_deg - self.lat_deg) * self.north_m_per_deg,
             (lon_deg - self.lon_deg) * self.east_m_per_deg,
         )
 
     def global_position(self, motion: Motion) -> tuple[float, float]:
-        """(latitude, longitude) in degrees."""
+        """Return (latitude, longitude) in degrees."""
         return (
             self.lat_deg + motion.north_m / self.north_m_per_deg,
             self.lon_deg + motion.east_m / self.east_m_per_deg,
         )
 
     def altitude_amsl_m(self, item: MissionItem, terrain_amsl_m: float) -> float:
-        """Altitude of an item above mean sea level, with the terrain where the vehicle is."""
+        """Return the altitude of an item above mean sea level for terrain of this altitude."""
         if item.frame in TERRAIN_FRAMES:
             return item.z + terrain_amsl_m
         return item.z + (self.altitude_m if item.frame in RELATIVE_FRAMES else 0.0)

@@ -1,4 +1,4 @@
-"""The order of a mission's items, and the meaning of their numbers: pure functions."""
+"""The sequence of a mission's items, and the interpretation of their params: pure functions."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 
 DEFAULT_RADIUS_M = 80.0  # WP_LOITER_RAD is 60, NAV_LOITER_RAD 80
-MAX_JUMPS = 255  # without a NAV item between them, as in ArduPilot
+MAX_JUMPS = 255  # consecutive jumps without a NAV item, as in ArduPilot
 TAKEOFFS = (mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_TAKEOFF)
 LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 LOITERS = (
@@ -18,18 +18,18 @@ LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 )
 WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
-# Items that are flown; items without a model here are complete at once.
+# Items that are flown; items without a model are complete at once.
 NAVIGATION = frozenset(range(16, 96)) - {80}
 
 
 def next_of(
     items: Sequence[MissionItem], seq: int, jumps: dict[int, int]
 ) -> tuple[list[int], int | None]:
-    """From item ``seq`` on: the DO items met, and the NAV item behind them (None at the end).
+    """Return the DO items from ``seq`` on and the NAV item after them (None at the end).
 
     DO_JUMPs are followed and counted in ``jumps`` (item: times); a negative repeat has no end.
     """
-    met: list[int] = []
+    do_items: list[int] = []
     taken = 0
     while 0 <= seq < len(items) and taken < MAX_JUMPS:
         item = items[seq]
@@ -40,17 +40,17 @@ def next_of(
                 seq = int(item.param1)
                 continue
         elif item.command in NAVIGATION:
-            return met, seq
+            return do_items, seq
         else:
-            met.append(seq)
+            do_items.append(seq)
         seq += 1
-    return met, None
+    return do_items, None
 
 
 def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
-    """Signed radius of a loiter item, negative anticlockwise; the default where the item has none.
+    """Return the signed radius of a loiter item (negative: anticlockwise), or the default.
 
-    ArduPilot keeps of a LOITER_TIME's radius only the sign.
+    ArduPilot stores only the sign of a LOITER_TIME's radius.
     """
     if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
         return item.param2 or DEFAULT_RADIUS_M
@@ -60,9 +60,9 @@ def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
 
 
 def acceptance_m(item: MissionItem, stack: Stack, own_m: float) -> float:
-    """The acceptance radius of a waypoint in metres; ``own_m`` is the vehicle's default.
+    """Return the acceptance radius of a waypoint in metres; ``own_m`` is the default.
 
-    PX4 heeds the item's radius on multicopters, ArduPilot on planes (read).
+    PX4 uses the item's radius on multicopters, ArduPilot on planes (from their sources).
     """
-    heeded = (stack.name == "px4") == (stack.vehicle == "copter")
-    return max(item.param2, own_m) if heeded else own_m
+    used = (stack.name == "px4") == (stack.vehicle == "copter")
+    return max(item.param2, own_m) if used else own_m

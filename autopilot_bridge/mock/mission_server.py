@@ -1,11 +1,11 @@
 """The autopilot's side of the mission protocol: the common part of both stacks.
 
-``ardupilot_server.py`` and ``px4_server.py`` have the habits of each.
+``ardupilot_server.py`` and ``px4_server.py`` have the behaviour of each stack.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -30,7 +30,7 @@ Lists = dict[int, list[MissionItem]]
 
 
 class MissionServer(ABC):
-    """Holds the three lists; ``changed`` is set when the vehicle has a new mission to fly."""
+    """The three lists of a vehicle; ``changed`` is set when it has a new mission."""
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         self.stack = stack
@@ -38,7 +38,7 @@ class MissionServer(ABC):
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # by MISSION_CLEAR_ALL
-        self.cut = self.written = False  # the mission was shortened, an item was put into it
+        self.cut = self.written = False  # the mission was truncated, an item was written
         self.start_at = 0  # the item to begin a changed mission with
         self.faults = Faults()
         self.flying_mission: Callable[[], bool] = lambda: False
@@ -56,15 +56,15 @@ class MissionServer(ABC):
 
     @abstractmethod
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Answer a message of the mission protocol; answers may also come later."""
+        """Process a message of the mission protocol; returns the immediate replies."""
 
     @abstractmethod
     def next_timer(self) -> int | None:
-        """When to call ``handle_timer``."""
+        """Return the time of the next ``handle_timer`` call."""
 
     @abstractmethod
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Late answers and repeated requests."""
+        """Return delayed replies and repeated requests."""
 
     @abstractmethod
     def forget_transfers(self) -> None:
@@ -72,52 +72,52 @@ class MissionServer(ABC):
 
     @abstractmethod
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
-        """Take over the items of a file of this type."""
+        """Apply the items of a file of this type."""
 
     def progress(self) -> tuple[int, tuple[int, ...]]:
-        """MISSION_CURRENT's total, and the opaque ids of the three lists where there are any."""
+        """Return MISSION_CURRENT's total, and the opaque ids of the lists if the stack has ids."""
         return max(len(self.items) - 1, 0), ()
 
     def infeasible(self) -> str | None:
-        """Why the mission cannot be flown though it was accepted."""
+        """Return the reason why an accepted mission cannot be flown; None if it can."""
         return None
 
     def busy_with(self, client: Client) -> bool:
-        """Whether a transfer with this client stops others of its messages."""
+        """Return whether other messages of this client are rejected during its transfer."""
         del client
         return False
 
-    def _heard(self, messages: list[Message]) -> list[Message]:
-        """The answers that are sent before the fault ``silent_after`` suppresses the rest."""
+    def _limited(self, messages: list[Message]) -> list[Message]:
+        """Return the messages that the fault ``silent_after`` does not suppress."""
         if self.faults.silent_after is None:
             return messages
-        told = messages[: self.faults.silent_after]
-        self.faults.silent_after -= len(told)
-        return told
+        sent = messages[: self.faults.silent_after]
+        self.faults.silent_after -= len(sent)
+        return sent
 
 
 def client_of(message: Message) -> Client:
-    """The sender of a message."""
+    """Return the sender of a message."""
     return message.get_srcSystem(), message.get_srcComponent()
 
 
 def ack(client: Client, code: int, mission_type: int) -> Message:
-    """MISSION_ACK."""
+    """Return a MISSION_ACK."""
     return mavlink.MAVLink_mission_ack_message(*client, code, mission_type)
 
 
 def count_message(client: Client, count: int, mission_type: int) -> Message:
-    """MISSION_COUNT."""
+    """Return a MISSION_COUNT."""
     return mavlink.MAVLink_mission_count_message(*client, count, mission_type)
 
 
 def text(severity: int, words: str) -> Message:
-    """STATUSTEXT."""
+    """Return a STATUSTEXT."""
     return mavlink.MAVLink_statustext_message(severity, words.encode())
 
 
 def item_in(message: Message) -> MissionItem:
-    """The item of a MISSION_ITEM_INT or of the old MISSION_ITEM (with its position in degrees)."""
+    """Return the item in a MISSION_ITEM_INT or the old MISSION_ITEM (position in degrees)."""
     item = item_of(message)
     as_is = message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION
     unit = 1.0 if as_is else 1e7
@@ -125,31 +125,19 @@ def item_in(message: Message) -> MissionItem:
 
 
 def _whole(value: float) -> int:
-    """A value as MISSION_ITEM_INT's integer; NaN and values out of range are no place."""
+    """Return a value as MISSION_ITEM_INT's integer; NO_POSITION for NaN and out of range."""
     return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 
 def item_out(
     client: Client, seq: int, item: MissionItem, current: bool, mission_type: int, as_int: bool
 ) -> Message:
-    """MISSION_ITEM_INT, or the old MISSION_ITEM."""
+    """Return a MISSION_ITEM_INT, or the old MISSION_ITEM."""
     message = item_message(client, seq, item, int(current), mission_type)
     if as_int:
         return message
     scale = 1.0 if item.frame == mavlink.MAV_FRAME_MISSION else 1e-7
+    fields = asdict(item) | {"x": item.x * scale, "y": item.y * scale}
     return mavlink.MAVLink_mission_item_message(
-        *client,
-        seq,
-        item.frame,
-        item.command,
-        int(current),
-        item.autocontinue,
-        item.param1,
-        item.param2,
-        item.param3,
-        item.param4,
-        item.x * scale,
-        item.y * scale,
-        item.z,
-        mission_type,
+        *client, seq, current=int(current), mission_type=mission_type, **fields
     )

@@ -1,4 +1,4 @@
-"""A few parameters of each stack, reported and set as the real ones do."""
+"""Some parameters of each stack, reported and set as the real autopilots do."""
 
 from dataclasses import dataclass
 
@@ -51,7 +51,7 @@ class _Held:
 
 
 class ParameterServer:
-    """The parameters of one mock. Unknown names get no answer."""
+    """The parameters of one mock; requests with unknown names get no reply."""
 
     def __init__(self, stack: Stack) -> None:
         self._bytewise = stack.name == "px4"
@@ -68,27 +68,27 @@ class ParameterServer:
 
     @property
     def return_m(self) -> float:
-        """A copter's least height above home on its way there."""
+        """A copter's minimum height above home during its return."""
         if "RTL_ALT" in self._held:
             return self.value("RTL_ALT") / 100.0
         return self.value("RTL_RETURN_ALT") if self._bytewise else 0.0
 
     def value(self, name: str) -> float:
-        """A parameter's value."""
+        """Return a parameter's value."""
         return self._held[name].value
 
     def change(self, name: str, value: float) -> None:
-        """Set a parameter there and then."""
+        """Set a parameter without a message."""
         self._held[name].value = value
 
     def receive(self, message: Message) -> list[Message]:
-        """Answer PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET."""
+        """Process PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET; returns the replies."""
         names = list(self._held)
         match message.get_type():
             case "PARAM_REQUEST_LIST":
-                # PX4 begins with a hash over all of them, which has no index.
-                told = [self._param_value(name, index) for index, name in enumerate(names)]
-                return [*self._hash(), *told]
+                # PX4 first sends a hash of all parameters, which has no index.
+                reported = [self._param_value(name, index) for index, name in enumerate(names)]
+                return [*self._hash(), *reported]
             case "PARAM_REQUEST_READ" if 0 <= message.param_index < len(names):
                 return [self._param_value(names[message.param_index], message.param_index)]
             case "PARAM_REQUEST_READ" if message.param_index < 0 and message.param_id in names:

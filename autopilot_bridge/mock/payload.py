@@ -8,20 +8,20 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack
 
-# Functions that the airframe itself has: DO_SET_SERVO leaves them alone.
+# Number of outputs that the airframe uses: DO_SET_SERVO does not change them.
 _TAKEN = {"plane": 4, "copter": 4}
 _NEUTRAL_US = {"plane": (1500, 1500, 1000, 1500), "copter": (1000, 1000, 1000, 1000)}
 FIRST_ACTUATOR_CHANNEL = 9  # PX4's actuators 1 to 6 are the mock's outputs 9 to 14
 
-Output = tuple[int, str, int, float]  # at_us since boot, what, its number, value
+Output = tuple[int, str, int, float]  # at_us since boot, kind, number, value
 
 
 @dataclass(slots=True)
 class Payload:
-    """``outputs`` is all that was switched, in order; ``servos_us`` what the 16 outputs have now.
+    """The history of switched ``outputs``, and the present values of the 16 servo outputs.
 
-    Values: servo PWM in us; relay and sprayer 0 or 1; gripper 0 open, 1 closed; winch metres (or
-    m/s by rate); actuator -1 to 1.
+    Values: servo pulse width in microseconds; relay and sprayer 0 or 1; gripper 0 open, 1 closed;
+    winch metres (or m/s by rate); actuator -1 to 1.
     """
 
     stack: Stack
@@ -35,7 +35,7 @@ class Payload:
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
         """Execute a DO command (params 1 to 7); returns False if it switches no output.
 
-        The caller decides whether the stack accepts it at all.
+        The caller checks whether the stack accepts the command.
         """
         if command != 187:
             params = tuple(value if math.isfinite(value) else 0.0 for value in params)
@@ -43,22 +43,22 @@ class Payload:
             case 183:
                 return self._servo(int(params[0]), int(params[1]), at_us)
             case 181:
-                self._note(at_us, "relay", int(params[0]), float(params[1] > 0.0))
+                self._record(at_us, "relay", int(params[0]), float(params[1] > 0.0))
             case 211:
                 self._gripper(int(params[0]), int(params[1]), at_us)
             case 42600:
                 rate = int(params[1]) == 2
-                self._note(at_us, "winch", int(params[0]), params[3] if rate else params[2])
+                self._record(at_us, "winch", int(params[0]), params[3] if rate else params[2])
             case 216:
-                self._note(at_us, "sprayer", 1, float(params[0] > 0.0))
+                self._record(at_us, "sprayer", 1, float(params[0] > 0.0))
             case 187:
                 self._actuators(params, at_us)
             case _:
                 return False
         return True
 
-    def _note(self, at_us: int, what: str, number: int, value: float) -> None:
-        self.outputs.append((at_us, what, number, value))
+    def _record(self, at_us: int, kind: str, number: int, value: float) -> None:
+        self.outputs.append((at_us, kind, number, value))
 
     def _servo(self, channel: int, pwm_us: int, at_us: int) -> bool:
         if not _TAKEN[self.stack.vehicle] < channel <= len(self.servos_us):
@@ -67,28 +67,28 @@ class Payload:
             return False
         pwm_us = min(max(pwm_us, 0), 65535)
         self.servos_us[channel - 1] = pwm_us
-        self._note(at_us, "servo", channel, float(pwm_us))
+        self._record(at_us, "servo", channel, float(pwm_us))
         return True
 
     def _gripper(self, number: int, action: int, at_us: int) -> None:
         if self.stack.name == "ardupilot":
-            number = 1  # it has one gripper, whatever the command's number
+            number = 1  # ArduPilot has one gripper and ignores the number
             self.texts.append((6, "Gripper Grabbed" if action else "Gripper Released"))
-        self._note(at_us, "gripper", number, float(action))
+        self._record(at_us, "gripper", number, float(action))
 
     def _actuators(self, params: tuple[float, ...], at_us: int) -> None:
-        """Six at a time; NaN leaves one as it is."""
-        if params[6] != 0.0:  # a set of outputs that is not there
+        """Set up to six actuators; NaN does not change one."""
+        if params[6] != 0.0:  # a set of outputs that does not exist
             return
         for number, value in enumerate(params[:6], start=1):
             if not math.isnan(value):
                 value = max(-1.0, min(1.0, value))
                 channel = FIRST_ACTUATOR_CHANNEL + number - 1
                 self.servos_us[channel - 1] = round(1500 + 500 * value)
-                self._note(at_us, "actuator", number, value)
+                self._record(at_us, "actuator", number, value)
 
 
-TAKES_US = 1_000_000  # PD_GRIPPER_TO, as set in simulation
+TAKES_US = 1_000_000  # PD_GRIPPER_TO in simulation
 ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
 IN_PROGRESS = int(mavlink.MAV_RESULT_IN_PROGRESS)
 REJECTED = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
@@ -101,33 +101,33 @@ Answer = tuple[Requester, int]
 
 
 class Px4Gripper:
-    """``move`` is called with the action and the time. It is closed at first."""
+    """PX4's gripper, closed at first; ``move`` is called with the action and the time."""
 
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
-        self._stands: int | None = GRAB  # None: it moves
-        self._under_way: tuple[int, Requester, int] | None = None  # action, requester, end
+        self._state: int | None = GRAB  # None: it moves
+        self._active: tuple[int, Requester, int] | None = None  # action, requester, end
 
     def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
-        """The answers, each with the ids of its requester."""
+        """Execute an action; returns the results, each with the ids of its requester."""
         answers: list[Answer] = []
-        if self._under_way is not None:
-            before, who, _ = self._under_way
+        if self._active is not None:
+            before, other, _ = self._active
             if before == action:
                 return [(requester, REJECTED)]
-            answers.append((who, CANCELLED))
+            answers.append((other, CANCELLED))
         if action not in (GRAB, RELEASE):
             return [*answers, (requester, DENIED)]
-        if self._stands == action:
+        if self._state == action:
             return [*answers, (requester, ACCEPTED)]
         self._move(action, now_us)
-        self._stands, self._under_way = None, (action, requester, now_us + TAKES_US)
+        self._state, self._active = None, (action, requester, now_us + TAKES_US)
         return [*answers, (requester, IN_PROGRESS)]
 
     def ended(self, now_us: int) -> list[Answer]:
-        """The answers of actions that have ended by now."""
-        if self._under_way is None or now_us < self._under_way[2]:
+        """Return the results of actions that have ended by now."""
+        if self._active is None or now_us < self._active[2]:
             return []
-        action, requester, _ = self._under_way
-        self._stands, self._under_way = action, None
+        action, requester, _ = self._active
+        self._state, self._active = action, None
         return [(requester, ACCEPTED)]

@@ -1,4 +1,4 @@
-"""PX4's acceptance of items, and its checksum of a plan."""
+"""PX4's acceptance of items, its check of a fence, and its checksum of a plan."""
 
 import binascii
 import struct
@@ -24,7 +24,7 @@ FLOAT_FRAMES = {5: 0, 6: 3}
 
 
 def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
-    """PX4's MAV_MISSION_RESULT for an item."""
+    """Return PX4's MAV_MISSION_RESULT for an item."""
     rules = rules_of(stack)
     if item.frame not in (*rules.frames, FRAME_MISSION):
         return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
@@ -39,20 +39,13 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def checksum(message: Message, before: int) -> int:
-    """The plan's CRC-32 (no inversions) with one more item; over the item as it came."""
+    """Return the plan's CRC-32 (without inversions) after one more item, as it was received."""
     as_int = message.get_type() == "MISSION_ITEM_INT"
     values = struct.pack(
         "<BHBffff" + ("ii" if as_int else "ff") + "f",
-        message.frame,
-        message.command,
-        message.autocontinue,
-        message.param1,
-        message.param2,
-        message.param3,
-        message.param4,
-        message.x,
-        message.y,
-        message.z,
+        *(message.frame, message.command, message.autocontinue),
+        *(message.param1, message.param2, message.param3, message.param4),
+        *(message.x, message.y, message.z),
     )
     return binascii.crc32(values, before ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
@@ -66,7 +59,7 @@ Shape = tuple[MissionItem, list[Place]]  # a circle, or the first vertex and all
 
 
 def shapes_of(fence: list[MissionItem]) -> list[Shape]:
-    """The circles and polygons of a fence; a polygon cut short has no places."""
+    """Return the circles and polygons of a fence; an incomplete polygon has no vertices."""
     shapes: list[Shape] = []
     index = 0
     while index < len(fence):
@@ -80,7 +73,7 @@ def shapes_of(fence: list[MissionItem]) -> list[Shape]:
 
 
 def inside(shape: Shape, place: Place, east_scale: float) -> bool:
-    """Whether a place is in a shape; small fences only, on a flat earth."""
+    """Return whether a position is in a shape; for small fences, on a flat earth."""
     item, places = shape
     if item.command in CIRCLES:
         north = (place[0] - item.x) * M_PER_UNIT
@@ -93,8 +86,8 @@ def inside(shape: Shape, place: Place, east_scale: float) -> bool:
     return within
 
 
-def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Shape]:
-    """The shapes that count: an inclusion that lacks the home is left out."""
+def usable_shapes(fence: list[MissionItem], home: Place, east_scale: float) -> list[Shape]:
+    """Return the shapes that PX4 uses: it ignores an inclusion that does not contain home."""
     return [
         shape
         for shape in shapes_of(fence)
@@ -103,7 +96,7 @@ def usable(fence: list[MissionItem], home: Place, east_scale: float) -> list[Sha
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """The first item of a mission at a position that the fence forbids."""
+    """Return the first item of a mission at a position that the fence forbids."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):
@@ -117,8 +110,8 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
     return None
 
 
-def lacking(items: list[MissionItem], required: int) -> str | None:
-    """The item that MIS_TKO_LAND_REQ requires and a mission lacks (1 takeoff, 2 landing)."""
+def missing_item(items: list[MissionItem], required: int) -> str | None:
+    """Describe an item that MIS_TKO_LAND_REQ requires (1 takeoff, 2 landing) and is missing."""
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

@@ -1,7 +1,7 @@
 """PX4's side of the mission protocol.
 
-The old list is kept until the new one is whole. Each link has a state machine of its own (here:
-each client); only one of them may receive at a time.
+The old list remains until the new one is complete. Each link (in the mock: each client) has a
+separate state machine; only one of them may receive at a time.
 """
 
 import math
@@ -36,15 +36,15 @@ from autopilot_bridge.mock.px4_items import (
     checksum,
     first_outside,
     judge,
-    lacking,
+    missing_item,
     shapes_of,
-    usable,
+    usable_shapes,
 )
 from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"
 CRITICAL = 2
-FENCE_CHECK_US = 480_000  # the fence is looked at about half a second after a change
+FENCE_CHECK_US = 480_000  # the fence is checked about half a second after a change
 
 
 @dataclass
@@ -58,19 +58,19 @@ class Manager:
     seq: int = 0  # the item expected next, or to be requested next
     count: int = 0
     received_us: int = 0
-    asked_us: int = 0
+    requested_us: int = 0
     checksum: int = 0
     start_at: int = 0
     items: list[MissionItem] = field(default_factory=list)
 
 
 def critical(words: str) -> Message:
-    """A text as PX4 sends it: the tab means that an event goes with it."""
+    """Return a text as PX4 sends it: the tab indicates an event with the same content."""
     return text(CRITICAL, words + "\t")
 
 
 class Px4Server(MissionServer):
-    """``required`` is MIS_TKO_LAND_REQ."""
+    """PX4's mission server; ``required`` returns MIS_TKO_LAND_REQ."""
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         super().__init__(stack, home)
@@ -81,15 +81,15 @@ class Px4Server(MissionServer):
         self._reason: str | None = None
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Answer at once."""
+        """Process a message; returns the replies."""
         if message.target_component not in COMPONENTS:
             return []
         client = client_of(message)
         manager = self._managers.setdefault(client, Manager(client))
-        return self._heard(self._answer(manager, message, now_us))
+        return self._limited(self._answer(manager, message, now_us))
 
     def next_timer(self) -> int | None:
-        """The next question to repeat, transfer to give up or fence to look at."""
+        """Return the time of the next repeated request, timeout or check of the fence."""
         due_us = self._check_us
         for manager in self._managers.values():
             if manager.state != "idle":
@@ -98,7 +98,7 @@ class Px4Server(MissionServer):
         return due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat requests to silent uploaders, give up on silent clients, check a new fence."""
+        """Repeat unanswered requests, end overdue transfers, check a new fence."""
         answers: list[Message] = []
         for manager in self._managers.values():
             if manager.state == "idle" or now_us < self._due_us(manager):
@@ -110,27 +110,27 @@ class Px4Server(MissionServer):
                 answers.append(self._request(manager, now_us))
         if self._check_us is not None and now_us >= self._check_us:
             self._check_us = None
-            answers += self._look_at_fence()
-        return self._heard(answers)
+            answers += self._check_fence()
+        return self._limited(answers)
 
     def forget_transfers(self) -> None:
-        """After a reboot no items are requested any more."""
+        """End all transfers, as a reboot does: no item is requested afterwards."""
         self._managers.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
-        """PX4 has no mission files."""
+        """Raise NotImplementedError: PX4 has no mission files."""
         raise NotImplementedError
 
     def progress(self) -> tuple[int, tuple[int, ...]]:
-        """65535 stands for no mission."""
+        """Return the number of items (65535 without a mission) and the ids of the lists."""
         return len(self.items) or 65535, tuple(self.ids.values())
 
     def infeasible(self) -> str | None:
-        """Why the mission cannot be flown though it was accepted."""
-        return lacking(self.items, self.required()) or self._reason
+        """Return the reason why an accepted mission cannot be flown; None if it can."""
+        return missing_item(self.items, self.required()) or self._reason
 
     def busy_with(self, client: Client) -> bool:
-        """Whether a transfer with this client is open."""
+        """Return whether a transfer with this client is open."""
         manager = self._managers.get(client)
         return manager is not None and manager.state != "idle"
 
@@ -138,7 +138,7 @@ class Px4Server(MissionServer):
         gives_up_us = manager.received_us + self.constants.gives_up_us
         if manager.state == "sending":
             return gives_up_us
-        return min(gives_up_us, manager.asked_us + self.constants.rerequest_us)
+        return min(gives_up_us, manager.requested_us + self.constants.rerequest_us)
 
     def _answer(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
         match message.get_type():
@@ -151,7 +151,7 @@ class Px4Server(MissionServer):
                 return self._listed(manager, message, now_us)
             case "MISSION_REQUEST_INT" | "MISSION_REQUEST":
                 manager.as_int = message.get_type() == "MISSION_REQUEST_INT"
-                return self._asked(manager, message, now_us)
+                return self._requested(manager, message, now_us)
             case "MISSION_CLEAR_ALL":
                 return self._clear(manager, message.mission_type, now_us)
             case "MISSION_ACK":
@@ -179,14 +179,14 @@ class Px4Server(MissionServer):
             return [ack(client, int(mavlink.MAV_MISSION_NO_SPACE), mission_type)]
         if message.count == 0:
             if mission_type in self.lists:
-                self._become(mission_type, [], 0, 0, now_us)
+                self._replace(mission_type, [], 0, 0, now_us)
             return [ack(client, ACCEPTED, mission_type)]
         fresh = Manager(client, "getting", mission_type, manager.as_int, 0, message.count, now_us)
         self._managers[client] = fresh
         return [self._request(fresh, now_us)]
 
     def _request(self, manager: Manager, now_us: int) -> Message:
-        manager.asked_us = now_us
+        manager.requested_us = now_us
         build = (
             mavlink.MAVLink_mission_request_int_message
             if manager.as_int
@@ -201,7 +201,7 @@ class Px4Server(MissionServer):
         if manager.state == "sending":
             return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: Busy")]
         if manager.state == "idle":
-            if manager.seq == message.seq + 1:  # the last item again: its ACK got lost
+            if manager.seq == message.seq + 1:  # the last item again: its ACK was lost
                 return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
             return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: No transfer")]
         manager.received_us = now_us
@@ -212,8 +212,8 @@ class Px4Server(MissionServer):
         code = ordered or judge(item, mission_type, self.stack)
         if code != ACCEPTED:
             manager.state = "idle"
-            told = [] if code == ERROR else [critical("IGN MISSION_ITEM: Invalid item")]
-            return [ack(client, code, mission_type), *told]
+            texts = [] if code == ERROR else [critical("IGN MISSION_ITEM: Invalid item")]
+            return [ack(client, code, mission_type), *texts]
         manager.items.append(as_read_back(item, self.stack, mission_type))
         manager.checksum = checksum(message, manager.checksum)
         if message.current:
@@ -223,10 +223,10 @@ class Px4Server(MissionServer):
             return [self._request(manager, now_us)]
         manager.state = "idle"
         if manager.checksum != self.ids[mission_type]:
-            self._become(mission_type, manager.items, manager.checksum, manager.start_at, now_us)
+            self._replace(mission_type, manager.items, manager.checksum, manager.start_at, now_us)
         return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
 
-    def _become(
+    def _replace(
         self, mission_type: int, items: list[MissionItem], plan_id: int, start_at: int, now_us: int
     ) -> None:
         self.lists[mission_type] = items
@@ -234,17 +234,17 @@ class Px4Server(MissionServer):
         if mission_type == MISSION:
             self.changed = True
             self.start_at = start_at
-            self._look_at_mission()
+            self._check_mission()
         if mission_type == FENCE or self._reason is not None:
-            self._check_us = now_us + FENCE_CHECK_US  # and report it
+            self._check_us = now_us + FENCE_CHECK_US
 
     def _clear(self, manager: Manager, mission_type: int, now_us: int) -> list[Message]:
         if manager.state != "idle":
             return [critical("WPM: IGN CLEAR CMD: Busy")]
         manager.mission_type = mission_type
-        for one in self.lists if mission_type == ALL else (mission_type,):
-            if one in self.lists:
-                self._become(one, [], 0, 0, now_us)
+        for kind in self.lists if mission_type == ALL else (mission_type,):
+            if kind in self.lists:
+                self._replace(kind, [], 0, 0, now_us)
         return [ack(manager.client, ACCEPTED, mission_type)]
 
     # Downloads ----------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ class Px4Server(MissionServer):
         counted = count_message(manager.client, manager.count, mission_type)
         return [with_extension(counted, self.ids.get(mission_type, 0))]
 
-    def _asked(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
+    def _requested(self, manager: Manager, message: Message, now_us: int) -> list[Message]:
         if manager.state == "idle":
             return []
         if manager.state == "getting":
@@ -295,10 +295,10 @@ class Px4Server(MissionServer):
 
     # Feasibility --------------------------------------------------------------------------------
 
-    def _look_at_mission(self) -> list[Message]:
-        """Judge the mission by the fence; the texts that go with it."""
+    def _check_mission(self) -> list[Message]:
+        """Check the mission against the fence; returns the texts to send."""
         scale = math.cos(math.radians(self.home.x / 1e7))
-        shapes = usable(self.lists[FENCE], (self.home.x, self.home.y), scale)
+        shapes = usable_shapes(self.lists[FENCE], (self.home.x, self.home.y), scale)
         outside = first_outside(self.items, shapes, scale)
         if outside is None:
             self._reason = None
@@ -306,10 +306,10 @@ class Px4Server(MissionServer):
         self._reason = f"Geofence violation for waypoint {outside + 1}"
         return [critical(self._reason)]
 
-    def _look_at_fence(self) -> list[Message]:
+    def _check_fence(self) -> list[Message]:
         scale = math.cos(math.radians(self.home.x / 1e7))
         fence = self.lists[FENCE]
-        texts = self._look_at_mission()
-        if len(usable(fence, (self.home.x, self.home.y), scale)) < len(shapes_of(fence)):
+        texts = self._check_mission()
+        if len(usable_shapes(fence, (self.home.x, self.home.y), scale)) < len(shapes_of(fence)):
             texts.append(critical("Geofence invalid, doesn't contain Home position"))
         return texts

@@ -1,4 +1,4 @@
-"""Mocks on a link: several with different system ids, keys of signing, simulation time."""
+"""Mocks on a link: groups of mocks, signing keys, simulation time."""
 
 from collections.abc import Callable, Sequence
 
@@ -23,59 +23,60 @@ class MockGroup:
             peer.receive_data(data, now_us)
 
     def data_to_send(self) -> list[bytes]:
-        """Datagrams of all mocks."""
+        """Return the datagrams of all mocks."""
         return [datagram for peer in self.peers for datagram in peer.data_to_send()]
 
     def next_timer(self) -> int:
-        """Time of the first mock's next ``handle_timer`` call."""
+        """Return the time of the next ``handle_timer`` call of any mock."""
         return min(peer.next_timer() for peer in self.peers)
 
     def handle_timer(self, now_us: int) -> None:
-        """Fly all of them."""
+        """Run all mocks until ``now_us``."""
         for peer in self.peers:
             peer.handle_timer(now_us)
 
 
-_ID = b"\x00\x01\x00"  # 256 as a header has it: most datagrams need no look at each frame
+_ID = b"\x00\x01\x00"  # 256 in a header: datagrams without it are not parsed
 
 
 class SigningServer:
-    """Passes frames to a mock or a fleet, and the key of a SETUP_SIGNING to ``learned``.
+    """A peer that passes frames to a group of mocks, and keys of SETUP_SIGNING to ``on_key``.
 
-    None for a key of zeros, which turns signing off. As on ArduPilot, not while armed.
+    A key of zeros, which turns signing off, is passed as None. As on ArduPilot, keys are ignored
+    while armed.
     """
 
-    def __init__(self, peer: MockGroup, learned: Callable[[Key | None], None]) -> None:
+    def __init__(self, peer: MockGroup, on_key: Callable[[Key | None], None]) -> None:
         self._peer: Peer = peer
         self._mocks = peer.mocks
-        self._learned = learned
+        self._on_key = on_key
         self._codec = Codec(1, 1)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process whole frames."""
+        """Process frames."""
         if _ID in data:
             for frame in filter(is_secret, frames_of(data)):
-                self._learn_key(frame)
+                self._process_key(frame)
         self._peer.receive_data(data, now_us)
 
-    def _learn_key(self, frame: bytes) -> None:
+    def _process_key(self, frame: bytes) -> None:
         for message in self._codec.decode_frames([frame]):
             ids = {mock.system_id for mock in self._mocks}
             armed = any(mock.flight.armed for mock in self._mocks)
             if message.target_system in ids and not armed:
                 secret = bytes(message.secret_key)
-                self._learned(Key(secret) if any(secret) else None)
+                self._on_key(Key(secret) if any(secret) else None)
 
     def data_to_send(self) -> list[bytes]:
-        """Frames of the mock."""
+        """Return the frames of the mocks."""
         return self._peer.data_to_send()
 
     def next_timer(self) -> int | None:
-        """Time of the mock's next ``handle_timer`` call."""
+        """Return the time of the next ``handle_timer`` call."""
         return self._peer.next_timer()
 
     def handle_timer(self, now_us: int) -> None:
-        """Fly the mock."""
+        """Run the mocks until ``now_us``."""
         self._peer.handle_timer(now_us)
 
 
@@ -88,10 +89,10 @@ async def serve(
     signing: Signing | None = None,
     learns: Callable[[Key], Signing] | None = None,
 ) -> None:
-    """Fly a mock or a fleet on a link until cancelled. ``clock`` gives real microseconds.
+    """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
-    ``opened`` is called when the link is open. With ``learns`` a fleet signs with received keys; it
-    makes the signing for a key.
+    ``opened`` is called when the link is open. With ``learns`` a group signs with received keys; it
+    returns the signing for a key.
     """
     began_us = clock()
 

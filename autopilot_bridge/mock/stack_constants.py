@@ -1,6 +1,6 @@
 """The differences of the two stacks' mission servers, as data.
 
-Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation, except values marked "read".
+Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation unless a comment names another source.
 """
 
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from autopilot_bridge.stacks.stacks import Stack
 
 @dataclass(frozen=True, slots=True)
 class StackConstants:
-    """One stack on one kind of vehicle."""
+    """The constants of one stack on one kind of vehicle."""
 
-    tick_us: int  # what arrives is worked on at the next turn of the autopilot's loop
-    rerequest_us: int  # the request to a silent uploader is repeated
-    gives_up_us: int  # a silent uploader, counted from the last item
-    most: tuple[int, int, int]  # items of a mission, a fence, a list of rally points
-    mission_names: dict[int, str]  # how "Mission: 2 WP" calls the commands; empty: no texts
+    tick_us: int  # messages are processed at the next turn of the autopilot's loop
+    rerequest_us: int  # an unanswered request is repeated after this time
+    gives_up_us: int  # timeout of an upload, counted from the last item
+    most: tuple[int, int, int]  # maximum items of a mission, a fence, a list of rally points
+    mission_names: dict[int, str]  # command names in texts like "Mission: 2 WP"; empty: no texts
 
 
 _NAMES = {
@@ -44,7 +44,7 @@ _NAMES = {
     42600: "Winch",
 }
 
-# Read: PX4 keeps up to 64 fence points and 32 safe points.
+# From its source: PX4 stores up to 64 fence points and 32 safe points.
 _PX4 = StackConstants(0, 262_000, 5_000_000, (5000, 64, 32), {})
 _CONSTANTS = {
     ("px4", "plane"): _PX4,
@@ -55,5 +55,5 @@ _CONSTANTS = {
 
 
 def stack_constants_of(stack: Stack) -> StackConstants:
-    """The constants of a stack."""
+    """Return the constants of a stack."""
     return _CONSTANTS[stack.name, stack.vehicle]

@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """Sends the messages due after each step of a flight, through ``send``."""
+    """The sender of the messages due after each step of a flight; ``send`` encodes and sends."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class TelemetrySender:
         self._reached = self._reached_again = 0
 
     def forget(self) -> None:
-        """A new mission or a reboot: what was reached is not sent again."""
+        """End the repetition of MISSION_ITEM_REACHED, after a new mission or a reboot."""
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
@@ -73,19 +73,19 @@ class TelemetrySender:
             self._home(flight)
 
     def send_texts(self, flight: FlightModel) -> None:
-        """Texts of the vehicle: items begun, outputs switched, mishaps."""
+        """Send the texts of the vehicle: started items, switched outputs, failures."""
         for severity, words in flight.texts:
             self._send(text(severity, words))
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: FlightModel) -> None:
-        """A new list: MISSION_CURRENT follows at its interval if its number is ``seq``."""
+        """Send MISSION_CURRENT of a new list only at its interval if item ``seq`` is current."""
         self._sent_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.send_current(flight)
 
     def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
-        """MISSION_CURRENT; ``requested`` is the item just requested, even if it is skipped."""
+        """Send MISSION_CURRENT; ``requested`` is the requested item, even if it is skipped."""
         total, ids = self._missions.progress()
         self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"
@@ -103,7 +103,7 @@ class TelemetrySender:
         self._send(with_extension(current, *ids))
 
     def _send_reached(self, flight: FlightModel, steps: int) -> None:
-        """MISSION_ITEM_REACHED; PX4 sends it ten more times, once a second."""
+        """Send MISSION_ITEM_REACHED; PX4 repeats it ten times, once a second."""
         for seq in flight.reached:
             self._send(mavlink.MAVLink_mission_item_reached_message(seq))
             self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0
@@ -157,7 +157,8 @@ class TelemetrySender:
             self._send(telemetry_source.wind(*wind))
         if WIND_COV in due and flight.airborne:
             self._send(telemetry_source.wind_cov(boot_us, *wind, motion.altitude_m))
-        percent = 100 if flight.battery_percent is None else math.ceil(flight.battery_percent)
+        charge = flight.battery.percent
+        percent = 100 if charge is None else math.ceil(charge)
         if SYS_STATUS in due:
             self._send(telemetry_source.sys_status(percent, flight.battery.volts, self.unhealthy))
         if BATTERY_STATUS in due:
@@ -171,7 +172,7 @@ class TelemetrySender:
         self._states(flight, steps, due)
 
     def _states(self, flight: FlightModel, steps: int, due: list[int]) -> None:
-        """Messages that report failures."""
+        """Send the messages that report failures."""
         boot_us = steps * STEP_US
         if LANDED in due:
             self._send(telemetry_source.landed_state(self._stack, flight))

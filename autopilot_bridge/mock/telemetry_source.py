@@ -1,4 +1,4 @@
-"""Telemetry of the mock: plain values to messages, as both stacks fill them."""
+"""The telemetry messages of the mock, with the values that both stacks send."""
 
 import math
 
@@ -6,11 +6,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.flight_model import FlightModel
-from autopilot_bridge.mock.kinematics import GRAVITY_M_S2
 from autopilot_bridge.mock.mission_sequencer import LANDINGS
 from autopilot_bridge.stacks.stacks import Stack
 
-# What is switched on: gyro, accelerometer, compass, barometer, GPS, attitude, motors, AHRS.
+# Enabled sensors: gyro, accelerometer, compass, barometer, GPS, motors, AHRS.
 SENSORS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -23,14 +22,9 @@ SENSORS = (
 
 
 def attitude(boot_ms: int, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Message:
-    """ATTITUDE, yaw from -pi to pi."""
+    """Return an ATTITUDE, yaw from -pi to pi."""
     yaw_rad = (yaw_rad + math.pi) % math.tau - math.pi
     return mavlink.MAVLink_attitude_message(boot_ms, roll_rad, pitch_rad, yaw_rad, 0.0, 0.0, 0.0)
-
-
-def bank_rad(turn_rate_rad_s: float, speed_m_s: float) -> float:
-    """Bank of a plane in a level turn."""
-    return math.atan(turn_rate_rad_s * speed_m_s / GRAVITY_M_S2)
 
 
 def vfr_hud(
@@ -41,7 +35,7 @@ def vfr_hud(
     altitude_amsl_m: float,
     climb_m_s: float,
 ) -> Message:
-    """VFR_HUD."""
+    """Return a VFR_HUD."""
     heading_deg = round(math.degrees(heading_rad)) % 360
     return mavlink.MAVLink_vfr_hud_message(
         airspeed_m_s, groundspeed_m_s, heading_deg, throttle_percent, altitude_amsl_m, climb_m_s
@@ -49,12 +43,12 @@ def vfr_hud(
 
 
 def wind(from_deg: float, speed_m_s: float) -> Message:
-    """ArduPilot's WIND: where it comes from, -180 to 180."""
+    """Return ArduPilot's WIND: direction from, -180 to 180."""
     return mavlink.MAVLink_wind_message((from_deg + 180.0) % 360.0 - 180.0, speed_m_s, 0.0)
 
 
 def wind_cov(boot_us: int, from_deg: float, speed_m_s: float, altitude_amsl_m: float) -> Message:
-    """PX4's WIND_COV: the velocity of the air, north and east."""
+    """Return PX4's WIND_COV: the velocity of the air, north and east."""
     toward_rad = math.radians(from_deg + 180.0)
     north_m_s, east_m_s = speed_m_s * math.cos(toward_rad), speed_m_s * math.sin(toward_rad)
     rest = (0.0, 0.08, 0.0, altitude_amsl_m, 0.0, 0.0)
@@ -62,7 +56,7 @@ def wind_cov(boot_us: int, from_deg: float, speed_m_s: float, altitude_amsl_m: f
 
 
 def sys_status(percent: int, voltage_v: float, unhealthy: int = 0) -> Message:
-    """SYS_STATUS; ``unhealthy`` are the bits of SENSORS that are not well."""
+    """Return a SYS_STATUS; ``unhealthy`` is the bit mask of unhealthy sensors."""
     return mavlink.MAVLink_sys_status_message(
         *(SENSORS, SENSORS, SENSORS & ~unhealthy, 300),
         *(round(voltage_v * 1e3), 0, percent),
@@ -71,13 +65,13 @@ def sys_status(percent: int, voltage_v: float, unhealthy: int = 0) -> Message:
 
 
 def battery_status(percent: int, voltage_v: float) -> Message:
-    """BATTERY_STATUS: without cell sensors the first cell stands for all."""
+    """Return a BATTERY_STATUS: without cell sensors the first cell is the total voltage."""
     voltages = [round(voltage_v * 1e3)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, -1, 0, 0, percent)
 
 
 def landed_state(stack: Stack, flight: FlightModel) -> Message:
-    """EXTENDED_SYS_STATE; ArduPlane reports only on the ground and in the air."""
+    """Return an EXTENDED_SYS_STATE; ArduPlane reports only on the ground and in the air."""
     state = mavlink.MAV_LANDED_STATE_IN_AIR
     if not flight.airborne:
         state = mavlink.MAV_LANDED_STATE_ON_GROUND
@@ -96,7 +90,7 @@ def _lands(flight: FlightModel) -> bool:
 
 
 def system_status(stack: Stack, flight: FlightModel) -> int:
-    """MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
+    """Return the MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
     if flight.failsafe:
         return int(mavlink.MAV_STATE_CRITICAL)
     active = flight.armed if stack.name == "px4" else flight.airborne
@@ -104,17 +98,17 @@ def system_status(stack: Stack, flight: FlightModel) -> int:
 
 
 def fence_status(breached: bool, boot_ms: int) -> Message:
-    """FENCE_STATUS of a polygon fence."""
+    """Return the FENCE_STATUS of a polygon fence."""
     kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE
     return mavlink.MAVLink_fence_status_message(breached, int(breached), kind, boot_ms)
 
 
-ESTIMATE_VALID = 0x033F  # attitude, velocities, positions, and that they will stay so
-POSITION_HOLDS_S = 7.0  # without satellites
+ESTIMATE_VALID = 0x033F  # flags of attitude, velocities, positions and predicted positions
+POSITION_HOLDS_S = 7.0  # the position remains valid for this time without satellites
 
 
 def estimator_flags(stack: Stack, blind_s: float) -> int:
-    """Of EKF_STATUS_REPORT and ESTIMATOR_STATUS, after so long without satellites."""
+    """Return the flags of the position estimate, ``blind_s`` seconds after the last fix."""
     flags = ESTIMATE_VALID
     if blind_s > POSITION_HOLDS_S:
         flags &= ~(mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS)
@@ -124,12 +118,12 @@ def estimator_flags(stack: Stack, blind_s: float) -> int:
 
 
 def ekf_status(flags: int) -> Message:
-    """ArduPilot's EKF_STATUS_REPORT."""
+    """Return ArduPilot's EKF_STATUS_REPORT."""
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
 
 def estimator_status(flags: int, boot_us: int) -> Message:
-    """PX4's ESTIMATOR_STATUS."""
+    """Return PX4's ESTIMATOR_STATUS."""
     ratios = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0)
     return mavlink.MAVLink_estimator_status_message(boot_us, flags, *ratios, 0.5, 0.8)
 
@@ -137,6 +131,6 @@ def estimator_status(flags: int, boot_us: int) -> Message:
 def gps_raw(
     boot_us: int, lat_deg: float, lon_deg: float, altitude_amsl_m: float, fix: int, satellites: int
 ) -> Message:
-    """GPS_RAW_INT."""
+    """Return a GPS_RAW_INT."""
     place = (round(lat_deg * 1e7), round(lon_deg * 1e7), round(altitude_amsl_m * 1e3))
     return mavlink.MAVLink_gps_raw_int_message(boot_us, fix, *place, 121, 200, 0, 0, satellites)

@@ -1,67 +1,33 @@
-"""Flight modes of the stacks: one name for equivalent modes, and the number on the wire.
+"""Flight modes of the stacks: one name for equivalent modes, and the ``custom_mode`` of each.
 
-Read: ArduPlane and ArduCopter 4.6.2 ``mode.h``, PX4 1.17 ``px4_custom_mode.h``. The first word of a
-number names it.
+Sources: ``mode.h`` of ArduPlane and ArduCopter 4.6.2, ``px4_custom_mode.h`` of PX4 1.17. If two
+names have the same number, the first is the name of that number.
 """
 
 Modes = tuple[tuple[str, int], ...]
 
+
+def _numbered(first: int, *names: str) -> Modes:
+    """Return modes with consecutive numbers from ``first`` on."""
+    return tuple((name, number) for number, name in enumerate(names, first))
+
+
 ARDUPLANE: Modes = (
-    ("manual", 0),
-    ("circle", 1),
-    ("stabilised", 2),
-    ("training", 3),
-    ("acro", 4),
-    ("fly by wire a", 5),
-    ("fly by wire b", 6),
-    ("cruise", 7),
-    ("autotune", 8),
-    ("mission", 10),
-    ("return", 11),
-    ("hold", 12),
-    ("takeoff", 13),
-    ("avoid adsb", 14),
-    ("guided", 15),
-    ("initialising", 16),
-    ("qstabilize", 17),
-    ("qhover", 18),
-    ("qloiter", 19),
-    ("qland", 20),
-    ("qrtl", 21),
-    ("qautotune", 22),
-    ("qacro", 23),
-    ("thermal", 24),
-    ("loiter to qland", 25),
+    *_numbered(0, "manual", "circle", "stabilised", "training", "acro"),
+    *_numbered(5, "fly by wire a", "fly by wire b", "cruise", "autotune"),
+    *_numbered(10, "mission", "return", "hold", "takeoff", "avoid adsb", "guided", "initialising"),
+    *_numbered(17, "qstabilize", "qhover", "qloiter", "qland", "qrtl", "qautotune", "qacro"),
+    *_numbered(24, "thermal", "loiter to qland"),
 )
 
+# "loiter" is controlled by the pilot's sticks: without a pilot it sinks at 2.5 m/s.
 ARDUCOPTER: Modes = (
-    ("stabilised", 0),
-    ("acro", 1),
-    ("altitude", 2),
-    ("mission", 3),
-    ("guided", 4),
-    ("loiter", 5),  # by the pilot's sticks: without a pilot it sinks at 2.5 m/s
-    ("return", 6),
-    ("circle", 7),
-    ("land", 9),
-    ("drift", 11),
-    ("sport", 13),
-    ("flip", 14),
-    ("autotune", 15),
-    ("position", 16),
-    ("hold", 17),
-    ("brake", 17),
-    ("throw", 18),
-    ("avoid adsb", 19),
-    ("guided without gps", 20),
-    ("smart return", 21),
-    ("flowhold", 22),
-    ("follow", 23),
-    ("zigzag", 24),
-    ("system identification", 25),
-    ("autorotate", 26),
-    ("return by mission", 27),
-    ("turtle", 28),
+    *_numbered(0, "stabilised", "acro", "altitude", "mission", "guided", "loiter", "return"),
+    *(("circle", 7), ("land", 9), ("drift", 11)),
+    *_numbered(13, "sport", "flip", "autotune", "position", "hold"),
+    *_numbered(17, "brake", "throw", "avoid adsb", "guided without gps", "smart return"),
+    *_numbered(22, "flowhold", "follow", "zigzag", "system identification", "autorotate"),
+    *_numbered(27, "return by mission", "turtle"),
 )
 
 
@@ -78,7 +44,7 @@ PX4: Modes = (
     ("ready", _px4(4, 1)),
     ("takeoff", _px4(4, 2)),
     ("hold", _px4(4, 3)),
-    ("guided", _px4(4, 3)),  # it repositions in hold
+    ("guided", _px4(4, 3)),  # PX4 executes DO_REPOSITION in hold mode
     ("mission", _px4(4, 4)),
     ("return", _px4(4, 5)),
     ("land", _px4(4, 6)),

@@ -1,17 +1,19 @@
 """The treatment of each mission item by PX4 1.17 and ArduPilot 4.6.2, as data.
 
-Seen in SITL where a transcript exists, otherwise read in their sources: AP_Mission.cpp,
+Sources: transcripts of SITL where they exist, otherwise the source files AP_Mission.cpp,
 MissionItemProtocol_*.cpp and each vehicle's start_command; mavlink_mission.cpp and
 FeasibilityChecker.cpp.
 
-``kept`` has one word for each of params 1 to 4 of every command a stack takes:
+``position`` and ``bare`` have one word for each of params 1 to 4 of every accepted command. It
+states how the autopilot stores the param:
 
-- ``keep`` as sent; ``-`` lost; ``hint`` lost, but nothing that matters; ``hidden`` used, read
-  back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
-- ``u8 u16 i8 i16`` cut to a whole number, wrapping; ``cap8`` cut, at most 255; ``cm16`` whole
-  centimetres in 16 bits; ``radius`` cut to whole metres in 16 bits, sign kept;
-- ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` the same, of a yaw;
-- ``turns`` whole up to 255, or 256ths of one; ``turn_radius`` 1 m steps to 255, 10 m to 2550.
+- ``keep`` as sent; ``-`` not stored; ``hint`` not stored, without an effect on the flight;
+  ``hidden`` used, but read back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
+- ``u8 u16 i8 i16`` truncated to an integer of this type, with wrap-around; ``cap8`` truncated, at
+  most 255; ``cm16`` whole centimetres in 16 bits; ``radius`` whole metres in 16 bits with the sign;
+- ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` the same, for the direction of a yaw;
+- ``turns`` integers up to 255, or 256ths of one turn; ``turn_radius`` steps of 1 m up to 255 m, of
+  10 m up to 2550 m.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,66 +24,60 @@ from autopilot_bridge.stacks.stacks import Stack
 
 GLOBAL_FRAMES = frozenset((0, 3, 5, 6))
 TERRAIN_FRAMES = frozenset((10, 11))
-TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and what they mean
+TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and the equivalent frames
 FENCE_COMMANDS = frozenset(range(5000, 5005))
 RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
-GOES_ON = frozenset((177, 601, 213, 42702, 42703))  # jumps and NAV items numbered otherwise
-LAND_SEQUENCES = frozenset((188, 189))  # where failsafes enter what lies behind an endless loiter
+# Jumps, and NAV items whose numbers are outside the range of the NAV commands.
+OTHER_NAVIGATION = frozenset((177, 601, 213, 42702, 42703))
+LAND_SEQUENCES = frozenset((188, 189))  # failsafes may enter a mission at these items
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """One stack's rules; commands by number."""
+    """The rules of one stack; commands by number."""
 
-    frames: frozenset[int]  # of items with a position
-    position: dict[int, str]  # kept, for commands with a position that the stack accepts
-    bare: dict[int, str]  # kept, of commands without one
-    bare_frame: int | None  # the one frame that items without position may have
-    bare_xyz: dict[int, str]  # which of x, y, z a command without position keeps
+    frames: frozenset[int]  # accepted frames of items with a position
+    position: dict[int, str]  # accepted commands with a position: storage of params 1 to 4
+    bare: dict[int, str]  # the same for accepted commands without a position
+    bare_frame: int | None  # the only accepted frame of items without a position
+    bare_xyz: dict[int, str]  # commands without a position: the stored ones of x, y, z
     frames_read: dict[int, int]  # frame sent: frame read back
-    whole_cm: bool  # altitudes are cut to centimetres
+    whole_cm: bool  # altitudes are truncated to centimetres
     max_altitude_m: float
     nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None: all may
-    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 means what NaN would
-    trusting: bool  # bad numbers are accepted, so only our own check refuses them
-    zero_is_here: bool  # latitude = longitude = 0 means where the vehicle is
-    not_run: frozenset[int] = frozenset()  # accepted, then passed over in flight
-    never_valid: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
-    one_trailing_do: bool = False  # only the first item after the last NAV item runs
+    zero_is_default: dict[int, tuple[int, ...]]  # params where 0 is equivalent to NaN
+    accepts_bad_numbers: bool  # invalid numbers are accepted: only our own check rejects them
+    zero_is_current_position: bool  # latitude = longitude = 0 is the vehicle's current position
+    not_run: frozenset[int] = frozenset()  # accepted, but skipped in flight
+    invalidates_mission: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
+    one_trailing_do: bool = False  # after the last NAV item only one item is executed
     allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)  # of param 1
     max_fence: int | None = None
     max_rally: int | None = None
     max_vertices: int | None = None
-    whole_m_rally: bool = False  # rally altitudes are cut to metres
+    whole_m_rally: bool = False  # rally altitudes are truncated to metres
 
 
 _ARDUPILOT_POSITION = {
+    **dict.fromkeys((22, 30, 85, 92, 179, 195, 201), "u16 - - -"),
+    **dict.fromkeys((84, 188, 189, 191), "- - - -"),
     16: "- cap8 cap8 -",
     17: "- - radius -",
     18: "turns - turn_radius flag",
     19: "u16 - sign flag",
     21: "u16 - - side",
-    22: "u16 - - -",
-    30: "u16 - - -",
     31: "- radius - flag",
-    84: "- - - -",
-    85: "u16 - - -",
-    92: "u16 - - -",
     94: "cm16 - - -",
-    179: "u16 - - -",
-    188: "- - - -",
-    189: "- - - -",
-    191: "- - - -",
-    195: "u16 - - -",
-    201: "u16 - - -",
 }
 _ARDUPILOT_BARE = {
+    **dict.fromkeys((112, 114, 2500, 2501, 3000), "keep - - -"),
+    **dict.fromkeys((193, 194, 197, 207, 208, 210, 212, 215, 216, 600, 2001), "u16 - - -"),
+    **dict.fromkeys((205, 213, 534), "keep keep keep -"),
+    **dict.fromkeys((1000, 2000, 42702, 42703), "keep keep keep keep"),
     20: "- - - -",
     83: "keep keep u8 -",
     93: "keep i8 i8 i8",
-    112: "keep - - -",
-    114: "keep - - -",
     115: "keep keep i8 u8",
     177: "u16 i16 - -",
     178: "u8 keep keep -",
@@ -89,39 +85,18 @@ _ARDUPILOT_BARE = {
     182: "u8 i16 keep -",
     183: "u8 u16 - -",
     184: "u8 u16 i16 keep",
-    193: "u16 - - -",
-    194: "u16 - - -",
-    197: "u16 - - -",
     202: "u8 u16 u8 u16",
     203: "u8 u8 i8 u8",
-    205: "keep keep keep -",
     206: "keep hint u8 -",
-    207: "u16 - - -",
-    208: "u16 - - -",
-    210: "u16 - - -",
     211: "u8 u8 - -",
-    212: "u16 - - -",
-    213: "keep keep keep -",
-    215: "u16 - - -",
-    216: "u16 - - -",
     217: "u16 keep keep keep",
     218: "u16 u8 - -",
     222: "u16 keep keep keep",
     223: "flag flag keep keep",
     531: "keep keep - -",
     532: "keep keep - -",
-    534: "keep keep keep -",
-    600: "u16 - - -",
     601: "u16 i16 - -",
-    1000: "keep keep keep keep",
-    2000: "keep keep keep keep",
-    2001: "u16 - - -",
-    2500: "keep - - -",
-    2501: "keep - - -",
-    3000: "keep - - -",
     42600: "u8 u8 keep keep",
-    42702: "keep keep keep keep",
-    42703: "keep keep keep keep",
 }
 _ARDUPLANE = Rules(
     frames=GLOBAL_FRAMES | TERRAIN_FRAMES,
@@ -142,8 +117,8 @@ _ARDUPLANE = Rules(
         22: (1, 2, 3),
         31: (1, 2, 3, 4),
     },
-    trusting=False,
-    zero_is_here=True,
+    accepts_bad_numbers=False,
+    zero_is_current_position=True,
     not_run=frozenset((92, 115, 191, 193, 194, 213, 222, 42600, 42703)),
     one_trailing_do=True,
     max_vertices=255,
@@ -182,16 +157,16 @@ _PX4 = Rules(
         _AS_SENT,
     ),
     bare_frame=mavlink.MAV_FRAME_MISSION,
-    bare_xyz={},  # all kept, in the one frame they may have
+    bare_xyz={},  # all are stored, in the only accepted frame
     frames_read={0: 5, 3: 6},
     whole_cm=False,
     max_altitude_m=float("inf"),
     nan_ok=None,
     zero_is_default={},
-    trusting=True,
-    zero_is_here=False,
-    never_valid=frozenset((112, 114)),
-    # Of (DO_SET_ROI or NAV_ROI, with a position): MAV_ROI modes that are taken.
+    accepts_bad_numbers=True,
+    zero_is_current_position=False,
+    invalidates_mission=frozenset((112, 114)),
+    # (DO_SET_ROI or NAV_ROI, with a position): the accepted MAV_ROI modes.
     allowed={
         (80, True): (0, 3),
         (201, True): (0, 3),
@@ -211,22 +186,22 @@ _RULES = {
 
 SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
 
-# What to do instead, where there is an alternative.
+# The remedy for commands that a stack rejects but for which it has an alternative.
 INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",
     ("px4", 112): "use NAV_DELAY",
-    ("px4", 114): "put a waypoint where it is to happen",
-    ("px4", 181): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output set up for it",
-    ("px4", 183): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output set up for it",
-    ("px4", 216): "use DO_SET_ACTUATOR for an output set up for it",
+    ("px4", 114): "put a waypoint at the place of the action",
+    ("px4", 181): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output configured for it",
+    ("px4", 183): "use DO_GRIPPER, or DO_SET_ACTUATOR for an output configured for it",
+    ("px4", 216): "use DO_SET_ACTUATOR for an output configured for it",
     ("ardupilot", 187): "use DO_GRIPPER, or DO_SET_SERVO with the servo's channel and PWM",
-    ("px4", 34): "it is a command only: use NAV_LOITER_UNLIM",
+    ("px4", 34): "PX4 accepts it only as a command: use NAV_LOITER_UNLIM",
     ("ardupilot", 34): "use NAV_LOITER_UNLIM",
     ("ardupilot", 400): "arm by command",
 }
 
 
 def rules_of(stack: Stack) -> Rules:
-    """The rules of a stack."""
+    """Return the rules of a stack."""
     return _RULES[stack.name, stack.vehicle]

@@ -1,4 +1,4 @@
-"""The differences of PX4 and ArduPilot, as data (seen on PX4 1.17 and ArduPilot 4.6.2)."""
+"""The differences of PX4 and ArduPilot, as data (observed on PX4 1.17 and ArduPilot 4.6.2)."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from autopilot_bridge.stacks.modes import ARDUCOPTER, ARDUPLANE, PX4, Modes
 
 
 class Place(NamedTuple):
-    """The place of a command as in COMMAND_INT: x and y in 1e-7 degrees."""
+    """The position in a COMMAND_INT: x and y in 1e-7 degrees."""
 
     frame: int
     x: int
@@ -19,7 +19,7 @@ class Place(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A command and its first parameters; with a place it is sent as COMMAND_INT."""
+    """A command and its first parameters; with a position it is sent as COMMAND_INT."""
 
     command: int
     params: tuple[float, ...] = ()
@@ -31,7 +31,7 @@ COPTER_TYPES = (
     *(mavlink.MAV_TYPE_HEXAROTOR, mavlink.MAV_TYPE_OCTOROTOR, mavlink.MAV_TYPE_TRICOPTER),
     *(mavlink.MAV_TYPE_DODECAROTOR, mavlink.MAV_TYPE_DECAROTOR),
 )
-PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions as planes do
+PLANE_TYPES = (mavlink.MAV_TYPE_FIXED_WING, *range(19, 26))  # VTOLs fly missions like planes
 ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 
 
@@ -39,23 +39,22 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 class Stack:
     """One autopilot on one kind of vehicle: its modes, limits and procedures, as data.
 
-    Get one by ``stack_named``; the comments at the fields have their meaning.
+    ``stack_named`` returns one; comments describe the fields.
     """
 
     name: str
     vehicle: str
     autopilot: int
     mav_type: int
-    request_message: str  # with which the autopilot requests items
+    request_message: str  # the autopilot requests items by this message
     item_0_is_home: bool
-    atomic_upload: bool  # a failed upload leaves the old mission whole
-    mission_files: bool  # whole missions by MAVFTP
-    keeps_target: bool  # flies its old target on after an upload, until the index is set
-    items_ahead: int  # items that may be sent before they are requested
-    rerequest_us: int  # delay before a request to a silent uploader is repeated
-    cancels_after_us: (
-        int  # ACK OPERATION_CANCELLED after this silence; 0 = gives up without a message
-    )
+    atomic_upload: bool  # a failed upload leaves the old mission unchanged
+    mission_files: bool  # transfers whole missions by MAVFTP
+    keeps_target: bool  # after an upload it flies to its old target until the index is set
+    items_ahead: int  # number of items that may be sent before they are requested
+    rerequest_us: int  # an unanswered request for an item is repeated after this delay
+    # ACK OPERATION_CANCELLED after this time without messages; 0: it aborts without a message.
+    cancels_after_us: int
     max_items: int
     mission_mode: int
     hold_mode: int
@@ -64,22 +63,20 @@ class Stack:
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """The name of a mode number, or the number itself if unknown."""
-        for name, number in self.modes:
-            if number == custom_mode:
-                return name
-        return f"mode {custom_mode}"
+        """Return the name of a mode number, or the number itself if unknown."""
+        names = (name for name, number in self.modes if number == custom_mode)
+        return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """The number of a mode; BridgeError names the modes there are."""
-        for known, number in self.modes:
-            if known == name:
-                return number
-        there_are = ", ".join(known for known, _ in self.modes)
-        raise BridgeError(f"{self.name} {self.vehicle} has no mode {name!r}; it has {there_are}")
+        """Return the number of a mode. Raises BridgeError, which lists the modes."""
+        numbers = dict(self.modes)
+        if name not in numbers:
+            names = ", ".join(numbers)
+            raise BridgeError(f"{self.name} {self.vehicle} has no mode {name!r}; it has {names}")
+        return numbers[name]
 
     def set_mode(self, custom_mode: int) -> Step:
-        """MAV_CMD_DO_SET_MODE for a mode number of this stack."""
+        """Return the MAV_CMD_DO_SET_MODE for a mode number of this stack."""
         if self.name == "px4":
             main_and_sub = (float(custom_mode >> 16 & 0xFF), float(custom_mode >> 24))
             return Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, *main_and_sub))
@@ -140,9 +137,8 @@ STACKS = (
         hold_mode=17,  # BRAKE: LOITER sinks without a pilot
         rtl_mode=6,
         start=(
-            Step(
-                mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)
-            ),  # arming in AUTO is refused: GUIDED first
+            # ArduCopter does not arm in AUTO: GUIDED first.
+            Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)),
             ARM,
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
             Step(mavlink.MAV_CMD_MISSION_START),
@@ -153,7 +149,7 @@ STACKS = (
 
 
 def stack_named(name: str, vehicle: str) -> Stack:
-    """A stack by its names.
+    """Return the stack of an autopilot and a kind of vehicle.
 
     Args:
         name: ``px4`` or ``ardupilot``.
@@ -163,20 +159,17 @@ def stack_named(name: str, vehicle: str) -> Stack:
         The stack: its modes, limits and procedures as data.
 
     Raises:
-        BridgeError: There is no such stack.
+        BridgeError: The name or the vehicle is unknown.
     """
     for stack in STACKS:
         if (stack.name, stack.vehicle) == (name, vehicle):
             return stack
-    raise BridgeError(f"no stack {name} {vehicle}; there are px4 and ardupilot, plane and copter")
+    raise BridgeError(f"unknown stack {name} {vehicle}: give px4 or ardupilot, plane or copter")
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """The stack of a HEARTBEAT's autopilot and type, or None if it is none of them."""
+    """Return the stack for the autopilot and type of a HEARTBEAT; None if none fits."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
-    vehicle = "plane" if mav_type in PLANE_TYPES else "copter"
-    for stack in STACKS:
-        if stack.autopilot == autopilot and stack.vehicle == vehicle:
-            return stack
-    return None
+    kind = (autopilot, "plane" if mav_type in PLANE_TYPES else "copter")
+    return next((stack for stack in STACKS if (stack.autopilot, stack.vehicle) == kind), None)

@@ -1,4 +1,5 @@
 """The parts of a client: the table of commands, transfers, telemetry, parameters, monitoring.
 
-Sans-IO: time is an argument in microseconds; messages in, messages and events out.
+Sans-IO: the time is an argument in microseconds. Functions receive messages and return messages and
+events.
 """

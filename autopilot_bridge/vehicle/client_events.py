@@ -1,7 +1,7 @@
-"""The events of a vehicle's client. ``at_us`` is the link's clock at the detection."""
+"""The events of a vehicle's client; ``at_us`` is the time of detection by the link's clock."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
@@ -12,7 +12,7 @@ DropOutcome = Literal["done", "refused", "unknown"]
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """The first HEARTBEAT of a known autopilot."""
+    """The first HEARTBEAT of a supported autopilot has arrived."""
 
     at_us: int
     stack: Stack
@@ -20,7 +20,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class LinkLost:
-    """No HEARTBEAT for ``silent_us``."""
+    """No HEARTBEAT has arrived for ``silent_us``."""
 
     at_us: int
     silent_us: int
@@ -28,14 +28,14 @@ class LinkLost:
 
 @dataclass(frozen=True, slots=True)
 class LinkRestored:
-    """A HEARTBEAT after a lost link."""
+    """A HEARTBEAT has arrived after the link was lost."""
 
     at_us: int
 
 
 @dataclass(frozen=True, slots=True)
 class Rebooted:
-    """The autopilot has restarted: its time since boot began again."""
+    """The autopilot has restarted: its time since boot began again at zero."""
 
     at_us: int
 
@@ -69,7 +69,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """VFR_HUD; airspeed None without a sensor."""
+    """VFR_HUD; the airspeed is None without a sensor."""
 
     at_us: int
     airspeed_m_s: float | None
@@ -93,13 +93,13 @@ class Status:
     __slots__: tuple[str, ...] = ()
 
     def without_time(self) -> tuple[object, ...]:
-        """The fields of which changes are reported."""
+        """Return the fields of which changes are reported."""
         return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
 
 
 @dataclass(frozen=True, slots=True)
 class Battery(Status):
-    """State of a battery, reported when it changes; None where it is unknown."""
+    """The state of a battery, reported on change; None for unknown values."""
 
     at_us: int
     battery_id: int
@@ -110,7 +110,7 @@ class Battery(Status):
 
 @dataclass(frozen=True, slots=True)
 class Health(Status):
-    """Sensors that are switched on and unhealthy, by name, reported on change; () if none is."""
+    """The names of enabled, unhealthy sensors, reported on change; () if all are healthy."""
 
     at_us: int
     unhealthy: tuple[str, ...]
@@ -118,7 +118,7 @@ class Health(Status):
 
 @dataclass(frozen=True, slots=True)
 class GpsFix(Status):
-    """Kind of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, reported on change."""
+    """Type of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, reported on change."""
 
     at_us: int
     fix: str
@@ -143,14 +143,14 @@ class LandedState(Status):
 
 @dataclass(frozen=True, slots=True)
 class FenceStatus(Status):
-    """FENCE_STATUS: whether a fence is breached, and which (``boundary`` ...), on change.
+    """FENCE_STATUS: whether and where a fence is breached (``boundary`` ...), on change.
 
-    ArduPilot alone sends it, and only while its fence is on; PX4 writes a text.
+    Only ArduPilot sends it, while its fence is enabled; PX4 sends a text.
     """
 
     at_us: int
     breached: bool
-    kind: str  # "" while nothing is breached
+    kind: str  # "" without a breach
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix 
 
 @dataclass(frozen=True, slots=True)
 class MissionProgress:
-    """The item being flown has changed (index into the user's items)."""
+    """The current item has changed; the number is an index into the user's items."""
 
     at_us: int
     current_seq: int
@@ -176,7 +176,7 @@ class MissionProgress:
 
 @dataclass(frozen=True, slots=True)
 class ItemReached:
-    """MISSION_ITEM_REACHED, repeats left out."""
+    """MISSION_ITEM_REACHED, without repetitions."""
 
     at_us: int
     seq: int
@@ -232,7 +232,7 @@ class ModeChanged:
     at_us: int
     custom_mode: int
     armed: bool
-    name: str = ""  # the stack's word for the mode
+    name: str = ""  # the name of the mode in ``Stack.modes``
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,37 +254,30 @@ class SameSystemId:
     at_us: int
     kept: str
     left_out: str
-
-    @property
-    def kind(self) -> AlarmKind:
-        """The kind of the alarm."""
-        return "source"
+    kind: ClassVar[AlarmKind] = "source"
 
     def __str__(self) -> str:
         return (
-            f"{self.kept} and {self.left_out} both send with this system id; "
-            f"{self.left_out} is left out: give it another system id or a link of its own, "
+            f"{self.kept} and {self.left_out} both send with this system id; the messages of "
+            f"{self.left_out} are discarded: give it another system id or a separate link, "
             "or sign the link if it is forged"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class RemoteChanged:
-    """The vehicle is bound to another remote, after silence of the previous one."""
+    """The vehicle is bound to another remote after the previous one stopped sending."""
 
     at_us: int
     before: str
     after: str
-
-    @property
-    def kind(self) -> AlarmKind:
-        """The kind of the alarm."""
-        return "source"
+    kind: ClassVar[AlarmKind] = "source"
 
     def __str__(self) -> str:
         return (
-            f"heard from {self.after} now, no more from {self.before}; if the autopilot was not "
-            "restarted and its network has not changed, this may not be the vehicle"
+            f"messages arrive from {self.after} now, no longer from {self.before}; if the "
+            "autopilot was not restarted and its network has not changed, the sender may not be "
+            "the vehicle"
         )
 
 
@@ -302,7 +295,7 @@ class Implausible:
 
 @dataclass(frozen=True, slots=True)
 class AlarmEnded:
-    """The cause of the alarms of a kind has not been seen for a while."""
+    """The cause of the alarms of a kind has not occurred for some time."""
 
     at_us: int
     kind: AlarmKind

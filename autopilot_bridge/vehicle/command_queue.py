@@ -33,26 +33,26 @@ class _RequestQueue(Generic[R]):
         if self._active or not self._queue:
             return []
         self._active = True
-        return self._go_on(self._queue[0][1].start(now_us), now_us)
+        return self._after_messages(self._queue[0][1].start(now_us), now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Pass a message to the active request."""
         if not self._active:
             return []
-        return self._go_on(self._queue[0][1].receive(message, now_us), now_us)
+        return self._after_messages(self._queue[0][1].receive(message, now_us), now_us)
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return the time of the next ``handle_timer`` call; None if no request is active."""
         return self._queue[0][1].next_timer() if self._active else None
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Run all actions due at ``now_us``."""
         if not self._active:
             return []
-        return self._go_on(self._queue[0][1].handle_timer(now_us), now_us)
+        return self._after_messages(self._queue[0][1].handle_timer(now_us), now_us)
 
-    def _go_on(self, messages: list[Message], now_us: int) -> list[Message]:
-        """The messages of the active request; if it has ended, those of the next one too."""
+    def _after_messages(self, messages: list[Message], now_us: int) -> list[Message]:
+        """Append the first messages of the next request if the active one has ended."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages
@@ -61,7 +61,10 @@ class _RequestQueue(Generic[R]):
         return messages + self.start_next(now_us)
 
     def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
-        """Report the active request if it has ended; ``sent``: it sent messages now."""
+        """Report the active request if it has ended, and return whether it has.
+
+        ``sent``: it has sent messages now.
+        """
         raise NotImplementedError
 
 
@@ -94,13 +97,13 @@ class CommandQueue(_RequestQueue[CommandSequence]):
     ) -> int:
         """Queue an order; an urgent one replaces all others."""
         if urgent:
-            self.end_all(f"{name} took its place", now_us)
+            self.end_all(f"{name} replaced it", now_us)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
         sequence = CommandSequence(
             *(name, self._own, target, steps, timing or self._timing),
             bytewise=stack.name == "px4",
-            behind_heartbeats=bool(modes) and timing is None,
-            insists=urgent,
+            after_heartbeats=bool(modes) and timing is None,
+            without_heartbeats=urgent,
         )
         command_id = self._add(sequence)
         self._modes[command_id] = modes
@@ -115,20 +118,20 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._active = False
 
     def release_mode(self, why: str, now_us: int) -> list[Message]:
-        """After a failsafe or a pilot's mode change: end commands that change the mode or arm."""
-        kept = []
+        """End commands that change the mode or arm, after a failsafe or a pilot's mode change."""
+        remaining = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:
                 self._active &= number > 0
                 self._report(CommandFinished(now_us, sequence.name, False, why, command_id))
             else:
-                kept.append((command_id, sequence))
-        self._queue = kept
+                remaining.append((command_id, sequence))
+        self._queue = remaining
         return self.start_next(now_us)
 
     def _reported(self, request_id: int, request: CommandSequence, sent: bool, now_us: int) -> bool:
         if sent:
-            self._commanded_modes.ask(self._modes[request_id], now_us)
+            self._commanded_modes.add(self._modes[request_id], now_us)
         if request.outcome is None:
             return False
         del self._modes[request_id]

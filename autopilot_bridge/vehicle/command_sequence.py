@@ -1,13 +1,15 @@
 """Sequences of commands, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
 
-asked --ACK accepted--> next step; asked --ACK in progress--> working; asked --ACK refuses--> ended
-asked is repeated on timeout, working is not: the command was accepted and ends late or never
+sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
+sent: the command is repeated on timeout
+working: it is not repeated, because it was accepted and ends late or never
 """
 
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.items import command_name
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming, is_for
 from autopilot_bridge.stacks.stacks import Step
@@ -18,24 +20,25 @@ RESULTS = {
     mavlink.MAV_RESULT_DENIED: "denied",
     mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
     mavlink.MAV_RESULT_FAILED: "failed",
-    6: "cancelled",  # these are not in this dialect
-    7: "taken as COMMAND_LONG only",
-    8: "taken as COMMAND_INT only",
+    6: "cancelled",  # this and the following results are not in this dialect
+    7: "accepted as COMMAND_LONG only",
+    8: "accepted as COMMAND_INT only",
     9: "not supported in this frame",
     10: "denied: another station is in control",
 }
 
 
 def result_words(result: int) -> str:
-    """A MAV_RESULT in words."""
+    """Return a MAV_RESULT in words."""
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
-# A refusal's reason may come as a text a moment after it (ArduPilot queues its texts).
+# The reason of a rejection may arrive as a text after it (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
 HEARTBEAT_US = 1_200_000  # a HEARTBEAT arrives within this time
 WARNING = mavlink.MAV_SEVERITY_WARNING
+TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +52,8 @@ class SetParameter:
 AnyStep = Step | SetParameter
 
 
-def command_name(command: int) -> str:
-    """Name of a command, without MAV_CMD."""
-    entry = mavlink.enums["MAV_CMD"].get(command)
-    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
-
-
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
-    """COMMAND_INT for a step with a place, otherwise COMMAND_LONG."""
+    """Return a COMMAND_INT for a step with a position, otherwise a COMMAND_LONG."""
     command, params, place = step
     if place is None:
         values = [*params, *[0.0] * (7 - len(params))]
@@ -67,11 +64,11 @@ def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
 
 
 class CommandSequence:
-    """Sends steps one by one, each after the previous one was accepted; repeats unanswered ones.
+    """A sequence of steps, each sent after the previous one was accepted and repeated on timeout.
 
-    All steps can be repeated without harm: they command a state or a place, never a change.
-    ``outcome`` becomes (accepted, reason) when the last step was accepted or one was refused; the
-    reason of a refusal includes the autopilot's last warning text.
+    All steps can be repeated without harm: they command a state or a position, never a change.
+    ``outcome`` becomes (accepted, reason) when the last step was accepted or one was rejected; the
+    reason of a rejection includes the autopilot's last warning text.
     """
 
     def __init__(
@@ -82,14 +79,14 @@ class CommandSequence:
         steps: tuple[AnyStep, ...],
         timing: TransferTiming,
         bytewise: bool = False,
-        behind_heartbeats: bool = False,
-        insists: bool = False,
+        after_heartbeats: bool = False,
+        without_heartbeats: bool = False,
     ) -> None:
-        """``bytewise``: the autopilot sends integer parameters as bytes in the float.
+        """Create the sequence; ``bytewise``: integer parameters are bytes in the float.
 
-        ``behind_heartbeats``: a command is repeated only right after a HEARTBEAT, so that a mode
-        which the autopilot selected meanwhile is known by then. ``insists``: it is repeated even
-        if no HEARTBEAT arrives.
+        ``after_heartbeats``: a command is repeated only right after a HEARTBEAT, which shows a mode
+        that the autopilot has selected in between. ``without_heartbeats``: the command is repeated
+        even if no HEARTBEAT arrives.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
@@ -98,9 +95,9 @@ class CommandSequence:
         self._steps = steps
         self._timing = timing
         self._bytewise = bytewise
-        self._behind_heartbeats = behind_heartbeats
-        self._insists = insists
-        self._repeats = False  # with the next heartbeat
+        self._after_heartbeats = after_heartbeats
+        self._without_heartbeats = without_heartbeats
+        self._repeats = False  # after the next heartbeat
         self._index = 0
         self._tries = 0
         self._deadline_us = 0
@@ -115,7 +112,7 @@ class CommandSequence:
         return self._steps
 
     def start(self, now_us: int) -> list[Message]:
-        """The first step."""
+        """Return the messages of the first step."""
         if not self._steps:
             self.outcome = (True, "nothing to do")
             return []
@@ -183,7 +180,7 @@ class CommandSequence:
             words = result_words(message.result)
             self._refusal = f"{command_name(step.command)} {words}"
             if self._tries:
-                self._refusal += " when repeated; it may have been taken before"
+                self._refusal += " when repeated; it may have been accepted before"
             self._deadline_us = now_us + TEXT_AFTER_US
             if self._text:
                 self._end_refused()
@@ -198,11 +195,11 @@ class CommandSequence:
         return self._begin(now_us)
 
     def _end_refused(self) -> None:
-        said = f": {self._text}" if self._text else ""
-        self.outcome = (False, f"{self._refusal}{said}")
+        detail = f": {self._text}" if self._text else ""
+        self.outcome = (False, f"{self._refusal}{detail}")
 
     def next_timer(self) -> int:
-        """Time of the next ``handle_timer`` call."""
+        """Return the time of the next ``handle_timer`` call."""
         return self._deadline_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -217,16 +214,17 @@ class CommandSequence:
             return messages + self._after_setting(now_us)
         step = self._steps[self._index]
         assert isinstance(step, Step)
-        if self._repeats and self._insists:
+        if self._repeats and self._without_heartbeats:
             self._repeats = False
             return self._send(step, now_us)
         name = command_name(step.command)
         self._tries += 1
         if self._working:
-            self.outcome = (False, f"{name} was begun and not ended in {WORKING_FOR_US // 10**6} s")
+            limit_s = WORKING_FOR_US // 10**6
+            self.outcome = (False, f"{name} began but did not end within {limit_s} s")
         elif self._tries > self._timing.retries:
-            self.outcome = (False, f"{name} was not answered")
-        elif self._behind_heartbeats:
+            self.outcome = (False, f"{name} was not acknowledged")
+        elif self._after_heartbeats:
             self._repeats = True
             self._deadline_us = now_us + HEARTBEAT_US
         else:

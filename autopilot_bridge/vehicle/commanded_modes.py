@@ -1,7 +1,7 @@
 """The commanded flight modes; any other mode is attributed to the autopilot or a pilot.
 
-An autopilot in failsafe, and a pilot by radio, change the mode too. Such a mode is not overridden:
-no command is repeated, and no transfer changes it.
+An autopilot in failsafe and a pilot with a radio also change the mode. The client does not override
+such a mode: it repeats no command, and no transfer changes the mode.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -9,12 +9,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
 
-SEEN_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some get lost
-ON_ITS_WAY_US = 2_000_000  # a mode commanded before another may still follow
+REPORTED_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some are lost
+DELAYED_US = 2_000_000  # a mode may be entered this long after another was commanded
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """The numbers of the modes that a step of an order leads to; () if it changes none."""
+    """Return the numbers of the modes that a step causes; () if it does not change the mode."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
@@ -36,22 +36,22 @@ def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
 
 
 class CommandedModes:
-    """The modes commanded to one vehicle, and until when each may follow."""
+    """The modes commanded to one vehicle, each with the latest time of its change."""
 
     def __init__(self) -> None:
         self._until_us: dict[int, int] = {}
 
-    def ask(self, modes: tuple[int, ...], now_us: int) -> None:
+    def add(self, modes: tuple[int, ...], now_us: int) -> None:
         """Add modes that are commanded now."""
         if not modes:
             return
         self._until_us = {
-            mode: min(until_us, now_us + ON_ITS_WAY_US)
+            mode: min(until_us, now_us + DELAYED_US)
             for mode, until_us in self._until_us.items()
             if until_us > now_us
         }
-        self._until_us |= dict.fromkeys(modes, now_us + SEEN_WITHIN_US)
+        self._until_us |= dict.fromkeys(modes, now_us + REPORTED_WITHIN_US)
 
     def has(self, mode: int, now_us: int) -> bool:
-        """Whether a change to this mode was commanded."""
+        """Return whether a change to this mode was commanded."""
         return self._until_us.get(mode, -1) >= now_us

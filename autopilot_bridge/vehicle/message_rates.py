@@ -1,9 +1,9 @@
 """Requests of message rates, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
 
-asked --COMMAND_ACK--> next message; asked again on timeout, then passed over
+requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
 after all requests: messages that do not arrive, or stop, are requested again a few times
 
-ArduCopter resets its rates at a restart, and its heartbeat does not show that.
+ArduCopter resets its rates at a restart, which its heartbeat does not show.
 
 The acknowledgement does not contain the message id, so requests are sent one at a time.
 """
@@ -14,11 +14,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import is_for
-from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]
 
-# All messages that a client reports: for command-line transfers, MAVSDK and the bridge by itself.
+# All messages that a client reports: for transfers from the command line, for MAVSDK and for the
+# bridge without the service.
 ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
@@ -33,7 +35,8 @@ ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
 }
-# What a run uses: no other message is requested, and none is switched off for other stations.
+# The messages that a run uses. The rates of other messages, which other stations may use, are not
+# changed.
 RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
@@ -56,7 +59,7 @@ DROP_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
-# Read: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
+# Sources: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
     "px4": (
         mavlink.MAVLINK_MSG_ID_WIND,
@@ -69,37 +72,36 @@ _OF_THE_OTHER_STACK = {
     ),
 }
 SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-ANSWER_WITHIN_US = 1_000_000
+ACK_TIMEOUT_US = 1_000_000
 TRIES = 3
-LOOK_AFTER_US = 4_000_000  # at least; whether all arrives
-ROUNDS = 3  # in a row for the same messages
+CHECK_AFTER_US = 4_000_000  # minimum delay until the check that all messages arrive
+ROUNDS = 3  # consecutive rounds of requests for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
-    """The rates of the messages that the stack has."""
+    """Return the rates of the messages that the stack has."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
 
 def rate_requests(stack: Stack, target: tuple[int, int]) -> list[Message]:
-    """Requests for ``ALL_RATES_HZ``, sent once; their acknowledgements are not awaited."""
+    """Return the requests for ``ALL_RATES_HZ``, to be sent without a check of their results."""
     return [_request(target, key, hz, 0) for key, hz in rates_for(stack).items()]
 
 
 def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) -> Message:
-    interval_us = 1e6 / hz if hz > 0.0 else -1.0  # -1 switches it off
-    params = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return mavlink.MAVLink_command_long_message(*target, SET_INTERVAL, tries, *params)
+    interval_us = 1e6 / hz if hz > 0.0 else -1.0  # -1 switches the message off
+    return command_message(target, Step(SET_INTERVAL, (float(message_id), interval_us)), tries)
 
 
 class MessageRates:
-    """Requests the message rates of one vehicle."""
+    """The requests of message rates from one vehicle."""
 
     def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:
         self._own = own
         self._rates_hz = rates_hz
         self._target = (0, 0)
-        self._wanted: dict[int, float] = {}
+        self._rates: dict[int, float] = {}
         self._waiting: list[int] = []
         self._arrived: set[int] = set()
         self._unanswered: set[int] = set()
@@ -111,10 +113,10 @@ class MessageRates:
     def begin(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
         """Request all rates, from the beginning."""
         self._target = target
-        self._wanted = rates_for(stack, self._rates_hz)
+        self._rates = rates_for(stack, self._rates_hz)
         self._absent = set()
         self._rounds = 0
-        return self._request_round(list(self._wanted), now_us)
+        return self._request_round(list(self._rates), now_us)
 
     def _request_round(self, message_ids: list[int], now_us: int) -> list[Message]:
         self._waiting = message_ids
@@ -124,21 +126,21 @@ class MessageRates:
 
     def _send_request(self, now_us: int) -> list[Message]:
         if not self._waiting:
-            self._look_later(now_us)
+            self._check_later(now_us)
             return []
-        self._due_us = now_us + ANSWER_WITHIN_US
+        self._due_us = now_us + ACK_TIMEOUT_US
         message_id = self._waiting[0]
-        return [_request(self._target, message_id, self._wanted[message_id], self._tries)]
+        return [_request(self._target, message_id, self._rates[message_id], self._tries)]
 
-    def _look_later(self, now_us: int) -> None:
+    def _check_later(self, now_us: int) -> None:
         self._arrived.clear()
-        slowest_hz = min((hz for hz in self._wanted.values() if hz > 0.0), default=1.0)
-        self._due_us = now_us + max(LOOK_AFTER_US, round(3e6 / slowest_hz))
+        slowest_hz = min((hz for hz in self._rates.values() if hz > 0.0), default=1.0)
+        self._due_us = now_us + max(CHECK_AFTER_US, round(3e6 / slowest_hz))
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Note received messages; after an acknowledgement of any result request the next rate."""
+        """Record received messages; request the next rate after any acknowledgement."""
         message_id = message.get_msgId()
-        if message_id in self._wanted:
+        if message_id in self._rates:
             self._arrived.add(message_id)
         if message_id != mavlink.MAVLINK_MSG_ID_COMMAND_ACK or message.command != SET_INTERVAL:
             return []
@@ -150,7 +152,7 @@ class MessageRates:
         return self._send_request(now_us)
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return the time of the next ``handle_timer`` call; None if no action is due."""
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
@@ -163,14 +165,14 @@ class MessageRates:
                 return self._send_request(now_us)
             self._unanswered.add(self._waiting[0])
             return self._next(now_us)
-        return self._look(now_us)
+        return self._check(now_us)
 
-    def _look(self, now_us: int) -> list[Message]:
-        expected = {key for key, hz in self._wanted.items() if hz > 0.0}
+    def _check(self, now_us: int) -> list[Message]:
+        expected = {key for key, hz in self._rates.items() if hz > 0.0}
         absent = expected - self._arrived | self._unanswered
         self._rounds = self._rounds + 1 if absent == self._absent else 0
         self._absent = absent
         if absent and self._rounds < ROUNDS:
             return self._request_round(sorted(absent), now_us)
-        self._look_later(now_us)
+        self._check_later(now_us)
         return []

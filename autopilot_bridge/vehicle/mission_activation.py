@@ -1,23 +1,23 @@
-"""Activation of an uploaded mission: start it, and confirm that it is being flown (sans-IO).
+"""Activation of an uploaded mission: its start, and the proof that it is being flown (sans-IO).
 
 PX4 starts a new list without a command, at the item that was sent with ``current`` set.
-MISSION_CURRENT, once a second, has the id of the list and whether PX4 accepts it for flight. Its
-sequence number is weak evidence: a plane in the air skips its takeoff item at once, and a waypoint
-may be reached before the first message arrives. Only if the same list was on board before (the same
-id) does PX4 keep its current item, and another one has to be commanded.
+MISSION_CURRENT, sent once a second, has the id of the list and whether PX4 accepts it for flight.
+Its sequence number is weak evidence: a plane in the air skips its takeoff item at once, and a
+waypoint may be reached before the first message arrives. Only if the same list was on board before
+(the same id), PX4 keeps its current item, and another one must be commanded.
 
-ArduPilot flies on to its old target, and keeps its current item, until an item is commanded. It
-acknowledges the command; if the acknowledgement is lost, a sequence number that the old current
-item could not have led to is equal proof.
+ArduPilot continues to its old target, and keeps its current item, until an item is commanded. It
+acknowledges the command; if the acknowledgement is lost, a sequence number that cannot follow from
+the old current item is equal proof.
 
-sent --acknowledged, or the new item seen--> ended
-sent --the old item seen, on timeout--> repeated; nothing seen: wait without repetition
+sent --acknowledgement, or report of the new item--> ended
+sent --timeout after a report of the old item--> repeated; without a report: wait
 watching --the list's id, and it is fit--> ended
-either --the list's id, and it stays unfit--> ended, rejected
-either --the id of another list again and again--> ended, failed
+either --the list's id, and it remains unfit--> ended, rejected
+either --the id of another list several times--> ended, failed
 
-The command is never repeated blindly: the vehicle may have advanced in the new list, and would be
-set back.
+The command is repeated only after a report of the old item: the vehicle may have advanced in the
+new list, and a repeated command would reset its current item.
 """
 
 from typing import NamedTuple
@@ -35,16 +35,16 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
-SETTLED_US = 300_000  # PX4 checks a new mission after acknowledging it (seen: 60 ms)
+SETTLED_US = 300_000  # PX4 checks a new mission after it acknowledges it (observed: 60 ms)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # messages this soon after a command may have been sent before it
-OTHERS = 5  # messages in a row that show another list
+ANSWERED_US = 700_000  # earlier messages after a command may have been sent before it
+OTHERS = 5  # consecutive messages with the id of another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
 
 
 class Onboard(NamedTuple):
-    """The mission and the current item before an upload, by MISSION_CURRENT."""
+    """The mission and the current item before an upload, as in MISSION_CURRENT."""
 
     seq: int | None
     plan_id: int | None
@@ -52,11 +52,11 @@ class Onboard(NamedTuple):
 
 
 class MissionActivation(Exchange):
-    """Waits for proof that a new mission is flown; commands its first item where needed.
+    """The wait for proof that a new mission is flown; commands its first item if needed.
 
-    ``seq`` (of ``count`` wire items) is the item to start with, and ``shown`` the number that the
-    autopilot then reports (ArduPilot's skips DO items). ``plan_id`` is the list's id; None on
-    ArduPilot.
+    ``seq`` (of ``count`` transmitted items) is the item to start with, and ``shown`` the number
+    that the autopilot then reports (ArduPilot skips DO items). ``plan_id`` is the list's id; None
+    on ArduPilot.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class MissionActivation(Exchange):
         timing: TransferTiming,
     ) -> None:
         super().__init__(address, timing)
-        self.other_list = False  # the vehicle showed the id of another list
+        self.other_list = False  # the vehicle reported the id of another list
         self._seq = seq
         self._shown = shown
         self._count = count
@@ -78,12 +78,12 @@ class MissionActivation(Exchange):
         self._before = before
         same_list = plan_id is not None and before.plan_id == plan_id
         self._needs_command = plan_id is None or (same_list and before.seq != seq)
-        # PX4 does not report again that a list is fit if it is begun elsewhere than at 0 (read:
-        # 1.17 ``update_mission_state``).
-        self._judged = plan_id is not None and not (before.unfit and seq > 0)
+        # PX4 does not report again that a list is fit if its first item is not 0 (source: 1.17
+        # ``update_mission_state``).
+        self._checks_state = plan_id is not None and not (before.unfit and seq > 0)
         self._started_us = self._requested_us = 0
         self._tries = 0
-        self._seen: int | None = None  # the newest number that is younger than the last command
+        self._last_seq: int | None = None  # the newest number since the last command
         self._unfit_since_us: int | None = None
         self._others = 0
         self._warning_text = ""
@@ -94,7 +94,7 @@ class MissionActivation(Exchange):
         return self._send_request(now_us) if self._needs_command else self._wait(now_us)
 
     def _send_request(self, now_us: int) -> list[Message]:
-        self._requested_us, self._seen = now_us, None
+        self._requested_us, self._last_seq = now_us, None
         self._wait(now_us)
         target = self._address.target
         if self._plan_id is not None:
@@ -106,7 +106,7 @@ class MissionActivation(Exchange):
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Check a message for proof that the mission has started, or is rejected."""
+        """Check a message for proof that the mission has started or is rejected."""
         if not self._is_from_target(message):
             return []
         match message.get_type():
@@ -115,7 +115,7 @@ class MissionActivation(Exchange):
             case "COMMAND_ACK" if self._needs_command and self._plan_id is None:
                 self._acknowledged(message)
             case "MISSION_CURRENT" if self._shows_list(message):
-                self._look(message, now_us)
+                self._check(message, now_us)
             case _:
                 pass
         return []
@@ -128,11 +128,11 @@ class MissionActivation(Exchange):
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
             words = result_words(message.result)
             self.result = TransferResult(
-                "failed", f"the command to begin it: {words}{self._warning_text}"
+                "failed", f"the start command: {words}{self._warning_text}"
             )
 
     def _shows_list(self, message: Message) -> bool:
-        """Whether MISSION_CURRENT is about the new list."""
+        """Return whether MISSION_CURRENT is about the new list."""
         if self._plan_id is None:
             return True
         reported_id = message.mission_id
@@ -145,8 +145,8 @@ class MissionActivation(Exchange):
             self.result = TransferResult("failed", "the vehicle reports the id of another mission")
         return False
 
-    def _look(self, message: Message, now_us: int) -> None:
-        if self._judged and message.mission_state == mavlink.MISSION_STATE_NO_MISSION:
+    def _check(self, message: Message, now_us: int) -> None:
+        if self._checks_state and message.mission_state == mavlink.MISSION_STATE_NO_MISSION:
             self._unfit(now_us)
             return
         self._unfit_since_us = None
@@ -157,41 +157,41 @@ class MissionActivation(Exchange):
         if self._has_begun(message.seq):
             self.result = TransferResult("accepted", f"item {message.seq} is current")
         elif now_us - self._requested_us >= ANSWERED_US:
-            self._seen = message.seq
+            self._last_seq = message.seq
 
     def _has_begun(self, seq: int) -> bool:
-        """Whether a sequence number alone proves that the mission has begun."""
+        """Return whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
         if self._plan_id is not None:  # the same list: another item was commanded
             return seq != before
         if before is None or seq < self._shown:
             return False
-        if before <= self._shown:  # advancing from the old item, it flies the new list
+        if before <= self._shown:  # only the new list leads from the old item to this one
             return seq > self._shown or before != seq
         return seq < before
 
     def _unfit(self, now_us: int) -> None:
-        """Reject the mission; the first report may still be about the previous one."""
+        """Reject the mission after repeated reports; the first may describe the previous one."""
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
-            words = "the vehicle holds the mission and does not take it for one to fly"
+            words = "the mission is on board, but the vehicle does not accept it for flight"
             self.result = TransferResult("rejected", f"{words}{self._warning_text}")
 
     def stop_commands(self, why: str) -> None:
-        """Send no more commands, after a failsafe or a pilot's mode change; only wait for proof."""
+        """End a start that needs a command, after a failsafe or a pilot's mode change."""
         if self._needs_command and self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the command if the old item was seen, else wait; fail after ``TRIES``."""
+        """Repeat the command if the old item was reported, else wait; fail after ``TRIES``."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1
         if self._tries > TRIES:
-            missing = "no MISSION_CURRENT" if self._seen is None else "no message"
-            self.result = TransferResult("failed", f"{missing} arrived that shows it")
+            missing = "no MISSION_CURRENT" if self._last_seq is None else "no message"
+            self.result = TransferResult("failed", f"{missing} arrived that proves the start")
             return []
-        if self._needs_command and self._seen is not None:
+        if self._needs_command and self._last_seq is not None:
             return self._send_request(now_us)
         return self._wait(now_us)

@@ -1,44 +1,40 @@
 """Change of flight mode as part of a transfer, sans-IO.
 
 waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> ended
-sent --COMMAND_ACK that refuses--> ended
+sent --COMMAND_ACK with an error--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
 The command is sent right after a heartbeat, and repeated (its acknowledgement may be lost) only
 after another one: a mode that the autopilot selects in between is detected and not overridden.
 """
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, Exchange, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
-from autopilot_bridge.vehicle.command_sequence import result_words
-
-TAKEN = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
+from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """The reason to end an operation that would change the mode."""
+    """Describe a mode change that ends an operation which would change the mode."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
 class ModeChange(Exchange):
-    """Changes the mode, from ``before`` only; ends when a HEARTBEAT shows the new mode."""
+    """A change of mode, from ``before`` only; it ends when a HEARTBEAT shows the new mode."""
 
     def __init__(
         self,
         address: Address,
         stack: Stack,
         before: int,
-        wanted: int,
+        new_mode: int,
         timing: TransferTiming,
     ) -> None:
         super().__init__(address, timing)
-        self.wanted = wanted
+        self.new_mode = new_mode
         self._stack = stack
         self._before = before
-        self._command, self._params, _ = stack.set_mode(wanted)
+        self._step = stack.set_mode(new_mode)
         self._tries = 0
         self._again_us = 0
 
@@ -49,14 +45,14 @@ class ModeChange(Exchange):
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a heartbeat or an acknowledgement; the wanted mode or a refusal ends it."""
+        """Process a heartbeat or an acknowledgement; the new mode or a rejection ends it."""
         if not self._is_from_target(message):
             return []
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return self._heartbeat(message.custom_mode, now_us)
         refused = kind == "COMMAND_ACK" and message.result not in TAKEN
-        if refused and message.command == self._command and self._tries:
+        if refused and message.command == self._step.command and self._tries:
             words = result_words(message.result)
             self.result = TransferResult("rejected", f"the change of mode {words}")
         return []
@@ -64,20 +60,18 @@ class ModeChange(Exchange):
     def _heartbeat(self, custom_mode: int, now_us: int) -> list[Message]:
         if self.result is not None:
             return []
-        if custom_mode == self.wanted:
+        if custom_mode == self.new_mode:
             self.result = TransferResult("accepted", "the mode is changed")
         elif custom_mode != self._before:
             self.stop_commands(changed_meanwhile(self._stack, custom_mode))
         elif now_us >= self._again_us:
             self._again_us = now_us + self._timing.timeout_us
-            values = [*self._params, *[0.0] * (7 - len(self._params))]
-            target, tries = self._address.target, self._tries
             self._tries += 1
-            return [mavlink.MAVLink_command_long_message(*target, self._command, tries, *values)]
+            return [command_message(self._address.target, self._step, self._tries - 1)]
         return []
 
     def stop_commands(self, why: str) -> None:
-        """Send no more commands, after a failsafe or a pilot's mode change."""
+        """End the change of mode, after a failsafe or a pilot's mode change."""
         if self.result is None:
             self.result = TransferResult("failed", why)
 

@@ -1,4 +1,4 @@
-"""The state of one vehicle, folded from the messages of its autopilot, sans-IO."""
+"""The state of one vehicle, computed from the messages of its autopilot, sans-IO."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -30,27 +30,28 @@ FAILSAFES = (
     *(mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY),
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
-ALARM_ENDS_US = 10_000_000  # after the last message that raised it
-UNDECIDED_US = 2_000_000  # after the last time that went back; a restart is found within one
+ALARM_ENDS_US = 10_000_000  # after the last message that caused the alarm
+# After the last time since boot that went back; a restart is detected within half of this time.
+UNDECIDED_US = 2_000_000
 NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """The state of a vehicle; ``current``, ``total`` (wire) are None before MISSION_CURRENT."""
+    """The state of a vehicle; ``current`` and ``total`` are those of MISSION_CURRENT, else None."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Positions that imply more than ``max_speed_m_s`` are discarded; None: no limit."""
+        """Discard positions that imply more than ``max_speed_m_s``; None: no limit."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
-        self._restarted = False  # since its mode was reported
+        self._restarted = False  # since the last ModeChanged
         self.current: int | None = None
         self.total: int | None = None
         self.plan_id: int | None = None  # id of the mission on board; ArduPilot has none
         self.unfit = False  # the mission on board cannot be flown, or there is none
-        self.critical = False  # in failsafe, by its heartbeat
+        self.critical = False  # in failsafe according to its heartbeat
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._received_us: int | None = None
         self._lost = False
@@ -59,14 +60,14 @@ class VehicleMonitor:
         self._reached: int | None = None
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
-        self._alarms: dict[AlarmKind, int] = {}  # raised, and when they end
-        self._back_us = 0  # by how much times since boot went back, if they did
-        self.undecided_until_us = 0  # whether it has restarted: the clock's verdict is not known
-        self.used = True  # whether the last message was used, at least in part
+        self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
+        self._backward_jump_us = 0  # 0 without a backward jump of the time since boot
+        self.undecided_until_us = 0  # until then the clock may detect a restart
+        self.used = True  # whether the last message was used, at least partly
 
     @property
     def hidden_items(self) -> int:
-        """Items that users do not see: ArduPilot's home."""
+        """The number of items that are not the user's: ArduPilot's home."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     @property
@@ -76,7 +77,7 @@ class VehicleMonitor:
         return self.armed and flies
 
     def next_timer(self) -> int | None:
-        """Time at which silence counts as a lost link."""
+        """Return the time at which the link is lost without another HEARTBEAT."""
         if self._received_us is None or self._lost:
             return None
         return self._received_us + self._heartbeat_timeout_us
@@ -90,24 +91,22 @@ class VehicleMonitor:
         return [LinkLost(now_us, now_us - self._received_us)]
 
     def alarm_timer(self) -> int | None:
-        """Time of the next ``end_alarms`` call."""
-        return min(self._alarms.values()) if self._alarms else None
+        """Return the time of the next ``end_alarms`` call."""
+        return min(self._alarms.values(), default=None)
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
         """End alarms without a recent cause."""
-        if not self._alarms:
-            return []
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]
         return [AlarmEnded(now_us, kind) for kind in ended]
 
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
-        """Process a message of this vehicle's autopilot; sets ``used``: whether it is plausible."""
-        absurd = out_of_bounds(message)
-        self.used = absurd is None
-        if absurd is not None:
-            return self._alarm("value", f"{absurd}; {NOT_USED}", now_us)
+        """Process a message of this vehicle's autopilot, and set ``used``."""
+        fault = out_of_bounds(message)
+        self.used = fault is None
+        if fault is not None:
+            return self._alarm("value", f"{fault}; {NOT_USED}", now_us)
         events: list[ClientEvent] = []
         boot_us = boot_time_us(message)
         if boot_us is not None:
@@ -119,7 +118,7 @@ class VehicleMonitor:
                 return events
         for event in self._telemetry.events(message, now_us):
             if isinstance(event, Position):
-                events += self._place(event)
+                events += self._position(event)
             else:
                 events.append(event)
         events += self._state(message, now_us)
@@ -127,18 +126,18 @@ class VehicleMonitor:
 
     def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
         if verdict == "back":  # may be a restart; if not, the old time continues
-            self._back_us = ahead_us
+            self._backward_jump_us = ahead_us
             self.undecided_until_us = now_us + UNDECIDED_US
             return []
         self.undecided_until_us = 0
         if verdict == "kept":
-            ahead_us, self._back_us = self._back_us, 0
+            ahead_us, self._backward_jump_us = self._backward_jump_us, 0
             if not ahead_us:
                 return []
-        self._back_us = 0
-        by = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
+        self._backward_jump_us = 0
+        jump = f"{abs(ahead_us) / 1e6:.0f} s {'ahead' if ahead_us > 0 else 'back'}"
         if verdict in ("kept", "ahead"):
-            words = f"its time since boot jumped {by}; {NOT_USED}"
+            words = f"its time since boot jumped {jump}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
         self._telemetry.forget()
         self._reach.forget_times()
@@ -146,26 +145,28 @@ class VehicleMonitor:
             self.current = self._reached = None
             self._restarted = True
             return [Rebooted(now_us)]
-        words = f"its time since boot jumped {by} and continues from there; it is used from now on"
+        words = (
+            f"its time since boot jumped {jump} and continues from there; it is used from now on"
+        )
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
-    def _place(self, place: Position) -> list[ClientEvent]:
-        beyond_m = self._reach.beyond_m(place)
-        verdict = self._reach.judge(place, self._clock.rate)
+    def _position(self, position: Position) -> list[ClientEvent]:
+        beyond_m = self._reach.beyond_m(position)
+        verdict = self._reach.judge(position, self._clock.rate)
         if verdict == "beyond":
             self._telemetry.retract("GLOBAL_POSITION_INT")
-            words = f"it cannot have flown {beyond_m:.0f} m from its last position; {NOT_USED}"
-            return self._alarm("jump", words, place.at_us)
-        self.position = place
+            words = f"{beyond_m:.0f} m from its last position, which is too far; {NOT_USED}"
+            return self._alarm("jump", words, position.at_us)
+        self.position = position
         if verdict == "kept":
-            return [place]
-        words = f"its position jumped by {beyond_m:.0f} m and stays there; it is used from now on"
-        return [*self._alarm("jump", words, place.at_us, again=True), place]
+            return [position]
+        words = f"its position jumped by {beyond_m:.0f} m and remains; it is used from now on"
+        return [*self._alarm("jump", words, position.at_us, again=True), position]
 
     def _alarm(
         self, kind: AlarmKind, words: str, now_us: int, again: bool = False
     ) -> list[ClientEvent]:
-        """Raise an alarm; once, until it has ended."""
+        """Raise an alarm, but not again while it is active unless ``again`` is set."""
         raised = kind in self._alarms
         self._alarms[kind] = now_us + ALARM_ENDS_US
         return [] if raised and not again else [Implausible(now_us, kind, words)]
@@ -180,16 +181,16 @@ class VehicleMonitor:
                 self.unfit = message.mission_state == mavlink.MISSION_STATE_NO_MISSION
                 if message.seq != self.current:
                     self.current = message.seq
-                    if message.seq < self.hidden_items:  # ArduPilot's home: nothing is flown yet
+                    if message.seq < self.hidden_items:  # ArduPilot's home: not in the mission yet
                         return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
-                # ArduPlane reports item 0, its home, when it is where GUIDED sent it.
+                # ArduPlane reports item 0, its home, when it reaches its target in GUIDED.
                 if message.seq != self._reached and message.seq >= self.hidden_items:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]
             case "STATUSTEXT":
-                return [Text(now_us, message.severity, message.text.strip())]  # PX4 adds a tab
+                return [Text(now_us, message.severity, message.text.strip())]  # PX4 appends a tab
             case _:
                 pass
         return []
@@ -211,7 +212,7 @@ class VehicleMonitor:
         self.critical = message.system_status in FAILSAFES
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         changed = (armed, message.custom_mode) != (self.armed, self.custom_mode)
-        if changed or self._restarted:  # after a restart it is reported again
+        if changed or self._restarted:  # after a restart the mode is reported again
             self._restarted = False
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)

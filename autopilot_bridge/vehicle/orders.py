@@ -1,8 +1,8 @@
 """The commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
 
-``ORDERS`` is the table. To add a command, add a row and the function of its steps. Read and flown:
-PX4 1.17, ArduPilot 4.6.2. A command that a stack does not have raises BridgeError. Altitudes are
-above mean sea level unless the name differs.
+``ORDERS`` is the table. To add a command, add a row and the function that returns its steps. The
+commands were flown on PX4 1.17 and ArduPilot 4.6.2. The functions raise BridgeError for a command
+that the stack does not have. Altitudes are above mean sea level unless the name differs.
 """
 
 import math
@@ -24,7 +24,7 @@ PX4_MAX_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
 PLANE_MAX_RADIUS_M = 32767.0
 
 PX4_MAX_ACTUATORS = 6
-SERVO_US = (500.0, 2500.0)  # pulses that servos take
+SERVO_US = (500.0, 2500.0)  # minimum and maximum pulse width of servos
 GRIPPER_RELEASE = float(mavlink.GRIPPER_ACTION_RELEASE)
 GRIPPER_GRAB = float(mavlink.GRIPPER_ACTION_GRAB)
 
@@ -33,9 +33,10 @@ S = TypeVar("S")
 
 
 class Dropper(NamedTuple):
-    """An output that releases one object each time it is set, and must be set back in between.
+    """An output that releases one object each time it is set, and must be reset before the next.
 
-    ``release`` and ``rest`` are a servo's PWM in us or an actuator's -1 to 1; a gripper has none.
+    ``release`` and ``rest`` are a servo's pulse width in microseconds or an actuator's value from
+    -1 to 1; a gripper has none.
     """
 
     by: Literal["servo", "gripper", "actuator"]
@@ -46,27 +47,27 @@ class Dropper(NamedTuple):
 
 
 def arm(stack: Stack) -> Steps:
-    """Arm, with the autopilot's checks."""
+    """Return the step that arms, with the autopilot's checks."""
     return (ARM,)
 
 
 def disarm(stack: Stack) -> Steps:
-    """Disarm; autopilots refuse it in the air."""
+    """Return the step that disarms; autopilots reject it in the air."""
     return (Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,)),)
 
 
 def set_mode(stack: Stack, name: str) -> Steps:
-    """Change to a mode by its name in ``Stack.modes``."""
+    """Return the step to a mode by its name in ``Stack.modes``."""
     return (stack.set_mode(stack.mode_number(name)),)
 
 
 def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
-    """Arm, take off from the ground and hold ``height_m`` above it.
+    """Return the steps to arm, take off from the ground and hold ``height_m`` above it.
 
-    ArduPlane climbs to its parameter TKOFF_ALT, which is set for that and stays set.
+    ArduPlane climbs to its parameter TKOFF_ALT, which is set permanently.
     """
     if not 1.0 <= height_m <= 10_000.0:
-        raise BridgeError(f"takeoff to {height_m} m: take 1 to 10000 m above the ground")
+        raise BridgeError(f"takeoff to {height_m} m: give 1 to 10000 m above the ground")
     if stack.name == "px4":
         climb = Step(
             mavlink.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, ground_amsl_m + height_m)
@@ -79,14 +80,14 @@ def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
 
 
 def start_mission(stack: Stack, armed: bool) -> tuple[Step, ...]:
-    """Fly the mission: from the ground with arming, or go on with it in flight."""
+    """Return the steps that start the mission on the ground or, if armed, resume it in flight."""
     return resume(stack) if armed else stack.start
 
 
 def pause(stack: Stack) -> Steps:
-    """Hold here: planes circle, multirotors stop.
+    """Return the step to hold at the current position: planes circle, multirotors stop.
 
-    PX4 repositions in its hold mode, so changing to that mode would not end a reposition.
+    PX4 executes DO_REPOSITION in its hold mode, so a change to that mode would not end it.
     """
     if stack.name == "px4":
         return (Step(mavlink.MAV_CMD_DO_REPOSITION, (-1.0, CHANGE_MODE, 0.0, NAN), SAME_PLACE),)
@@ -94,41 +95,41 @@ def pause(stack: Stack) -> Steps:
 
 
 def resume(stack: Stack) -> tuple[Step, ...]:
-    """Go on with the mission at the item where it was left."""
+    """Return the step that continues the mission at its current item."""
     return (stack.set_mode(stack.mission_mode),)
 
 
 def return_home(stack: Stack) -> tuple[Step, ...]:
-    """Return to the launch place, or to the autopilot's configured return point."""
+    """Return the step to fly to the launch position or the autopilot's configured return point."""
     return (stack.set_mode(stack.rtl_mode),)
 
 
 def return_height(stack: Stack, height_m: float) -> Steps:
-    """Set the minimum height of returns above home, permanently; multirotors only.
+    """Return the steps that set the minimum height of returns above home, for multirotors.
 
-    As delivered ArduCopter returns at 15 m or as low as it flies, and PX4 lower the nearer it is to
-    home.
+    The parameters are set permanently. By default ArduCopter returns at 15 m or at its current
+    height if that is greater, and PX4 at a height that decreases near home.
     """
     if stack.vehicle != "copter":
         raise BridgeError("the height of returns is set for multirotors only")
     if not 1.0 <= height_m <= 3000.0:
-        raise BridgeError(f"return at {height_m:g} m: take 1 to 3000 m above home")
+        raise BridgeError(f"return at {height_m:g} m: give 1 to 3000 m above home")
     if stack.name == "px4":
         return SetParameter("RTL_RETURN_ALT", height_m), SetParameter("RTL_CONE_ANG", 0.0)
     return (SetParameter("RTL_ALT", round(height_m * 100.0)),)
 
 
 def land(stack: Stack) -> Steps:
-    """Land: here, but ArduPlane only by the landing of its mission (after its DO_LAND_START)."""
+    """Return the step to land: ArduPlane by DO_LAND_START, others at their position."""
     if stack.name == "ardupilot" and stack.vehicle == "plane":
         return (Step(mavlink.MAV_CMD_DO_LAND_START),)
     return set_mode(stack, "land")
 
 
 def reposition(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Fly to a place and hold there; planes circle it as they did before or by their default."""
+    """Return the step to fly to a position and hold there; planes circle with unchanged radius."""
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
-    # Zero radius on ArduPilot: keep the one there is. NaN yaw on PX4: its own choice.
+    # Radius 0 on ArduPilot: the present radius. Yaw NaN on PX4: its default.
     params = (-1.0, CHANGE_MODE, 0.0, NAN if stack.name == "px4" else 0.0)
     return (Step(mavlink.MAV_CMD_DO_REPOSITION, params, place),)
 
@@ -141,19 +142,20 @@ def orbit(
     radius_m: float,
     speed_m_s: float | None = None,
 ) -> Steps:
-    """Circle a place, clockwise with a positive radius; again to move or change the circle.
+    """Return the steps to circle a position, clockwise with a positive radius.
 
-    A given speed is commanded too; without one PX4 multirotors circle at 1 m/s at first.
+    Another orbit command moves or changes the circle. A given speed is commanded too; without one
+    PX4 multirotors circle at 1 m/s at first.
     """
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     if stack.name == "ardupilot" and stack.vehicle == "copter":
         raise BridgeError(
-            "ArduCopter 4.6 has no orbit command; fly LOITER_TURNS items or reposition around"
+            "ArduCopter 4.6 has no orbit command; use LOITER_TURNS items or repeated repositions"
         )
     px4_copter = stack.name == "px4" and stack.vehicle == "copter"
     max_m = PX4_MAX_ORBIT_RADIUS_M if px4_copter else PLANE_MAX_RADIUS_M
     if not 1.0 <= abs(radius_m) <= max_m:
-        raise BridgeError(f"orbit of radius {radius_m} m: take 1 to {max_m:.0f} m, with its sign")
+        raise BridgeError(f"orbit of radius {radius_m} m: give 1 to {max_m:.0f} m with a sign")
     change = () if speed_m_s is None or px4_copter else change_speed(stack, speed_m_s)
     if stack.name == "ardupilot":
         anticlockwise = 1.0 if radius_m < 0.0 else 0.0
@@ -166,26 +168,26 @@ def orbit(
 
 
 def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Stop the present flight, climb at a place and hold there; multirotors only."""
+    """Return the step to climb at a position and hold there, for multirotors."""
     if stack.vehicle != "copter":
         raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
     return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
 
 
 def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
-    """The step that releases, and the step that sets the dropper back.
+    """Return the step that releases an object, and the step that resets the dropper.
 
-    The first must be sent once only: a second one may release another object. PX4 has no servo
-    command, and accepts actuator commands for which no output is configured.
+    The first must be sent only once: a second one may release another object. PX4 has no servo
+    command, and it accepts actuator commands without a configured output.
     """
     match dropper.by:
         case "servo" if stack.name == "px4":
             raise BridgeError(
-                "PX4 has no DO_SET_SERVO; set the dropper up as a gripper or as an actuator"
+                "PX4 has no DO_SET_SERVO; configure the dropper as a gripper or as an actuator"
             )
         case "actuator" if stack.name == "ardupilot":
             raise BridgeError(
-                "ArduPilot has no DO_SET_ACTUATOR; set the dropper up as a servo or as a gripper"
+                "ArduPilot has no DO_SET_ACTUATOR; configure the dropper as a servo or a gripper"
             )
         case "gripper":
             _check_output(dropper, 1, 6, None)
@@ -195,7 +197,7 @@ def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
                 Step(mavlink.MAV_CMD_DO_GRIPPER, (number, GRIPPER_GRAB)),
             )
         case "servo":
-            first = 5 if stack.vehicle == "copter" else 1  # the others turn the motors
+            first = 5 if stack.vehicle == "copter" else 1  # outputs 1 to 4 control motors
             _check_output(dropper, first, 16, SERVO_US)
             number = float(dropper.number)
             return (
@@ -213,33 +215,34 @@ def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
 def _check_output(
     dropper: Dropper, first: int, last: int, values: tuple[float, float] | None
 ) -> None:
-    """Raise BridgeError unless there is such an output and its two values differ."""
-    what = f"dropper by {dropper.by}"
+    """Raise BridgeError unless the output is valid and its two values differ."""
+    subject = f"dropper by {dropper.by}"
     if not first <= dropper.number <= last:
-        raise BridgeError(f"{what}: number {dropper.number}, take {first} to {last}")
+        raise BridgeError(f"{subject}: number {dropper.number}, give {first} to {last}")
     if not 0.0 < dropper.hold_s <= 5.0:
-        raise BridgeError(f"{what}: hold of {dropper.hold_s} s, take more than 0 and at most 5")
+        raise BridgeError(f"{subject}: hold of {dropper.hold_s} s, give more than 0 and at most 5")
     if values is None:
         return
-    least, most = values
+    minimum, maximum = values
     for name, value in (("release", dropper.release), ("rest", dropper.rest)):
-        if not least <= value <= most:
-            raise BridgeError(f"{what}: {name} {value:g}, take {least:g} to {most:g}")
+        if not minimum <= value <= maximum:
+            raise BridgeError(f"{subject}: {name} {value:g}, give {minimum:g} to {maximum:g}")
     if dropper.release == dropper.rest:
-        raise BridgeError(f"{what}: release and rest are both {dropper.rest:g}: nothing would fall")
+        raise BridgeError(f"{subject}: release and rest are both {dropper.rest:g}; give two values")
 
 
 def _actuators(number: int, value: float) -> tuple[float, ...]:
-    """Params 1 to 7 that set one of the actuators 1 to 6 and leave the others unchanged."""
+    """Return params 1 to 7 that set one of the actuators 1 to 6 and no other."""
     values = [NAN] * PX4_MAX_ACTUATORS
     values[number - 1] = value
     return (*values, 0.0)
 
 
 def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Steps:
-    """Airspeed of planes, ground speed of multirotors, until changed or another mode.
+    """Return the step that sets the airspeed of a plane or the ground speed of a multirotor.
 
-    A PX4 multirotor accepts it without effect while ``orbiting``; there the orbit is changed.
+    The speed is valid until the next change of speed or mode. While ``orbiting`` a PX4 multirotor
+    accepts the command without an effect, so the speed of the orbit is commanded.
     """
     _checked_speed(speed_m_s)
     if orbiting and stack.name == "px4" and stack.vehicle == "copter":
@@ -250,17 +253,19 @@ def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Step
 
 def _checked_speed(speed_m_s: float) -> None:
     if not 0.0 < speed_m_s <= 200.0:
-        raise BridgeError(f"speed of {speed_m_s} m/s: take more than 0 and at most 200 m/s")
+        raise BridgeError(f"speed of {speed_m_s} m/s: give more than 0 and at most 200 m/s")
 
 
 def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
-    # PX4 accepts all of these values, also invalid ones.
+    # PX4 also accepts invalid values.
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-        raise BridgeError(f"latitude {lat_deg}, longitude {lon_deg} is no place on Earth")
+        raise BridgeError(f"latitude {lat_deg}, longitude {lon_deg} is not on Earth")
     if lat_deg == 0.0 and lon_deg == 0.0:
-        raise BridgeError("latitude 0, longitude 0 means 'here' to autopilots; give the place")
+        raise BridgeError(
+            "autopilots interpret latitude 0, longitude 0 as their position; give the position"
+        )
     if not -1000.0 <= altitude_amsl_m <= 20_000.0:
-        raise BridgeError(f"altitude {altitude_amsl_m} m AMSL: take -1000 to 20000 m")
+        raise BridgeError(f"altitude {altitude_amsl_m} m AMSL: give -1000 to 20000 m")
     return Place(
         mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), altitude_amsl_m
     )
@@ -270,7 +275,7 @@ AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # for commands that ne
 
 
 class OrderContext(NamedTuple):
-    """The vehicle's state that decides which steps an order takes."""
+    """The vehicle's state that determines the steps of an order."""
 
     stack: Stack
     armed: bool = False
@@ -282,10 +287,10 @@ class Order(NamedTuple):
     """One row of ``ORDERS``.
 
     Attributes:
-        steps: The commands, from the context and the arguments of the order.
+        steps: Returns the commands for the context and the arguments of the order.
         urgent: It replaces all orders that have not ended, and is repeated without heartbeats.
-        timing: How it is repeated until it is acknowledged; None: as the client's other messages.
-        through_mavsdk: The steps through MAVSDK, which carries no NaN; None: not available there.
+        timing: Timeout and retries until it is acknowledged; None: those of the client.
+        through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None: not available.
     """
 
     steps: Callable[..., Steps]
@@ -294,22 +299,22 @@ class Order(NamedTuple):
     through_mavsdk: Callable[..., tuple[Step, ...]] | None = None
 
 
-def _takeoff(now: OrderContext, height_m: float) -> Steps:
-    if now.altitude_amsl_m is None:
-        raise BridgeError("the vehicle has reported no position yet; wait for Position")
-    return takeoff(now.stack, height_m, now.altitude_amsl_m)
+def _takeoff(context: OrderContext, height_m: float) -> Steps:
+    if context.altitude_amsl_m is None:
+        raise BridgeError("the vehicle has not reported a position; wait for Position")
+    return takeoff(context.stack, height_m, context.altitude_amsl_m)
 
 
 def _of_stack(steps: Callable[..., S]) -> Callable[..., S]:
-    return lambda now, *arguments: steps(now.stack, *arguments)
+    return lambda context, *arguments: steps(context.stack, *arguments)
 
 
-def _start_mission(now: OrderContext) -> tuple[Step, ...]:
-    return start_mission(now.stack, now.armed)
+def _start_mission(context: OrderContext) -> tuple[Step, ...]:
+    return start_mission(context.stack, context.armed)
 
 
-def _hold_mode(now: OrderContext) -> tuple[Step, ...]:
-    return (now.stack.set_mode(now.stack.hold_mode),)
+def _hold_mode(context: OrderContext) -> tuple[Step, ...]:
+    return (context.stack.set_mode(context.stack.hold_mode),)
 
 
 ORDERS = {
@@ -327,18 +332,18 @@ ORDERS = {
     "climb and hold": Order(_of_stack(climb_and_hold), urgent=True, timing=AT_ONCE),
     "orbit": Order(_of_stack(orbit)),  # lat_deg, lon_deg, altitude_amsl_m, radius_m[, speed_m_s]
     "change speed": Order(
-        lambda now, speed_m_s: change_speed(now.stack, speed_m_s, now.mode == "orbit")
+        lambda context, speed_m_s: change_speed(context.stack, speed_m_s, context.mode == "orbit")
     ),
     "mode": Order(_of_stack(set_mode)),  # a name of Stack.modes
 }
 
 
 def order_named(name: str) -> Order:
-    """The row of a command.
+    """Return the row of a command.
 
     Raises:
-        BridgeError: There is no such command; the text lists those there are.
+        BridgeError: The command does not exist; the text lists all commands.
     """
     if name not in ORDERS:
-        raise BridgeError(f"no vehicle command {name!r}; there are {', '.join(ORDERS)}")
+        raise BridgeError(f"no vehicle command {name!r}; the commands are {', '.join(ORDERS)}")
     return ORDERS[name]

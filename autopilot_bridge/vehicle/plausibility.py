@@ -1,24 +1,25 @@
-"""Whether an autopilot's times since boot and positions are plausible. Pure; no clock is read.
+"""Plausibility checks of an autopilot's times since boot and positions. Pure; reads no clock.
 
-``now_us`` is the clock of the link (for a log, the times that its messages were recorded at).
+``now_us`` is the clock of the link (for a log, the times at which its messages were recorded).
 
-*Times.* The time since boot runs at the link's rate, or faster and slower in simulations. The rate
-and the line it runs along are fitted to what was received: medians, so that a minority of wrong
-times moves neither. What is ahead of that line by more than ``AHEAD_US`` (for simulations ten
-seconds' worth), or behind the latest time by more than ``BACK_US`` (five seconds' worth), is not
-used. Delays and bursts are behind the line, so they are in order.
+*Times.* The time since boot advances at the link's rate, or faster or slower in simulations. The
+rate and a line are fitted to the received times by medians, so that a minority of wrong times has
+no effect. A time is not used if it is ahead of that line by more than ``AHEAD_US`` (in simulations
+the equivalent of ten seconds), or behind the latest time by more than ``BACK_US`` (the equivalent
+of five seconds). Delayed messages and bursts are behind the line and are accepted.
 
 Autopilots begin at zero: PX4 sends ``hrt_absolute_time``, ArduPilot ``millis``, both counted from
-the boot. So it was *restarted* only if all messages for ``REBOOT_KEPT_US``, ``KEPT`` or more of
-them, continue from a time since boot that is no longer than the silence before them. Any other time
-from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new one, and
-mission time continues without a jump: the autopilot's clock was set, or this machine's stood still.
+the boot. Therefore a *restart* is detected only if all messages for ``REBOOT_KEPT_US``, at least
+``KEPT``, continue from a time since boot that does not exceed the gap before them. Any other time
+from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new time, and
+mission time continues without a jump: the autopilot's clock was set, or this machine's clock stood
+still.
 
 *Positions.* A position farther from the last ones than the airframe can fly in the time between is
 discarded. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
-simulator's vehicle was moved, or a position estimate was wrong and is right again.
+simulator's vehicle was moved, or a wrong position estimate was corrected.
 
-A forged message within these limits cannot be distinguished from the vehicle's own on one remote.
+On one remote, a forged message within these limits cannot be distinguished from one of the vehicle.
 Signed links prevent forgery.
 """
 
@@ -35,15 +36,15 @@ BACK_US = 5_000_000
 KEPT = 4
 REBOOT_KEPT_US = 1_000_000
 CHANGED_KEPT_US = 3_000_000
-POINTS = 10  # that the line is fitted to
+POINTS = 10  # number of points to which the line is fitted
 MAX_SINCE = 64
 BY_CHANCE = 2
 FITS = 60  # a simulation that fell behind may catch up within a minute
 FIRST_EVERY_US, EVERY_US = 100_000, 1_000_000
-# Limits in the first second, before the rate is known: the fastest simulation, and its burst.
+# Limits in the first second, before the rate is fitted: the fastest simulation, and its burst.
 FASTEST, BURST_US = 200.0, 30_000_000
 SLOWEST = 0.1  # of any simulation
-REAL = 1.25  # rates below are those of a clock, not of a simulation
+REAL = 1.25  # lower rates are those of a clock, not of a simulation
 SIMULATED_AHEAD_S = 10.0
 
 PLACES_KEPT_US = 2_000_000
@@ -65,12 +66,12 @@ class _Base:
     at_us: int
     messages: int = 1
 
-    def goes_on(self, boot_us: int, now_us: int) -> bool:
+    def continues(self, boot_us: int, now_us: int) -> bool:
         max_us = self.boot_us + BURST_US + FASTEST * (now_us - self.at_us)
         return self.boot_us - BACK_US <= boot_us <= max_us
 
-    def runs(self) -> bool:
-        """Whether it advances as a clock does, and is not one repeated value."""
+    def advances(self) -> bool:
+        """Return whether the times advance like a clock, and are not one repeated value."""
         return self.boot_us - self.first_boot_us >= SLOWEST * (self.at_us - self.first_us)
 
 
@@ -79,13 +80,13 @@ class BootClock:
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
-        self._since: list[tuple[int, int]] = []  # the same, of which the next point is made
+        self._since: list[tuple[int, int]] = []  # times since the last point, for the next one
         self._latest_us: int | None = None  # time since boot
         self._received_us = 0
         self._rates: deque[float] = deque(maxlen=FITS)
-        self._peak = 1.0  # the greatest of these rates but for two, which may be by chance
+        self._peak = 1.0  # the third greatest of these rates: two may be outliers
         self._slope = 1.0
-        self._line = (0, 0.0)  # where the fitted line is: (now_us, boot_us)
+        self._line = (0, 0.0)  # a point of the fitted line: (now_us, boot_us)
         self._other: _Base | None = None
 
     @property
@@ -94,13 +95,13 @@ class BootClock:
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """Lead of a time since boot over the fitted line in microseconds; negative if behind."""
+        """Return the lead of a time since boot over the expected one in us; negative if behind."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
-        """Whether a time since boot is used; ``rebooted``, ``changed``: a new series begins."""
+        """Judge a time since boot; ``rebooted`` and ``changed``: a new series begins."""
         if self._latest_us is None:
             self._begin(boot_us, now_us)
             return "kept"
@@ -109,10 +110,10 @@ class BootClock:
             self._other = None
             self._latest_us = max(self._latest_us, min(boot_us, self._expected_us(now_us)))
             self._received_us = now_us
-            self._note(boot_us, now_us)
+            self._add_point(boot_us, now_us)
             return "kept"
         other = self._other
-        if other is None or not other.goes_on(boot_us, now_us):
+        if other is None or not other.continues(boot_us, now_us):
             self._other = _Base(boot_us, now_us, boot_us, now_us)
             return "back" if boot_us < self._latest_us else "ahead"
         other.boot_us, other.at_us = max(other.boot_us, boot_us), now_us
@@ -122,7 +123,7 @@ class BootClock:
         restarts = boot_us < self._latest_us
         restarts &= other.first_boot_us <= self.rate * silent_us + slack_us
         kept_us = REBOOT_KEPT_US if restarts else CHANGED_KEPT_US
-        if other.messages >= KEPT and now_us - other.first_us >= kept_us and other.runs():
+        if other.messages >= KEPT and now_us - other.first_us >= kept_us and other.advances():
             self._begin(boot_us, now_us)
             return "rebooted" if restarts else "changed"
         return "back" if boot_us < self._latest_us else "ahead"
@@ -133,10 +134,10 @@ class BootClock:
         self._since.clear()
         self._peak = 1.0
         self._latest_us, self._received_us, self._other = boot_us, now_us, None
-        self._note(boot_us, now_us)
+        self._add_point(boot_us, now_us)
 
     def _max_us(self, now_us: int) -> float:
-        """The greatest time since boot that is used now."""
+        """Return the maximum time since boot that is used now."""
         at_us, boot_us = self._line
         if len(self._points) < POINTS:
             return boot_us + FASTEST * (now_us - at_us) + BURST_US
@@ -144,13 +145,13 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """The maximum for the latest time, so that one ahead does not make true ones late."""
+        """Return the limit of ``_latest_us``: a time ahead must not make right times late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
         return round(boot_us + self._slope * (now_us - at_us)) + AHEAD_US
 
-    def _note(self, boot_us: int, now_us: int) -> None:
+    def _add_point(self, boot_us: int, now_us: int) -> None:
         points = self._points
         every_us = EVERY_US if len(points) == POINTS else FIRST_EVERY_US
         if len(self._since) < MAX_SINCE:
@@ -190,51 +191,53 @@ class Reach:
     """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """``speed_m_s``: its maximum, over the ground and vertically; None: unknown."""
+        """``speed_m_s``: the maximum speed over the ground and vertically; None: no check."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
-        self._anchor: Position | None = None  # of some time ago, so that errors do not add up
+        self._anchor: Position | None = None  # an older position, so that errors do not accumulate
         self._other: _Elsewhere | None = None
 
     def forget_times(self) -> None:
-        """The time since boot has restarted: compare the next position by the link's clock."""
+        """Compare the next position by the link's clock, after a restart of the time since boot."""
         self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:
-        """Whether a position is used. ``rate``: see ``BootClock.rate``."""
+        """Judge a position; ``rate``: see ``BootClock.rate``."""
         if self._speed_m_s is None:
             return "kept"
         last, anchor = self._last, self._anchor
         if last is None:
-            self._keep(place)
+            self._use(place)
             return "kept"
         passed_us = (place.at_us - last.at_us) * rate if anchor is None else _passed_us(last, place)
-        if self._near(last, place, passed_us) and (
-            anchor is None or self._near(anchor, place, _passed_us(anchor, place))
+        if self._is_reachable(last, place, passed_us) and (
+            anchor is None or self._is_reachable(anchor, place, _passed_us(anchor, place))
         ):
-            self._keep(place)
+            self._use(place)
             return "kept"
         other = self._other
-        if other is None or not self._near(other.last, place, _passed_us(other.last, place)):
+        if other is None or not self._is_reachable(
+            other.last, place, _passed_us(other.last, place)
+        ):
             self._other = _Elsewhere(place, place)
             return "beyond"
         other.last, other.places = place, other.places + 1
         if other.places < KEPT or _passed_us(other.first, place) < PLACES_KEPT_US:
             return "beyond"
         self._anchor = None
-        self._keep(place)
+        self._use(place)
         return "adopted"
 
     def beyond_m(self, place: Position) -> float:
-        """Distance of a position from the last one used, in metres."""
+        """Return the distance of a position from the last used one in metres."""
         return 0.0 if self._last is None else max(map(abs, _apart_m(self._last, place)))
 
-    def _keep(self, place: Position) -> None:
+    def _use(self, place: Position) -> None:
         self._last, self._other = place, None
         if self._anchor is None or _passed_us(self._anchor, place) >= ANCHORED_US:
             self._anchor = place
 
-    def _near(self, before: Position, place: Position, passed_us: float) -> bool:
+    def _is_reachable(self, before: Position, place: Position, passed_us: float) -> bool:
         assert self._speed_m_s is not None
         max_m = self._speed_m_s * max(passed_us, 0.0) / 1e6 + MARGIN_M
         ground_m, up_m, up_relative_m = _apart_m(before, place)
@@ -246,7 +249,7 @@ def _passed_us(before: Position, place: Position) -> int:
 
 
 def _apart_m(before: Position, place: Position) -> tuple[float, float, float]:
-    """Distances in metres: horizontal, in altitude, and in height above home."""
+    """Compute distances in metres: horizontal, in altitude, and in height above home."""
     north_deg = place.lat_deg - before.lat_deg
     east_deg = (place.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0
     east_deg *= math.cos(math.radians(place.lat_deg))

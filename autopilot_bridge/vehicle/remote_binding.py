@@ -1,44 +1,44 @@
 """Binding of a vehicle to one remote of a link. Pure; time is an argument.
 
-A vehicle is bound to the remote (address and port, or connection) on which a HEARTBEAT of its
-autopilot was found first. Messages with its system id from another remote are not used while the
-first one sends, and raise an alarm. After ``timeout_us`` of silence a HEARTBEAT from another remote
+A vehicle is bound to the remote (address and port, or connection) that first sent a HEARTBEAT of
+its autopilot. While this remote sends, messages with the same system id from another remote are not
+used and raise an alarm. After ``timeout_us`` without messages, a HEARTBEAT from another remote
 binds the vehicle to that one: after a restart or a change of network an autopilot has another
-port. That raises an alarm too, unless the link is signed: a checked signature is proof. When an
+port. This raises an alarm too, unless the link is signed: a verified signature is proof. When an
 earlier remote sends again, it takes precedence, and messages of later ones are no longer used.
 
-Whether the first remote is the vehicle's cannot be decided here: if a forger sends before the
-vehicle, the alarm stands until the forger stops. Only a signed link prevents that.
+The binding cannot detect whether the first remote is the vehicle: if a forger sends before the
+vehicle, the alarm remains until the forger stops. Only a signed link prevents that.
 
-On a link that calls one address (``udpout``) that address outranks all others.
+On a link that connects to one address (``udpout``), this address has precedence over all others.
 """
 
 from autopilot_bridge.vehicle.client_events import AlarmEnded, RemoteChanged, SameSystemId
 
-ENDED_AFTER_US = 10_000_000  # of silence of the other remote
-MOVED_FOR_US = 60_000_000  # how long the alarm stands of a vehicle that has moved
-MAX_RANKED = 8  # remotes that are remembered
+ENDED_AFTER_US = 10_000_000  # after the last message of the other remote
+MOVED_FOR_US = 60_000_000  # duration of the alarm after a change of remote
+MAX_RANKED = 8  # number of stored remotes
 SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
 class RemoteBinding:
-    """The remote of one vehicle. ``alarms`` are those to be reported; the owner takes them out."""
+    """The remote of one vehicle; the owner removes the new ``alarms`` and reports them."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
         """``called`` is the remote that the link connects to; "" if it listens."""
-        self.remote: str | None = None  # None: not found yet
+        self.remote: str | None = None  # None: not bound yet
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us
         self._called = called
         self._signed = signed
         self._received_us = 0
-        self._ranked: list[str] = []  # remotes it was taken from, in the order found
-        self._other: tuple[str, int] | None = None  # another remote that sends, and when it did
+        self._ranked: list[str] = []  # remotes that were bound, in order of the first binding
+        self._other: tuple[str, int] | None = None  # another remote, and the time of its message
         self._raised: type[SourceAlarm] | None = None
         self._alarm_until_us: int | None = None
 
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
-        """Whether a message with the vehicle's system id from a remote is used.
+        """Return whether a message with the vehicle's system id from a remote is used.
 
         ``is_heartbeat``: it is a HEARTBEAT of a supported autopilot.
         """
@@ -80,7 +80,7 @@ class RemoteBinding:
         self._raised = type(alarm)
 
     def alarm_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
+        """Return the time of the next ``handle_timer`` call; None without an alarm."""
         return self._alarm_until_us
 
     def handle_timer(self, now_us: int) -> None:

@@ -1,17 +1,16 @@
 """The failure states that an autopilot reports, as events: pure functions of a message.
 
-Which flags of the position estimate count, by their use in the stacks (read: ArduPilot 4.6.2
-``AP_NavEKF3_Control.cpp`` ``updateFilterStatus``, PX4 1.17 ``ekf_helper.cpp``
-``get_ekf_soln_status``):
+The used flags of the position estimate (sources: ArduPilot 4.6.2 ``AP_NavEKF3_Control.cpp``
+``updateFilterStatus``, PX4 1.17 ``ekf_helper.cpp`` ``get_ekf_soln_status``):
 
-- attitude, horizontal velocity and absolute horizontal position: valid or not, on both;
-- constant position mode: ArduPilot without any aiding; PX4 sets it also while standing still, so
-  there it is ignored;
-- a glitch of the satellites' position: one sample is enough for either, so it counts only when two
-  messages in a row have it;
-- PX4 without the prediction of the absolute position: satellites are not fused (any more), the
-  position is dead reckoned, and stays "valid" for some seconds. ArduPilot sets that flag together
-  with the position itself.
+- attitude, horizontal velocity and absolute horizontal position: valid or not, on both stacks;
+- constant position mode: ArduPilot without any aiding; PX4 sets it also when the vehicle stands
+  still, so it is ignored for PX4;
+- a glitch of the satellite position: both stacks set it for a single sample, so it is reported only
+  if two consecutive messages have it;
+- the prediction of the absolute position: if PX4 clears it, satellites are not fused and the
+  position is dead reckoned, although it remains "valid" for some seconds. ArduPilot sets this flag
+  together with the position itself.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,23 +34,23 @@ BREACHES = {
     mavlink.FENCE_BREACH_BOUNDARY: "boundary",
 }
 GLITCH = "satellite position glitch"
-# Flags that are set while all is well, and what it is called when they are not.
+# Flags that are set in the normal state, with the name of the problem if they are not.
 NEEDED = (
     (mavlink.ESTIMATOR_ATTITUDE, "attitude not valid"),
     (mavlink.ESTIMATOR_VELOCITY_HORIZ, "velocity not valid"),
     (mavlink.ESTIMATOR_POS_HORIZ_ABS, "position lost"),
 )
-FOUND_AFTER = {GLITCH: 2}  # messages in a row that have a problem; 1 for the others
-GONE_AFTER = 5  # messages in a row without it
+FOUND_AFTER = {GLITCH: 2}  # consecutive messages with a problem; 1 for the others
+ENDED_AFTER = 5  # consecutive messages without it
 
 
 def system_state(message: Message, at_us: int) -> SystemState:
-    """HEARTBEAT: the autopilot's MAV_STATE."""
+    """Decode the MAV_STATE of a HEARTBEAT."""
     return SystemState(at_us, _word(SYSTEM_STATES, message.system_status))
 
 
 def landed_state(message: Message, at_us: int) -> LandedState:
-    """EXTENDED_SYS_STATE."""
+    """Decode an EXTENDED_SYS_STATE."""
     return LandedState(at_us, _word(LANDED_STATES, message.landed_state))
 
 
@@ -60,13 +59,13 @@ def _word(words: tuple[str, ...], number: int) -> str:
 
 
 def fence_status(message: Message, at_us: int) -> FenceStatus:
-    """FENCE_STATUS."""
+    """Decode a FENCE_STATUS."""
     breached = bool(message.breach_status)
     return FenceStatus(at_us, breached, BREACHES.get(message.breach_type, "") if breached else "")
 
 
 def estimator_problems(message: Message) -> tuple[str, ...]:
-    """Problems of the position estimate, by EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
+    """Return the problems of the position estimate in EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
     flags = message.flags
     problems = [words for flag, words in NEEDED if not flags & flag]
     if message.get_type() == "EKF_STATUS_REPORT":
@@ -83,25 +82,27 @@ def estimator_problems(message: Message) -> tuple[str, ...]:
 
 
 class Estimator:
-    """Problems of the position estimate: from ``FOUND_AFTER`` until ``GONE_AFTER`` messages."""
+    """The reported problems of the position estimate, filtered over consecutive messages."""
 
     def __init__(self) -> None:
-        self._seen: dict[str, int] = {}  # messages in a row that had it; of what does not count yet
-        self._gone: dict[str, int] = {}  # messages in a row without it; of what counts
+        # Consecutive messages with each problem that is not reported yet.
+        self._present: dict[str, int] = {}
+        # Consecutive messages without each reported problem.
+        self._absent: dict[str, int] = {}
 
     def receive(self, message: Message, at_us: int) -> EstimatorStatus:
-        """The status after this message."""
+        """Return the status after this message."""
         now = estimator_problems(message)
-        self._gone = {
+        self._absent = {
             words: 0 if words in now else absent + 1
-            for words, absent in self._gone.items()
-            if words in now or absent + 1 < GONE_AFTER
+            for words, absent in self._absent.items()
+            if words in now or absent + 1 < ENDED_AFTER
         }
-        self._seen = {
-            words: self._seen.get(words, 0) + 1 for words in now if words not in self._gone
+        self._present = {
+            words: self._present.get(words, 0) + 1 for words in now if words not in self._absent
         }
-        for words, times in self._seen.items():
+        for words, times in self._present.items():
             if times >= FOUND_AFTER.get(words, 1):
-                self._gone[words] = 0
-        problems = tuple(sorted(self._gone))
+                self._absent[words] = 0
+        problems = tuple(sorted(self._absent))
         return EstimatorStatus(at_us, not problems, problems)

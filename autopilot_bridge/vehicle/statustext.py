@@ -1,4 +1,4 @@
-"""STATUSTEXTs of one autopilot put together: long ones come in chunks of 50 bytes with one id."""
+"""Assembly of STATUSTEXTs: autopilots send long texts in chunks of 50 bytes with one id."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -8,33 +8,33 @@ CHUNK_BYTES = 50
 
 
 class StatustextAssembler:
-    """Collects the chunks of a text until its last chunk, or a HEARTBEAT in its place, arrives."""
+    """The chunks of a text until its last chunk, or a HEARTBEAT instead of it, arrives."""
 
     def __init__(self) -> None:
-        self._begun: Message | None = None  # with the text so far
+        self._begun: Message | None = None  # with the received part of the text
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
-        """The messages to process, in order: texts assembled, all others unchanged."""
+        """Return the messages to process, in order: assembled texts, and others unchanged."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return [*self._end(), message]
         if kind != "STATUSTEXT":
             return [message]
-        # StatustextAssembler in one piece have id 0, and so has PX4's first long one.
-        one_more = message.id or message.chunk_seq
-        if one_more and self._begun is not None and self._begun.id == message.id:
+        # Texts of one chunk have id 0, and PX4's first long text has id 0 too.
+        continues = message.id or message.chunk_seq
+        if continues and self._begun is not None and self._begun.id == message.id:
             if message.chunk_seq < self._next_chunk:
-                return []  # doubled
+                return []  # duplicate
             if message.chunk_seq == self._next_chunk:
                 return self._add(message, self._begun.text + message.text)
         before = self._end()  # another text, or a chunk was lost
         return [*before, *self._add(message, message.text)]
 
-    def _add(self, chunk: Message, words: str) -> list[Message]:
+    def _add(self, chunk: Message, text: str) -> list[Message]:
         whole = mavlink.MAVLink_statustext_message(chunk.severity, b"", chunk.id, chunk.chunk_seq)
         whole._header = chunk.get_header()
-        whole.text = words
+        whole.text = text
         self._begun, self._next_chunk = whole, chunk.chunk_seq + 1
         return self._end() if len(chunk.text.encode()) < CHUNK_BYTES else []
 

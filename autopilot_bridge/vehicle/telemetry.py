@@ -1,4 +1,4 @@
-"""Telemetry as events: pure functions of a message; late and repeated messages are dropped."""
+"""Conversion of telemetry messages to events; late and repeated messages are discarded."""
 
 import math
 from collections.abc import Callable
@@ -23,15 +23,16 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.status import Estimator, fence_status, landed_state
 
-NO_PLACE_DEG_E7 = 1_000_000  # sea, 500 km from any land
+NO_PLACE_DEG_E7 = 1_000_000  # an area of sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
 
 def position(message: Message, at_us: int) -> Position | None:
-    """GLOBAL_POSITION_INT; None near latitude 0, longitude 0, which ArduPilot sends before its fix.
+    """Decode a GLOBAL_POSITION_INT; None near latitude 0, longitude 0.
 
-    That position drifts by dead reckoning: 35 m in the first seconds of one simulation.
+    ArduPilot sends such positions before its first fix; they drift by dead reckoning: 35 m in the
+    first seconds of one simulation.
     """
     if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
         return None
@@ -50,41 +51,41 @@ def position(message: Message, at_us: int) -> Position | None:
 
 
 def attitude(message: Message, at_us: int) -> Attitude:
-    """ATTITUDE."""
+    """Decode an ATTITUDE."""
     angles = (math.degrees(angle) for angle in (message.roll, message.pitch, message.yaw))
     roll_deg, pitch_deg, yaw_deg = angles
     return Attitude(at_us, message.time_boot_ms * 1000, roll_deg, pitch_deg, yaw_deg % 360.0)
 
 
 def speed(message: Message, at_us: int) -> Speed:
-    """VFR_HUD."""
+    """Decode a VFR_HUD."""
     airspeed_m_s = None if math.isnan(message.airspeed) else message.airspeed  # PX4 multirotors
     return Speed(at_us, airspeed_m_s, message.groundspeed, message.climb, message.throttle)
 
 
 def wind(message: Message, at_us: int) -> Wind | None:
-    """WIND (ArduPilot), direction from; None without an estimate.
+    """Decode a WIND (ArduPilot); None without an estimate.
 
-    ArduCopter 4.6 without parameters of its drag sends a wind of exactly 0 all the time.
+    ArduCopter 4.6 always sends a wind of exactly 0 if its drag parameters are not set.
     """
     return Wind(at_us, message.direction % 360.0, message.speed) if message.speed else None
 
 
 def wind_from_vector(message: Message, at_us: int) -> Wind | None:
-    """WIND_COV (PX4); None where it is marked as unknown."""
+    """Decode a WIND_COV (PX4); None if it is unknown."""
     if math.isnan(message.wind_x) or math.isnan(message.wind_y):
         return None
     return wind_of_air(message.wind_x, message.wind_y, at_us)
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """The wind of an air velocity (north, east) in m/s, which points downwind."""
+    """Compute the wind from the velocity of the air (north, east) in m/s."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
 
 def battery_of_system(message: Message, at_us: int) -> Battery:
-    """SYS_STATUS."""
+    """Decode the battery state in a SYS_STATUS."""
     voltage_mv, current_ca = message.voltage_battery, message.current_battery
     return Battery(
         at_us,
@@ -96,7 +97,7 @@ def battery_of_system(message: Message, at_us: int) -> Battery:
 
 
 def battery(message: Message, at_us: int) -> Battery:
-    """BATTERY_STATUS; its cells add up."""
+    """Decode a BATTERY_STATUS; the voltage is the sum of its cells."""
     cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
     current_ca = message.current_battery
     return Battery(
@@ -113,32 +114,31 @@ def _percent(remaining: int) -> int | None:
 
 
 def health(message: Message, at_us: int) -> Health:
-    """SYS_STATUS: sensors that are switched on and unhealthy."""
+    """Decode the enabled, unhealthy sensors in a SYS_STATUS."""
     bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
-    words = [word for bit, word in _SENSORS if bad & bit]
-    return Health(at_us, tuple(words))
+    return Health(at_us, tuple(word for bit, word in _SENSORS if bad & bit))
 
 
-def _sensor_words() -> tuple[tuple[int, str], ...]:
-    names = mavlink.enums["MAV_SYS_STATUS_SENSOR"].items()
-    return tuple(
-        (bit, entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_"))
-        for bit, entry in sorted(names)
-        if bit.bit_count() == 1 and "ENUM_END" not in entry.name
-    )
+def _sensor_name(constant: str) -> str:
+    name = constant.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_")
+    return name.lower().replace("_", " ")
 
 
-_SENSORS = tuple((bit, word.lower().replace("_", " ")) for bit, word in _sensor_words())
+_SENSORS = tuple(
+    (bit, _sensor_name(entry.name))
+    for bit, entry in sorted(mavlink.enums["MAV_SYS_STATUS_SENSOR"].items())
+    if bit.bit_count() == 1 and "ENUM_END" not in entry.name
+)
 
 
 def gps_fix(message: Message, at_us: int) -> GpsFix:
-    """GPS_RAW_INT."""
+    """Decode a GPS_RAW_INT."""
     satellites = message.satellites_visible
     return GpsFix(at_us, fix_name(message.fix_type), satellites if satellites != 255 else None)
 
 
 def fix_name(kind: int) -> str:
-    """GPS_FIX_TYPE in a word."""
+    """Return the name of a GPS_FIX_TYPE."""
     return FIXES[kind] if kind < len(FIXES) else f"fix {kind}"
 
 
@@ -156,10 +156,12 @@ _DECODERS: dict[str, tuple[Callable[[Message, int], TelemetryEvent | None], ...]
 }
 ESTIMATOR_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 MESSAGES = frozenset((*_DECODERS, *ESTIMATOR_MESSAGES))
-ToldOnChange = Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
-TOLD_ON_CHANGE = get_args(ToldOnChange)
-# Messages with the autopilot's own time since boot on both stacks; in others it may be a gimbal's,
-# or 0.
+ReportedOnChange = (
+    Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
+)
+REPORTED_ON_CHANGE = get_args(ReportedOnChange)
+# Messages that contain the autopilot's time since boot on both stacks; in others it may be that of
+# a gimbal, or 0.
 TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
@@ -167,23 +169,23 @@ class Changes:
     """The last value of each state that is reported on change."""
 
     def __init__(self) -> None:
-        self._told: dict[tuple[str, int], ToldOnChange] = {}
+        self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
-    def has(self, event: ToldOnChange) -> bool:
-        """Whether a state differs from the last one; stores it."""
+    def has(self, event: ReportedOnChange) -> bool:
+        """Store a state, and return whether it differs from the last one."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
-        before = self._told.get(key)
-        self._told[key] = event
+        before = self._last.get(key)
+        self._last[key] = event
         return before is None or before.without_time() != event.without_time()
 
 
 class Telemetry:
-    """The telemetry of one vehicle without late and doubled messages; states reported on change."""
+    """The telemetry of one vehicle without late and repeated messages; states on change."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
-        self._before_us = -1  # of the last kind of message, the time before this one
+        self._before_us = -1  # the previous time in messages of the last kind
         self._changes = Changes()
         self._estimator = Estimator()
         self._has_battery_status = False
@@ -195,7 +197,7 @@ class Telemetry:
         self._estimator = Estimator()
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
-        """The events of a message; none for repeated states."""
+        """Return the events of a message; none for repeated states."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
             return self.changed(self._estimator.receive(message, at_us))
@@ -210,16 +212,16 @@ class Telemetry:
             event = decode(message, at_us)
             if event is None:
                 continue
-            if not isinstance(event, TOLD_ON_CHANGE) or self._changes.has(event):
+            if not isinstance(event, REPORTED_ON_CHANGE) or self._changes.has(event):
                 found.append(event)
         return found
 
-    def changed(self, event: ToldOnChange) -> list[TelemetryEvent]:
-        """A state as a list, empty if it has not changed."""
+    def changed(self, event: ReportedOnChange) -> list[TelemetryEvent]:
+        """Return a state as a list, empty if it has not changed."""
         return [event] if self._changes.has(event) else []
 
     def retract(self, kind: str) -> None:
-        """Forget the time of an unused message, so that later ones do not count as late."""
+        """Remove the time of an unused message, so that later messages are not late."""
         self._boot_us[kind] = self._before_us
 
     def _late(self, kind: str, message: Message) -> bool:
@@ -234,5 +236,5 @@ class Telemetry:
 
 
 def boot_time_us(message: Message) -> int | None:
-    """Time since boot in a message, in microseconds; None for other messages."""
+    """Return the time since boot in a message in microseconds; None if it has none."""
     return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

@@ -2,10 +2,10 @@
 
 ``transfer_states.py`` has the phases of a transfer and the table of their order.
 
-During an upload the vehicle holds if its autopilot would fly a half-overwritten list. The list is
-read back if a check is requested, and if the upload's end does not show which mission the vehicle
-has. After a failsafe or a pilot's mode change the mode is not changed, and a mission that needs a
-start command is not started.
+During an upload the vehicle holds if its autopilot would fly a partly overwritten list. The list is
+read back if a check is requested, or if the result of the upload does not determine which mission
+is on board. After a failsafe or a pilot's mode change the mode is not changed, and a mission that
+needs a start command is not started.
 """
 
 from collections.abc import Callable
@@ -35,8 +35,8 @@ from autopilot_bridge.vehicle.mode_change import ModeChange
 from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
-LAST_NAV = 95  # MAV_CMD_NAV_LAST; higher commands are executed on the way
-# A vehicle never advances past these: loiter without end, return, land.
+LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are executed during the flight
+# A vehicle never advances past these items: endless loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
@@ -52,7 +52,7 @@ class TransferQueue:
         report: Callable[[Job, TransferResult, int], None],
         commanded_modes: CommandedModes,
     ) -> None:
-        """``report`` is called with each job's result and its time."""
+        """Create an empty queue; ``report`` is called with each job's result and its time."""
         self._own = own
         self._commanded_modes = commanded_modes
         self._timing = timing
@@ -64,17 +64,17 @@ class TransferQueue:
 
     @property
     def idle(self) -> bool:
-        """Whether no job waits and none is under way."""
+        """Whether no job is queued or active."""
         return self._job is None and not self._queue
 
     def enqueue(self, job: Job, now_us: int) -> int:
-        """Queue a job; an upload takes the place of one of its kind that has not begun."""
+        """Queue a job; an upload replaces a queued upload of the same kind."""
         job.transfer_id = self._next_id
         self._next_id += 1
         for waiting in list(self._queue):
             if job.action == "upload" and (waiting.action, waiting.kind) == ("upload", job.kind):
                 self._queue.remove(waiting)
-                ended = TransferResult("superseded", "a newer one came", holds="the old one")
+                ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
                 self._report(waiting, ended, now_us)
         self._queue.append(job)
         return job.transfer_id
@@ -87,35 +87,35 @@ class TransferQueue:
                 ended = TransferResult("cancelled", "it had not begun", holds="the old one")
                 self._report(waiting, ended, now_us)
         job = self._job
-        if job is None or job.transfer_id != transfer_id or job.under_way is None:
+        if job is None or job.transfer_id != transfer_id or job.exchange is None:
             return []
         job.cancelled = True
-        return job.under_way.cancel(stack.cancels_after_us, now_us)
+        return job.exchange.cancel(stack.cancels_after_us, now_us)
 
     def release_mode(self) -> None:
-        """Another command controls the mode from now on: uploads no longer hold or resume.
+        """Prevent mode changes by uploads from now on: another command controls the mode.
 
         An upload that is changing the mode is ended.
         """
         job = self._job
-        for asked in (*self._queue, *(() if job is None else (job,))):
-            asked.holds_first = asked.paused = False
+        for queued in (*self._queue, *(() if job is None else (job,))):
+            queued.holds_first = queued.paused = False
         if job is None:
             return
-        if isinstance(job.under_way, ModeChange) and job.under_way.result is None:
-            job.under_way.result = TransferResult("cancelled", "an urgent order took its place")
+        if isinstance(job.exchange, ModeChange) and job.exchange.result is None:
+            job.exchange.result = TransferResult("cancelled", "an urgent order replaced it")
 
     def mode_overridden(self, why: str) -> None:
-        """The autopilot or a pilot has taken over: the current upload no longer changes the mode.
+        """Prevent mode changes by the current upload: the autopilot or a pilot changed the mode.
 
-        Uploads that have not begun yet check the mode when they begin.
+        Queued uploads check the mode when they begin.
         """
         job = self._job
         if job is None or job.action != "upload":
             return
         job.override = job.override or why
-        if isinstance(job.under_way, ModeChange | MissionActivation):
-            job.under_way.stop_commands(why)
+        if isinstance(job.exchange, ModeChange | MissionActivation):
+            job.exchange.stop_commands(why)
 
     def start_next(self, state: VehicleState, now_us: int) -> list[Message]:
         """Start the next job if none is active."""
@@ -142,8 +142,8 @@ class TransferQueue:
         held = state.stack.max_items if state.total is None else state.total
         job.shorter = leaves_old_tail(flying, held, len(job.wire_items))
         if by_file and job.items and (not job.shorter or job.items[-1].command in LAST_FOR_GOOD):
-            most, self._session = state.stack.max_items, next_session(self._session)
-            upload = FtpUpload(address, job.wire_items, most, self._session, self._timing)
+            max_items, self._session = state.stack.max_items, next_session(self._session)
+            upload = FtpUpload(address, job.wire_items, max_items, self._session, self._timing)
             return Phase.WRITING_FILE, upload
         return self._by_items(job, state)
 
@@ -155,8 +155,8 @@ class TransferQueue:
             return Phase.HOLDING, self._mode_change(job, state, stack.mission_mode, stack.hold_mode)
         return self._send_items(job, state)
 
-    def _mode_change(self, job: Job, state: VehicleState, before: int, wanted: int) -> ModeChange:
-        return ModeChange(self._address(job, state), state.stack, before, wanted, self._timing)
+    def _mode_change(self, job: Job, state: VehicleState, before: int, new_mode: int) -> ModeChange:
+        return ModeChange(self._address(job, state), state.stack, before, new_mode, self._timing)
 
     def _send_items(self, job: Job, state: VehicleState) -> Step:
         stack = state.stack
@@ -187,33 +187,33 @@ class TransferQueue:
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
         """Pass a message to the active job."""
-        if self._job is None or self._job.under_way is None:
+        if self._job is None or self._job.exchange is None:
             return []
-        messages = self._job.under_way.receive(message, now_us)
-        if messages and isinstance(self._job.under_way, ModeChange):
-            self._commanded_modes.ask((self._job.under_way.wanted,), now_us)
+        messages = self._job.exchange.receive(message, now_us)
+        if messages and isinstance(self._job.exchange, ModeChange):
+            self._commanded_modes.add((self._job.exchange.new_mode,), now_us)
         return messages
 
     def next_timer(self) -> int | None:
-        """Time of the next ``handle_timer`` call; None without one."""
-        if self._job is None or self._job.under_way is None:
+        """Return the time of the next ``handle_timer`` call; None if no job is active."""
+        if self._job is None or self._job.exchange is None:
             return None
-        return self._job.under_way.next_timer()
+        return self._job.exchange.next_timer()
 
     def handle_timer(self, now_us: int) -> list[Message]:
         """Run all actions due at ``now_us``."""
-        if self._job is None or self._job.under_way is None:
+        if self._job is None or self._job.exchange is None:
             return []
-        return self._job.under_way.handle_timer(now_us)
+        return self._job.exchange.handle_timer(now_us)
 
     def step(self, state: VehicleState, now_us: int) -> list[Message]:
-        """If the active exchange has ended, start the next phase or the next job."""
+        """Start the next phase, or report the result, if the active exchange has ended."""
         job = self._job
-        if job is None or job.under_way is None or job.under_way.result is None:
+        if job is None or job.exchange is None or job.exchange.result is None:
             return []
-        if isinstance(job.under_way, FtpUpload | FtpDownload):
-            self._session = job.under_way.session  # it may have taken others
-        following = _AFTER[job.action, job.phase](self, job, job.under_way.result, state)
+        if isinstance(job.exchange, FtpUpload | FtpDownload):
+            self._session = job.exchange.session  # the exchange may have changed it
+        following = _AFTER[job.action, job.phase](self, job, job.exchange.result, state)
         if not isinstance(following, TransferResult):
             return self._begin(job, *following, now_us)
         self._job = None
@@ -224,7 +224,7 @@ class TransferQueue:
         return []
 
     def validate_state(self) -> None:
-        """Check the invariants between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events, for tests; raises AssertionError."""
         assert all(job.phase is Phase.QUEUED for job in self._queue)
         if self._job is not None:
             assert self._job.phase not in (Phase.QUEUED, Phase.ENDED), self._job
@@ -233,7 +233,7 @@ class TransferQueue:
         for job in jobs:
             job.validate_state()
 
-    # What follows each phase, by its result: the next phase, or the result of the transfer. -----
+    # Each function returns the next phase after a phase, or the result of the transfer. ----------
 
     def _after_clearing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         return result
@@ -255,19 +255,19 @@ class TransferQueue:
         return self._read_file(self._address(job, state))
 
     def _after_sending(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
-        assert isinstance(job.under_way, MissionUpload)
+        assert isinstance(job.exchange, MissionUpload)
         job.uploaded = result
-        holds = held_after(job.under_way, result, state.stack)
+        holds = held_after(job.exchange, result, state.stack)
         if result.outcome == "accepted" and not job.check:
             return self._start_mission(job, state)
         if result.outcome == "accepted" or holds in ("one of both", "not known"):
-            return self._read_items(self._address(job, state))  # never guess: read it back
+            return self._read_items(self._address(job, state))
         return replace(result, holds=holds)
 
     def _after_reading(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         stack = state.stack
         assert job.uploaded is not None
-        if result.items is None:  # nothing can be read either
+        if result.items is None:  # the read-back failed too
             return _unread(
                 job.uploaded, result, "one of both" if stack.atomic_upload else "not known"
             )
@@ -278,30 +278,30 @@ class TransferQueue:
         read = users_items(job, result.items)
         read_holds: Holds = "the old one" if stack.atomic_upload else "a mixture"
         if job.uploaded.outcome in ("accepted", "unknown"):
-            words = "the vehicle holds another mission"
+            words = "another mission is on board"
             return TransferResult("failed", words, items=read, holds=read_holds)
         return replace(job.uploaded, items=read, holds=read_holds)
 
     def _after_file(self, job: Job, read: TransferResult, state: VehicleState) -> Following:
-        """After a file was written and read back."""
+        """Return the next phase or the result after a file was written and read back."""
         assert job.uploaded is not None
         untouched = job.uploaded.outcome == "failed"
         if read.items is None:
-            # A shorter file may stand before the old tail, which is neither of both.
-            doubtful: Holds = "not known" if job.shorter else "one of both"
-            return _unread(job.uploaded, read, "the old one" if untouched else doubtful)
+            # The items of a shorter file may be followed by the old tail, which is a mixture.
+            uncertain: Holds = "not known" if job.shorter else "one of both"
+            return _unread(job.uploaded, read, "the old one" if untouched else uncertain)
         mission_type = MISSION_TYPES[job.kind]
         if same_mission(job.wire_items, read.items, state.stack, mission_type):
-            if job.old_tail:  # cut off by now, and the new mission has begun
+            if job.old_tail:  # removed by now, and the new mission has begun
                 return accepted(job)
             return self._start_mission(job, state)
-        to_go_on = not untouched and not job.cancelled
-        begun = read.items[: len(job.wire_items)]
-        longer = job.kind == "mission" and same_mission(job.wire_items, begun, state.stack)
-        if to_go_on and longer and not job.old_tail:
+        continues = not untouched and not job.cancelled
+        beginning = read.items[: len(job.wire_items)]
+        longer = job.kind == "mission" and same_mission(job.wire_items, beginning, state.stack)
+        if continues and longer and not job.old_tail:
             job.old_tail = True
             return self._start_mission(job, state)
-        if to_go_on:  # not applied, or in part: an unsupported command
+        if continues:  # not applied, or only partly: a command is not supported
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, state)
         holds: Holds = "the old one" if untouched else "a mixture"
@@ -311,13 +311,13 @@ class TransferQueue:
     def _after_hold(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         if result.outcome == "accepted":
             return self._send_items(job, state)
-        words = f"it would not hold for the upload: {result.reason}"
+        words = f"it did not hold for the upload: {result.reason}"
         return replace(result, reason=words, holds="the old one")
 
     def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         if result.outcome == "accepted" or job.override:
             return accepted(job)
-        words = f"the vehicle holds the mission but did not fly on: {result.reason}"
+        words = f"the mission is on board, but the vehicle did not resume it: {result.reason}"
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
     def _start_mission(self, job: Job, state: VehicleState) -> Following:
@@ -335,9 +335,9 @@ class TransferQueue:
         return Phase.STARTING, start
 
     def _after_start(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
-        assert isinstance(job.under_way, MissionActivation)
+        assert isinstance(job.exchange, MissionActivation)
         stack, address = state.stack, self._address(job, state)
-        if job.under_way.other_list and not job.cancelled:  # never guess: read it back
+        if job.exchange.other_list and not job.cancelled:
             job.reread = True
             return self._read_items(address)
         if result.outcome != "accepted":
@@ -351,13 +351,14 @@ class TransferQueue:
 
     def _not_started(self, job: Job, result: TransferResult) -> TransferResult:
         if job.old_tail:
-            words = "the vehicle holds the mission followed by the end of the old one, and"
-            words = f"{words} did not begin it: {result.reason}"
-            return TransferResult("failed", words, holds="a mixture")
+            words = (
+                "the mission is on board, followed by the end of the old one, and was not started"
+            )
+            return TransferResult("failed", f"{words}: {result.reason}", holds="a mixture")
         if result.outcome == "rejected":
             words = f"{result.reason}{likely_reason(job)}"
             return replace(result, reason=words, items=job.items, holds="the new one")
-        words = f"the vehicle holds the mission but did not begin it: {result.reason}"
+        words = f"the mission is on board, but the vehicle did not start it: {result.reason}"
         return TransferResult(result.outcome, words, items=job.items, holds="the new one")
 
 
@@ -379,39 +380,38 @@ _AFTER: dict[
 
 
 def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
-    """The result of an upload that could not be read back."""
-    words = f"{uploaded.reason}; and reading it back: {read.reason}"
+    """Return the result of an upload that could not be read back."""
+    words = f"{uploaded.reason}; the read-back: {read.reason}"
     outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
     return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 
 
 def likely_reason(job: Job) -> str:
-    """A likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
+    """Return a likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
     return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
 
 
 def accepted(job: Job) -> TransferResult:
-    """The result of an accepted upload, flown unless a failsafe or a pilot changed the mode."""
-    words = (
-        f"accepted; {job.override}, and its mode was not changed" if job.override else "accepted"
-    )
-    return TransferResult("accepted", words, 0, None, job.items, "the new one")
+    """Return the result of an accepted upload, with the reason if its mode was not changed."""
+    words = f"accepted; {job.override}, and its mode was not changed"
+    reason = words if job.override else "accepted"
+    return TransferResult("accepted", reason, 0, None, job.items, "the new one")
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """The user's items of wire items: without home, jump targets counted from item 0."""
+    """Convert transmitted items to the user's: without home, jump targets count from 0."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """The mission that the vehicle has after an upload, as far as the upload's end shows."""
+    """Return the mission on board after an upload, as far as the result determines it."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:
         return "the old one"
     if not stack.atomic_upload:
         return "not known"
-    doubtful = result.outcome in ("unknown", "cancelled") or result.code == MAV_MISSION_ERROR
-    return "one of both" if doubtful else "the old one"
+    uncertain = result.outcome in ("unknown", "cancelled") or result.code == MAV_MISSION_ERROR
+    return "one of both" if uncertain else "the old one"

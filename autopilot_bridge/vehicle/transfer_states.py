@@ -1,10 +1,10 @@
 """The phases of a transfer and their allowed transitions, as data.
 
-upload: file -> read the file back -> [start -> [cut off the old tail -> read it back]],
-        where the autopilot takes whole files, or else
+upload: file -> read the file back -> [start -> [remove the old tail -> read it back]],
+        if the autopilot accepts whole files, otherwise
         [hold] -> items -> [read back] -> start -> [resume]
-download: file, or else items
-clear: itself
+download: file, otherwise items
+clear: one phase
 """
 
 from dataclasses import dataclass, field
@@ -84,7 +84,7 @@ TRANSITIONS: dict[Action, dict[Phase, tuple[Phase, ...]]] = {
     },
     "clear": {Phase.QUEUED: (Phase.CLEARING,), Phase.CLEARING: (Phase.ENDED,)},
 }
-# The phases of an upload before its own result is known.
+# The phases of an upload before the items are sent.
 UNSENT = (Phase.QUEUED, Phase.WRITING_FILE, *_BY_ITEMS)
 # The phases in which each flag of a transfer may be set.
 FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
@@ -120,20 +120,20 @@ class Job:
     action: Action
     kind: Kind
     items: tuple[MissionItem, ...] = ()
-    begin: StartItem = "restart"  # which item of a new mission is flown next
+    begin: StartItem = "restart"  # the item of a new mission that is flown next
     check: bool = False
-    holds_first: bool = False  # rather than fly a list that is being overwritten
-    by_file: bool = True  # where the autopilot takes files
-    under_way: Transfer | None = None
+    holds_first: bool = False  # the vehicle holds while its list is overwritten
+    by_file: bool = True  # if the autopilot accepts files
+    exchange: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
-    hidden: int = 0  # items that users do not see: ArduPilot's home
-    shorter: bool = False  # than a mission being flown: a file leaves that one's tail
-    old_tail: bool = False  # old items still stand behind the new ones of a file
-    paused: bool = False  # it holds because of this job
+    hidden: int = 0  # number of items that are not the user's: ArduPilot's home
+    shorter: bool = False  # than the mission in flight: a file does not remove its last items
+    old_tail: bool = False  # old items follow the new ones of a file on board
+    paused: bool = False  # the vehicle holds because of this job
     uploaded: TransferResult | None = None  # result of the upload itself
     before: Onboard = NOTHING
-    reread: bool = False  # it was read back after it should have started
-    override: str = ""  # why the mode is not changed any more; "" if it may be
+    reread: bool = False  # the list was read back after the start failed
+    override: str = ""  # the reason not to change the mode; "" if it may be changed
     cancelled: bool = False
     history: list[Phase] = field(default_factory=lambda: [Phase.QUEUED])
 
@@ -142,16 +142,16 @@ class Job:
         """The present phase."""
         return self.history[-1]
 
-    def enter(self, phase: Phase, under_way: Transfer | None = None) -> None:
+    def enter(self, phase: Phase, exchange: Transfer | None = None) -> None:
         """Enter a phase; raises InvalidTransitionError if it may not follow."""
         enter(self.history, phase, TRANSITIONS[self.action], self._of)
-        self.under_way = under_way
+        self.exchange = exchange
 
     def validate_state(self) -> None:
-        """Check the invariants between two events; raises AssertionError. For tests."""
+        """Check the invariants between two events, for tests; raises AssertionError."""
         expected = PROTOCOLS.get(self.phase)
-        assert (self.under_way is None) == (expected is None), self
-        assert expected is None or isinstance(self.under_way, expected), self
+        assert (self.exchange is None) == (expected is None), self
+        assert expected is None or isinstance(self.exchange, expected), self
         unsent = self.action != "upload" or self.phase in UNSENT
         assert self.phase is Phase.ENDED or (self.uploaded is None) == unsent, self
         for flag, phases in FLAG_PHASES.items():

@@ -16,7 +16,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from autopilot_bridge.missions.planfile import read_plan
+from autopilot_bridge.missions.planfile import read_any
 from mission_service.events import Corrected, OrderGiven, SettingsChanged, WindSet
 from mission_service.guidance.protocol import Planner
 from mission_service.interfaces.api.access.guard import AccessGuard
@@ -135,7 +135,7 @@ def test_a_plan_file_holds_the_mission_on_board(flying: World, tmp_path: Path) -
         answer = await http.get(f"{V1}/vehicles/hawk/mission.plan")
         path = tmp_path / "hawk.plan"
         path.write_bytes(answer.content)
-        assert mission_hash(read_plan(path).mission) == mission["on_board"]["mission_hash"]
+        assert mission_hash(read_any(path).mission) == mission["on_board"]["mission_hash"]
 
     asked(flying, ask)
 

@@ -43,7 +43,7 @@ def takes(stack: Stack) -> Items:
 # Of one item each: which stacks, the item, (kind, field), words of the reason or the remedy.
 RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     # Commands.
-    (ALL, bare(31999), ("refused", "command"), "does not take this command"),
+    (ALL, bare(31999), ("refused", "command"), "does not accept this command"),
     (ALL, at(34, 100.0), ("refused", "command"), "NAV_LOITER_UNLIM"),
     (BOTH_PX4, at(18, 2.0), ("refused", "command"), "NAV_LOITER_TIME"),
     (BOTH_PX4, bare(183, 9.0, 1900.0), ("refused", "command"), "DO_GRIPPER"),
@@ -52,15 +52,15 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (BOTH_PX4, at(82), ("refused", "command"), "NAV_WAYPOINT"),
     (ARDUPILOT, bare(187, 1.0), ("refused", "command"), "DO_SET_SERVO"),
     (ARDUPILOT, bare(400, 1.0), ("refused", "command"), "arm by command"),
-    ((PLANE,), at(82), ("refused", "command"), "does not take"),
+    ((PLANE,), at(82), ("refused", "command"), "does not accept"),
     (BOTH_PX4, bare(112, 1.0), ("refused", "command"), "mission is rejected; use NAV_DELAY"),
     (BOTH_PX4, bare(114, 1.0), ("refused", "command"), "mission is rejected; put a waypoint"),
-    ((PLANE,), bare(42600, 1.0), ("dropped", "command"), "passes over it"),
-    ((PLANE,), bare(115, 90.0), ("dropped", "command"), "passes over it"),
-    ((COPTER,), at(30, 1.0), ("dropped", "command"), "passes over it"),
+    ((PLANE,), bare(42600, 1.0), ("dropped", "command"), "skips it"),
+    ((PLANE,), bare(115, 90.0), ("dropped", "command"), "skips it"),
+    ((COPTER,), at(30, 1.0), ("dropped", "command"), "skips it"),
     # Frames.
-    (ALL, at(16, frame=1), ("refused", "frame"), "the frame is not taken"),
-    (ALL, at(16, frame=7), ("refused", "frame"), "the frame is not taken"),
+    (ALL, at(16, frame=1), ("refused", "frame"), "the frame is not accepted"),
+    (ALL, at(16, frame=7), ("refused", "frame"), "the frame is not accepted"),
     (BOTH_PX4, at(16, frame=10), ("refused", "frame"), "above terrain"),
     (BOTH_PX4, at(16, frame=11), ("refused", "frame"), "above terrain"),
     (ARDUPILOT, at(16, frame=2), ("dangerous", "frame"), "above sea level"),
@@ -71,18 +71,18 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (BOTH_PX4, at(16, x=910000000), ("dangerous", "x"), "latitude is beyond 90"),
     (BOTH_PX4, at(16, y=-1810000000), ("dangerous", "y"), "longitude is beyond 180"),
     (BOTH_PX4, at(16, x=NO_POSITION), ("dangerous", "x"), "latitude"),
-    (BOTH_PX4, at(16, z=NAN), ("dangerous", "z"), "the altitude is no number"),
-    (BOTH_PX4, at(16, z=INF), ("dangerous", "z"), "the altitude is no number"),
+    (BOTH_PX4, at(16, z=NAN), ("dangerous", "z"), "the altitude is not a number"),
+    (BOTH_PX4, at(16, z=INF), ("dangerous", "z"), "the altitude is not a number"),
     (BOTH_PX4, at(16, x=0, y=0), ("dangerous", "x"), "latitude 0"),
     (ARDUPILOT, at(16, x=910000000), ("refused", "x"), "latitude is beyond 90"),
     (ARDUPILOT, at(16, y=1810000000), ("refused", "y"), "longitude is beyond 180"),
-    (ARDUPILOT, at(16, z=NAN), ("refused", "z"), "the altitude is no number"),
+    (ARDUPILOT, at(16, z=NAN), ("refused", "z"), "the altitude is not a number"),
     (ARDUPILOT, at(16, z=83000.0), ("refused", "z"), "under 83000 m"),
     (BOTH_PX4, at(22, z=0.0), ("refused", "z"), "home's altitude"),
     (BOTH_PX4, at(84, z=-1.0), ("refused", "z"), "home's altitude"),
     # Numbers that are none.
-    (ARDUPILOT, at(17, 0, 0, NAN), ("refused", "param3"), "it is no number"),
-    (ARDUPILOT, at(19, 1.0, 0, 1.0, NAN), ("refused", "param4"), "it is no number"),
+    (ARDUPILOT, at(17, 0, 0, NAN), ("refused", "param3"), "it is not a number"),
+    (ARDUPILOT, at(19, 1.0, 0, 1.0, NAN), ("refused", "param4"), "it is not a number"),
     (ARDUPILOT, bare(183, 9.0, INF), ("refused", "param2"), "infinite"),
     (BOTH_PX4, bare(187, INF), ("dangerous", "param1"), "infinite"),
     # Values that wrap or are cut.
@@ -103,22 +103,22 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ARDUPILOT, bare(177, 0.0, 40000.0), ("dangerous", "param2"), "becomes -25536"),
     ((COPTER,), bare(115, 90.0, 5.0, 128.0), ("dangerous", "param3"), "becomes -128"),
     ((COPTER,), at(94, 700.0), ("dangerous", "param1"), "overflows"),
-    (ARDUPILOT, at(16, param4=91.5), ("changed", "param4"), "does not keep it"),
-    ((PLANE,), at(16, 7.0), ("changed", "param1"), "does not keep it"),
+    (ARDUPILOT, at(16, param4=91.5), ("changed", "param4"), "does not store it"),
+    ((PLANE,), at(16, 7.0), ("changed", "param1"), "does not store it"),
     ((PLANE,), at(16, 0, 300.0), ("changed", "param2"), "becomes 255"),
     ((PLANE,), at(16, 0, 0, 40.5), ("changed", "param3"), "becomes 40"),
-    ((COPTER,), at(16, 0, 30.0), ("changed", "param2"), "does not keep it"),
-    (BOTH_PX4, at(16, 0, 0, 40.0), ("changed", "param3"), "does not keep it"),
-    (BOTH_PX4, at(21, 10.0), ("changed", "param1"), "does not keep it"),
+    ((COPTER,), at(16, 0, 30.0), ("changed", "param2"), "does not store it"),
+    (BOTH_PX4, at(16, 0, 0, 40.0), ("changed", "param3"), "does not store it"),
+    (BOTH_PX4, at(21, 10.0), ("changed", "param1"), "does not store it"),
     # Modes.
     (BOTH_PX4, at(201, 1.0), ("refused", "param1"), "give 0, 3"),
     (BOTH_PX4, bare(201, 3.0), ("refused", "param1"), "give 0, 1, 2"),
     (BOTH_PX4, at(80, 2.0), ("refused", "param1"), "give 0, 3"),
     (BOTH_PX4, bare(80, 4.0), ("refused", "param1"), "give 0, 1, 2"),
     # Jumps without a valid target.
-    (ALL, bare(177, 99.0), ("dangerous", "param1"), "no item has that place"),
-    (ALL, bare(177, -1.0), ("dangerous", "param1"), "no item has that place"),
-    (ALL, bare(177, 0.5), ("dangerous", "param1"), "no item has that place"),
+    (ALL, bare(177, 99.0), ("dangerous", "param1"), "no item has this index"),
+    (ALL, bare(177, -1.0), ("dangerous", "param1"), "no item has this index"),
+    (ALL, bare(177, 0.5), ("dangerous", "param1"), "no item has this index"),
 ]
 CASES = [(stack, *rule) for stacks, *rule in RULES for stack in stacks]
 
@@ -200,7 +200,7 @@ def test_the_longest_mission_counts_the_home_that_is_sent_along(stack: Stack, mo
     (problem,) = check(line_of(most + 1), stack)
     assert (problem.kind, problem.index, problem.value) == ("refused", None, most + 1)
     assert str(problem) == (
-        f"mission: count {most + 1}: the autopilot holds {most} items; send fewer"
+        f"mission: count {most + 1}: the autopilot stores {most} items at most; send fewer"
     )
 
 
@@ -220,7 +220,7 @@ def test_only_one_item_runs_after_the_last_nav_item_of_a_plane() -> None:
     tail = (at(16), bare(211, 1.0), bare(183, 9.0, 1900.0), bare(206, 5.0))
     (first, second) = check(tail, PLANE)
     assert [(p.kind, p.index) for p in (first, second)] == [("dropped", 2), ("dropped", 3)]
-    assert "returns home" in first.reason
+    assert "the plane returns" in first.reason
     assert check(tail, COPTER) == []
     assert check((*tail, at(16)), PLANE) == []
     assert check((*tail, bare(177, 0.0, -1.0)), PLANE) == []
@@ -246,8 +246,8 @@ def test_a_good_fence_and_good_rally_points_have_no_problems(stack: Stack) -> No
 FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] = [
     (ALL, polygon((0, 1), (0, 9)), ("refused", 0, "param1"), "three vertices"),
     (ALL, polygon(*SQUARE, count=NAN), ("refused", 0, "param1"), "three vertices"),
-    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices follow"),
-    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices follow"),
+    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices are"),
+    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices are"),
     (ALL, polygon((0, 1), (9, 9), (0, 9), (9, 1)), ("dangerous", 0, "param1"), "crosses itself"),
     (
         ALL,
@@ -257,11 +257,11 @@ FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] 
     ),
     (ARDUPILOT, (replace(CIRCLE, param1=0.0),), ("refused", 0, "param1"), "radius above 0"),
     (BOTH_PX4, (replace(CIRCLE, param1=NAN),), ("dangerous", 0, "param1"), "radius above 0"),
-    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "no part of a fence"),
-    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "no part of a fence"),
-    (ALL, (RETURN, CIRCLE, RETURN), ("refused", 2, "command"), "second point to return to"),
+    (ARDUPILOT, (at(16),), ("refused", 0, "command"), "not an item of a fence"),
+    (BOTH_PX4, (at(16),), ("dangerous", 0, "command"), "not an item of a fence"),
+    (ALL, (RETURN, CIRCLE, RETURN), ("refused", 2, "command"), "already has a return point"),
     (ARDUPILOT, (replace(CIRCLE, x=910000000),), ("refused", 0, "x"), "latitude"),
-    (ALL, (replace(CIRCLE, frame=1),), ("refused", 0, "frame"), "not taken"),
+    (ALL, (replace(CIRCLE, frame=1),), ("refused", 0, "frame"), "not accepted"),
     (BOTH_PX4, (CIRCLE,) * 65, ("refused", None, "count"), "64 fence points"),
 ]
 

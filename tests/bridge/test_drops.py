@@ -190,7 +190,7 @@ def test_what_is_not_answered_is_unknown_and_never_sent_again(
     pair.run_for(1.6)
     (finished,) = pair.of(DropFinished)
     assert finished.outcome == "unknown"
-    assert "was not acknowledged; it may have fallen" in finished.reason
+    assert "was not acknowledged; the object may have been released" in finished.reason
     pair.up = MemoryLink()
     pair.run_for(20.0)
     assert mock.releases(dropper) == []
@@ -232,7 +232,7 @@ def test_a_drop_is_refused_at_once_while_the_dropper_is_not_set_back() -> None:
     pair.run_for(1.0)
     finished = pair.of(DropFinished)
     assert [event.outcome for event in finished] == ["done", "refused"]
-    assert finished[1].reason == "late: the dropper was set 0.10 s ago and is not set back yet"
+    assert finished[1].reason == "late: the dropper was set 0.10 s ago and is not reset yet"
     assert len(mock.releases(SERVO)) == 1
 
 
@@ -256,7 +256,7 @@ def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> N
     pair.run_for(3.0)
     (finished,) = pair.of(DropFinished)
     assert finished.outcome == "refused"
-    assert finished.reason.endswith("took its place")
+    assert finished.reason.endswith("replaced it")
     assert mock.releases(SERVO) == []
     assert pair.of(CommandFinished)[-1].accepted
 
@@ -264,13 +264,13 @@ def test_an_urgent_order_takes_back_drops_that_are_not_sent_yet(order: str) -> N
 @pytest.mark.parametrize(
     ("stack", "dropper", "words"),
     [
-        (PX4, SERVO, "PX4 has no DO_SET_SERVO; set the dropper up as a gripper"),
+        (PX4, SERVO, "PX4 has no DO_SET_SERVO; configure the dropper as a gripper"),
         (ARDUPILOT, ACTUATOR, "ArduPilot has no DO_SET_ACTUATOR"),
-        (ARDUPILOT, SERVO._replace(number=3), "number 3, take 5 to 16"),
-        (ARDUPILOT, SERVO._replace(release=19.0), "release 19, take 500 to 2500"),
-        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900: nothing would fall"),
-        (PX4, ACTUATOR._replace(number=7), "number 7, take 1 to 6"),
-        (PX4, ACTUATOR._replace(release=1900.0), "take -1 to 1"),
+        (ARDUPILOT, SERVO._replace(number=3), "number 3, give 5 to 16"),
+        (ARDUPILOT, SERVO._replace(release=19.0), "release 19, give 500 to 2500"),
+        (ARDUPILOT, SERVO._replace(rest=1900.0), "both 1900; give two values"),
+        (PX4, ACTUATOR._replace(number=7), "number 7, give 1 to 6"),
+        (PX4, ACTUATOR._replace(release=1900.0), "give -1 to 1"),
         (PX4, GRIPPER._replace(hold_s=0.0), "hold of 0.0 s"),
     ],
 )
@@ -391,7 +391,7 @@ def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
 
 @pytest.mark.parametrize("height_m", [0.0, 4000.0, math.nan])
 def test_a_return_height_that_cannot_be_is_an_error(height_m: float) -> None:
-    with pytest.raises(BridgeError, match="take 1 to 3000 m"):
+    with pytest.raises(BridgeError, match="give 1 to 3000 m"):
         orders.return_height(PX4, height_m)
 
 

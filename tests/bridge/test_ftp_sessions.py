@@ -100,7 +100,10 @@ def test_an_autopilot_without_ftp_is_a_failure_in_bounded_time() -> None:
     began_us = bench.now_us
     timing = TransferTiming(timeout_us=500_000, retries=3)
     result = bench.run(upload_of(wire(NEW), timing=timing))
-    assert (result.outcome, result.reason) == ("failed", "the autopilot did not answer FTP")
+    assert (result.outcome, result.reason) == (
+        "failed",
+        "the autopilot did not reply to FTP requests",
+    )
     assert bench.now_us - began_us == 2 * SECOND
 
 
@@ -170,5 +173,5 @@ def test_px4_has_no_such_file() -> None:
     bench = Bench(mock_of(stack_named("px4", "plane")))
     result = bench.run(upload_of(line_of(5)))
     assert result.outcome == "rejected"
-    assert "there is no such file (FTP error 10)" in result.reason
+    assert "the file does not exist (FTP error 10)" in result.reason
     assert bench.run(download_of()).outcome == "rejected"

@@ -49,7 +49,7 @@ def test_the_other_end_of_a_link_is_named() -> None:
     assert other_end("udpin:127.0.0.1:14550") == "udpout:127.0.0.1:14550"
     assert other_end("tcpin:127.0.0.1:5760") == "tcp:127.0.0.1:5760"
     assert other_end("tcp:127.0.0.1:5760") == "tcpin:127.0.0.1:5760"
-    with pytest.raises(BridgeError, match="no port to call"):
+    with pytest.raises(BridgeError, match="no network port"):
         other_end("serial:/dev/ttyACM0:57600")
 
 

@@ -288,7 +288,7 @@ def test_a_log_cut_at_any_byte_is_read_up_to_the_cut(
     path, data, reader = written
     whole, log = entries_of(path, data, reader)
     assert len(whole) > 50
-    monkeypatch.setattr(record_scanner, "PIECE_BYTES", piece_bytes)
+    monkeypatch.setattr(record_scanner, "CHUNK_BYTES", piece_bytes)
     assert entries_of(path, data, reader)[0] == whole
     messages = log.messages
     cuts = sorted({*range(40), *random.Random(1).sample(range(len(data)), 150), len(data) - 1})
@@ -406,7 +406,7 @@ def test_columns_that_are_missing_are_reported_and_skipped(
     path.write_bytes(dataflash(messages))
     log = open_log(path)
     assert len(of(list(log.entries()), ModeChanged)) == 1
-    assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no 'Lat': left out"]
+    assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no 'Lat': omitted"]
 
 
 def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bo
     pair.mock.parameters.change("MIS_TKO_LAND_REQ", 2)
     result = pair.result_of(pair.client.upload(line_of(6, first=2), pair.now_us))
     assert (result.outcome, result.holds) == ("rejected", "the new one")
-    assert "does not take it for one to fly" in result.reason
+    assert "does not accept it for flight" in result.reason
     assert "MIS_TKO_LAND_REQ" in result.reason
     pair.mock.parameters.change("MIS_TKO_LAND_REQ", 0)
     better = pair.result_of(pair.client.upload(line_of(6, first=3), pair.now_us))

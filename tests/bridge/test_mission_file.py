@@ -100,8 +100,8 @@ def test_what_ardupilot_would_refuse_midway_is_found_beforehand() -> None:
         ({"param1": math.nan}, "parameter 1"),
         ({"command": 19, "param4": math.nan}, "parameter 4"),
         ({"param2": math.inf}, "parameter 2"),
-        ({"x": 910_000_000}, "not on Earth"),
-        ({"y": -1_810_000_000}, "not on Earth"),
+        ({"x": 910_000_000}, "not a latitude and longitude"),
+        ({"y": -1_810_000_000}, "not a latitude and longitude"),
         ({"z": math.nan}, "altitude"),
         ({"z": 83_000.0}, "altitude"),
         ({"frame": 1}, "frame 1"),
@@ -112,4 +112,4 @@ def test_what_ardupilot_would_refuse_midway_is_found_beforehand() -> None:
         assert bad is not None
         assert bad[0] == 5
         assert words in bad[1]
-    assert first_bad_item(line_of(656), 655) == (655, "the autopilot holds 655 items")
+    assert first_bad_item(line_of(656), 655) == (655, "the autopilot stores 655 items at most")

@@ -132,7 +132,7 @@ def test_an_orbit_moves_and_turns_round_when_ordered_again(stack: Stack) -> None
 
 def test_arducopter_reports_that_it_has_no_orbit() -> None:
     pair = standing(COPTER)
-    with pytest.raises(BridgeError, match="no orbit command; fly LOITER_TURNS"):
+    with pytest.raises(BridgeError, match="no orbit command; use LOITER_TURNS"):
         pair.client.command("orbit", pair.now_us, *PLACE, 390.0, 100.0)
 
 
@@ -235,7 +235,7 @@ def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
     pair.up = MemoryLink()
     accepted(pair, pair.client.command("return", pair.now_us))
     for command_id in (first, second):
-        assert outcome(pair, command_id).reason == "return took its place"
+        assert outcome(pair, command_id).reason == "return replaced it"
     assert mode(pair) == "return"
 
 
@@ -273,7 +273,7 @@ def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
         pair.client.command("arm", 0)
     pair.mock.positions = False
     pair.run_for(3.0)
-    with pytest.raises(BridgeError, match="no position yet"):
+    with pytest.raises(BridgeError, match="not reported a position"):
         pair.client.command("takeoff", pair.now_us, 20.0)
 
 
@@ -281,9 +281,9 @@ def test_orders_need_a_vehicle_and_takeoff_a_position() -> None:
     ("order", "words"),
     [
         (lambda: orders.takeoff(PX4, 0.0, 300.0), "takeoff to 0.0 m"),
-        (lambda: orders.reposition(PX4, 91.0, 0.0, 300.0), "no place on Earth"),
-        (lambda: orders.reposition(PLANE, math.nan, 0.0, 300.0), "no place on Earth"),
-        (lambda: orders.reposition(PLANE, 0.0, 0.0, 300.0), "means 'here'"),
+        (lambda: orders.reposition(PX4, 91.0, 0.0, 300.0), "is not on Earth"),
+        (lambda: orders.reposition(PLANE, math.nan, 0.0, 300.0), "is not on Earth"),
+        (lambda: orders.reposition(PLANE, 0.0, 0.0, 300.0), "as their position"),
         (lambda: orders.reposition(PLANE, 36.0, -84.0, math.nan), "altitude nan"),
         (lambda: orders.orbit(PX4, *PLACE, 300.0, 0.0), "orbit of radius 0.0"),
         (lambda: orders.orbit(PX4_COPTER, *PLACE, 300.0, 1001.0), "1 to 1000 m"),
@@ -354,7 +354,7 @@ def test_a_command_in_progress_is_not_repeated() -> None:
     late = begun()
     late.receive(ack(mavlink.MAV_RESULT_IN_PROGRESS), 500_000)
     late.handle_timer(61_000_000)
-    assert late.outcome == (False, "NAV_TAKEOFF was begun and not ended in 60 s")
+    assert late.outcome == (False, "NAV_TAKEOFF began but did not end within 60 s")
 
 
 def test_the_reason_of_a_refusal_may_come_after_it() -> None:
@@ -376,9 +376,9 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
     sequence.handle_timer(1_400_000)
     assert sequence.outcome == (
         False,
-        "NAV_TAKEOFF failed when repeated; it may have been taken before",
+        "NAV_TAKEOFF failed when repeated; it may have been accepted before",
     )
     silent = begun()
     for second in (1, 2, 3):
         silent.handle_timer(second * 1_000_000)
-    assert silent.outcome == (False, "NAV_TAKEOFF was not answered")
+    assert silent.outcome == (False, "NAV_TAKEOFF was not acknowledged")

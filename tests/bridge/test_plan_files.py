@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, Plan, jumps_moved, params_of
-from autopilot_bridge.missions.planfile import read_any, read_plan, write_any, write_plan
-from autopilot_bridge.missions.wpl import read_wpl, write_wpl
+from autopilot_bridge.missions.planfile import read_any, write_any, write_plan
+from autopilot_bridge.missions.wpl import write_wpl
 from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import HOME, flight_of
 
@@ -108,7 +108,7 @@ def test_a_wpl_file_comes_back_as_it_was(
 def test_the_documented_plan_is_read_as_qgroundcontrol_sends_it(tmp_path: Path) -> None:
     path = tmp_path / "doc.plan"
     path.write_text(DOCUMENTED, encoding="utf-8")
-    plan = read_plan(path)
+    plan = read_any(path)
     (takeoff,) = plan.mission
     assert (takeoff.command, takeoff.frame, takeoff.x, takeoff.y, takeoff.z) == (
         *(22, 3, 473985099, 85451002, 50.0),
@@ -152,11 +152,11 @@ def test_a_jump_is_found_by_its_id_not_its_place(tmp_path: Path) -> None:
     content["mission"]["items"][2]["doJumpId"] = 77
     content["mission"]["items"][-1]["params"][0] = 77
     path.write_text(json.dumps(content), encoding="utf-8")
-    assert read_plan(path).mission[-1] == jump
+    assert read_any(path).mission[-1] == jump
     content["mission"]["items"][-1]["params"][0] = 99
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(BridgeError, match="item 5 jumps to doJumpId 99"):
-        read_plan(path)
+        read_any(path)
 
 
 def test_an_open_position_is_null_in_the_file(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_an_open_position_is_null_in_the_file(tmp_path: Path) -> None:
     write_plan(path, Plan((MissionItem(21, 3, NO_POSITION, NO_POSITION, 0.0),)), None)
     params = json.loads(path.read_text(encoding="utf-8"))["mission"]["items"][0]["params"]
     assert params[4:6] == [None, None]
-    assert read_plan(path).mission[0].x == NO_POSITION
+    assert read_any(path).mission[0].x == NO_POSITION
 
 
 def changed(tmp_path: Path, change: dict[str, Any]) -> Path:
@@ -203,7 +203,7 @@ def changed(tmp_path: Path, change: dict[str, Any]) -> Path:
         ("geoFence", {"version": 1, "polygon": [[1, 2]]}, "geoFence has version 1"),
         ("geoFence.polygons.0.inclusion", None, "geofence polygon 0: inclusion"),
         ("geoFence.polygons.0.polygon", [], "geofence polygon 0 has no vertices"),
-        ("geoFence.polygons.0.polygon.1", [91.0, 0.0], "polygon 0 lies at 91, 0"),
+        ("geoFence.polygons.0.polygon.1", [91.0, 0.0], "polygon 0: 91, 0"),
         ("geoFence.circles.0.circle", {"radius": 5}, "geofence circle 0 has no center"),
         ("rallyPoints.points.1", [1, 2], "rally point 1 is not a list of 3"),
     ],
@@ -212,7 +212,7 @@ def test_a_bad_plan_is_refused_in_one_line(
     tmp_path: Path, key: str, value: Any, words: str
 ) -> None:
     with pytest.raises(BridgeError) as caught:
-        read_plan(changed(tmp_path, {key: value}))
+        read_any(changed(tmp_path, {key: value}))
     assert words in str(caught.value)
     assert "bad.plan" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -223,7 +223,7 @@ def test_what_is_no_plan_is_refused_with_its_name(tmp_path: Path, text: str) -> 
     path = tmp_path / "bad.plan"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(BridgeError, match=r"bad\.plan: not a QGroundControl \.plan"):
-        read_plan(path)
+        read_any(path)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(BridgeError, match=r"bad\.plan: cannot be read"):
         read_any(path)
@@ -233,10 +233,10 @@ def test_what_is_no_plan_is_refused_with_its_name(tmp_path: Path, text: str) -> 
     ("plan", "words"),
     [
         (Plan((MissionItem(16, 0, 0, 0, math.inf),)), "inf"),
-        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, 3.0),)), "fence item 0 belongs to 3"),
-        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, math.nan),)), "fence item 0 belongs to nan"),
+        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, 3.0),)), "fence item 0 is a vertex of 3"),
+        (Plan((), (MissionItem(5001, 0, 0, 0, 0.0, math.nan),)), "fence item 0 is a vertex of nan"),
         (Plan((), (MissionItem(5003, 0, 0, 0, 0.0, 9.0, 1.0),)), "params 2 to 4"),
-        (Plan((), (MissionItem(16, 0, 0, 0, 0.0),)), "fence item 0 is a NAV_WAYPOINT"),
+        (Plan((), (MissionItem(16, 0, 0, 0, 0.0),)), "fence item 0: unexpected NAV_WAYPOINT"),
         (Plan((), (), (MissionItem(5100, 0, 0, 0, 0.0),)), "rally point 0 has frame 0"),
         (Plan((), (), (MissionItem(16, 3, 0, 0, 0.0),)), "rally item 0 is a NAV_WAYPOINT"),
     ],
@@ -265,7 +265,7 @@ def test_pymavlink_reads_a_wpl_file_the_same_and_is_read(tmp_path: Path) -> None
         assert (theirs.command, theirs.frame) == (ours.command, ours.frame)
         assert [*params, theirs.x, theirs.y, theirs.z] == list(params_of(ours))
     loader.save(str(again))
-    assert read_wpl(again) == plan
+    assert read_any(again) == plan
 
 
 WPL = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36.3\t-84.2\t300\t1\n"
@@ -291,20 +291,20 @@ def test_wpl_files_of_other_stations_are_read(tmp_path: Path) -> None:
         (WPL.replace("36.3", "36,3"), "line 2: "),
         (WPL.replace("36.3", "inf"), "line 2: an infinite"),
         (WPL.replace("36.3", "363000000"), "line 2: param 5"),
-        (WPL + WPL.splitlines()[1], "line 3: the item is numbered 0 where 1"),
+        (WPL + WPL.splitlines()[1], "line 3: the item has number 0 instead of 1"),
     ],
 )
 def test_a_bad_wpl_file_is_refused_with_its_line(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "bad.waypoints"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(BridgeError, match=words) as caught:
-        read_wpl(path)
+        read_any(path)
     assert "bad.waypoints" in str(caught.value)
 
 
 def test_a_wpl_file_holds_no_fence(tmp_path: Path) -> None:
     fence = (MissionItem(5003, 0, 0, 0, 0.0, 9.0),)
-    with pytest.raises(BridgeError, match="no fence"):
+    with pytest.raises(BridgeError, match="cannot store a fence"):
         write_any(tmp_path / "a.waypoints", Plan(flight_of(), fence), None)
     with pytest.raises(BridgeError, match="infinite"):
         write_wpl(tmp_path / "a.waypoints", Plan((MissionItem(16, 0, 0, 0, math.inf),)))

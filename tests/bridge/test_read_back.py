@@ -161,7 +161,7 @@ class Transfer:
 
 def transfers(path: Path) -> Iterator[Transfer]:
     """The transfers of client A in a transcript, in order."""
-    under_way: Transfer | None = None
+    exchange: Transfer | None = None
     for line in path.read_text(encoding="utf-8").splitlines():
         entry = json.loads(line)
         if entry.get("link") != "A":
@@ -170,17 +170,17 @@ def transfers(path: Path) -> Iterator[Transfer]:
         match entry["msg"]:
             case "MISSION_COUNT":
                 up = entry["dir"] == "tx"
-                under_way = Transfer(fields["mission_type"], fields["count"], up, [])
-            case "MISSION_ITEM_INT" if under_way:
+                exchange = Transfer(fields["mission_type"], fields["count"], up, [])
+            case "MISSION_ITEM_INT" if exchange:
                 names = ("command", "frame", "x", "y", "z", *PARAMS, "autocontinue")
                 values: dict[str, Any] = {
                     name: NAN if fields[name] is None else fields[name] for name in names
                 }
-                under_way.items.append(MissionItem(**values))
-            case "MISSION_ACK" if under_way:
-                under_way.ack = fields["type"]
-                yield under_way
-                under_way = None
+                exchange.items.append(MissionItem(**values))
+            case "MISSION_ACK" if exchange:
+                exchange.ack = fields["type"]
+                yield exchange
+                exchange = None
 
 
 def own(transfer: Transfer, stack: Stack) -> Items:

@@ -48,6 +48,6 @@ def test_contradictions_of_a_state_are_found() -> None:
     job.uploaded, job.reread = None, True
     with pytest.raises(AssertionError, match="reread"):
         job.validate_state()
-    job.reread, job.under_way = False, CLEAR
+    job.reread, job.exchange = False, CLEAR
     with pytest.raises(AssertionError):
         job.validate_state()

@@ -168,9 +168,9 @@ class Watched(MemoryLink):
         self._codec = Codec(1, 1)
 
     def send(self, datagram: bytes, now_us: int) -> None:
-        before = len(self._under_way)
+        before = len(self._in_transit)
         super().send(datagram, now_us)
-        if len(self._under_way) == before:
+        if len(self._in_transit) == before:
             self._lost_names |= {message.get_type() for message in self._codec.decode(datagram)}
 
 
@@ -376,7 +376,7 @@ def test_a_mission_that_px4_acknowledges_and_will_not_fly_is_a_failure(lands: bo
     result = pair.result_of(upload(pair, (*line_of(5), *LANDING) if lands else line_of(5)))
     assert result.holds == "the new one"
     assert result.outcome == ("accepted" if lands else "rejected")
-    assert ("does not take it for one to fly" in result.reason) != lands
+    assert ("does not accept it for flight" in result.reason) != lands
 
 
 def test_items_go_ahead_of_the_requests_until_one_is_asked_for_again() -> None:

@@ -377,7 +377,7 @@ def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
         async with Connection(link, Peer(), clock_us):
             pass
 
-    with pytest.raises(BridgeError, match=r"ttyNONE:57600: .*No such file.*plugged") as caught:
+    with pytest.raises(BridgeError, match=r"ttyNONE:57600: .*No such file.*connected") as caught:
         run(lambda: call(f"serial:{tmp_path}/ttyNONE:57600"))
     assert "\n" not in str(caught.value)
     (tmp_path / "file").write_text("no terminal")

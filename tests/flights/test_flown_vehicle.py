@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.logs.reading import open_log
-from autopilot_bridge.missions.planfile import read_plan
+from autopilot_bridge.missions.planfile import read_any
 from mission_service.replay.flights.flown_vehicle import info_of
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.service.test_cli import call
@@ -85,7 +85,7 @@ def test_export_writes_what_other_programs_read(logs: tuple[Path, Path], tmp_pat
     tracks = tree.findall(".//{http://www.google.com/kml/ext/2.2}Track")
     assert len(tracks) == 2
     assert len(tracks[0]) == 1 + 2 * len(features[0]["geometry"]["coordinates"])
-    plan = read_plan(out / "hawk-1-mission-1.plan")
+    plan = read_any(out / "hawk-1-mission-1.plan")
     assert [item.command for item in plan.mission] == [22, 16]
 
 

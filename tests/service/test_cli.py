@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from autopilot_bridge.items import MissionItem, Plan
-from autopilot_bridge.missions.planfile import read_plan, write_plan
+from autopilot_bridge.missions.planfile import read_any, write_plan
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service import __version__
@@ -71,7 +71,7 @@ def test_replay_reports_what_was_reproduced_and_fails_on_a_changed_line(tmp_path
 def test_a_plan_can_be_written_and_read(tmp_path: Path) -> None:
     path = tmp_path / "first.plan"
     assert call("plan", "default", "-o", str(path)).exit_code == 0
-    assert len(read_plan(path).mission) >= 3
+    assert len(read_any(path).mission) >= 3
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED.glob("*.toml")))
@@ -123,7 +123,7 @@ def test_plans_go_up_and_come_down_over_udp(tmp_path: Path, name: str, stack: st
     port = free_port()
     sent, read = tmp_path / "sent.plan", tmp_path / "read.plan"
     assert call("plan", "demo", "--vehicle", name, "-o", str(sent)).exit_code == 0
-    mission = read_plan(sent).mission
+    mission = read_any(sent).mission
     write_plan(sent, Plan(mission, FENCE, RALLY), stack_named(stack, "plane"))
     command = [*CLI, "mock", "demo", "--vehicle", name, "--link", f"udpout:127.0.0.1:{port}"]
     link = ("--link", f"udpin:127.0.0.1:{port}", "--timeout", "20")
@@ -135,17 +135,17 @@ def test_plans_go_up_and_come_down_over_udp(tmp_path: Path, name: str, stack: st
         assert json.loads(up.stdout) == {"result": "accepted", **counts, "holds": "the new one"}
         down = call("mission", "download", "-o", str(read), *link, "--json")
         assert json.loads(down.stdout) == {"result": "accepted", **counts, "file": str(read)}
-        held = read_plan(read)
+        held = read_any(read)
         alike = stack_named(stack, "plane")
         users = zip(mission, held.mission, strict=True)
         assert all(same_as_sent(ours, theirs, alike) for ours, theirs in users)
         assert (held.fence[0].param1, held.rally[0].z) == (5000.0, 100.0)
         assert call("mission", "clear", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
-        assert (read_plan(read).mission, len(read_plan(read).fence)) == ((), 1)
+        assert (read_any(read).mission, len(read_any(read).fence)) == ((), 1)
         assert call("mission", "clear", "--all", *link).exit_code == 0
         call("mission", "download", "-o", str(read), *link)
-        assert (read_plan(read).fence, read_plan(read).rally) == ((), ())
+        assert (read_any(read).fence, read_any(read).rally) == ((), ())
     finally:
         mock.kill()
         mock.wait(timeout=PATIENCE_S)

@@ -241,9 +241,7 @@ def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
     flight.sim.rigs[0]._up = MemoryLink()
     flight.run(20.0)
     assert flight.mode == "hold"
-    refused = [
-        line.text for line in flight.state_view.announcements if "took its place" in line.text
-    ]
+    refused = [line.text for line in flight.state_view.announcements if "replaced it" in line.text]
     assert refused == []
     holds = times_s(flight.over(), Hold)
     assert len(holds) < 10

@@ -189,7 +189,7 @@ def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) ->
         run.wait_for(lambda: "source/hawk" not in run.alarms())
         run.stop()
     run.check_places_and_times()
-    assert run.log.read_text(encoding="utf-8").count("is left out") == 1
+    assert run.log.read_text(encoding="utf-8").count("are discarded") == 1
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
