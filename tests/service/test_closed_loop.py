@@ -217,3 +217,24 @@ def test_the_planner_never_reads_the_true_fire(run: Run, tmp_path: Path) -> None
     source = (Path(__file__).parents[2] / "mission_service" / "core/core.py").read_text("utf-8")
     assert "devs8" not in source
     assert "world" not in source
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "islam_hu_damped",
+        "islam_hu",
+        "circling",
+        "predictive",
+        "team.balanced",
+        "team.circling",
+        "team.bumper",
+        "team.highest-dynamic",
+        "team.predictive",
+    ],
+)
+def test_a_fire_of_one_cell_is_monitored(rule: str, tmp_path: Path) -> None:
+    early = ("start_s=0", "deploy_at_s=0", f'planner.rule="{rule}"')
+    simulate(load_scenario("default", early), tmp_path / "journal.jsonl", "", until_s=300.0)
+    found = verify(tmp_path / "journal.jsonl")
+    assert found.difference is None

@@ -258,6 +258,32 @@ def test_the_unwatched_front_is_reported_again_after_a_restart(fly: Fly) -> None
     assert "front/hawk" in flight.state_view.alarms
 
 
+def test_the_front_counts_as_monitored_only_when_a_vehicle_observes_it_again(fly: Fly) -> None:
+    flight = fly()
+    flight.run(500.0)
+    assert "front/hawk" not in flight.state_view.alarms
+    camera = flight.sim.service.fire.camera_observation
+    order(flight, "hold")
+    flight.run(5.0)
+    flight.sim.service.fire.camera_observation = lambda fix: None  # type: ignore[method-assign]
+    order(flight, "resume")
+    flight.run(20.0)
+    assert flight.mode == "mission"
+    assert "front/hawk" in flight.state_view.alarms
+    flight.sim.service.fire.camera_observation = camera  # type: ignore[method-assign]
+    flight.run(10.0)
+    assert "front/hawk" not in flight.state_view.alarms
+
+
+def test_a_disarmed_vehicle_does_not_monitor_the_front(fly: Fly) -> None:
+    flight = fly()
+    flight.run(500.0)
+    flight.sim.rigs[0].mock.reboot(flight.sim.link_us)
+    flight.run(5.0)
+    assert not flight.state_view.vehicles["hawk"].armed
+    assert "front/hawk" in flight.state_view.alarms
+
+
 def test_a_text_of_the_autopilot_is_one_printable_line() -> None:
     assert printable("\x1b[31m\nlow\r\tbattery\x00") == "[31m low battery"
 

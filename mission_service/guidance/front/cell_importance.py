@@ -12,6 +12,8 @@ Floats = NDArray[np.float64]
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
     """Return eq. 7: spread rates with their heterogeneity scaled by ``alpha`` (>= 0)."""
+    if not spread_rate.size:  # a front within one cell
+        return spread_rate
     lowest = spread_rate.min()
     adjusted: Floats = lowest + alpha * (spread_rate - lowest)
     if alpha >= 1.0:

@@ -21,7 +21,7 @@ from mission_service.events import (
 )
 from mission_service.guidance.front.mission_renewal import CLOSE_BELOW, TURN_BACK, Renewal
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
-from mission_service.guidance.front.unmonitored import FrontMonitor
+from mission_service.guidance.front.unmonitored import FrontMonitor, observes_front
 from mission_service.guidance.front.way import Planners
 from mission_service.guidance.protocol import Compared, Decision, Guidance, Planner, decided
 from mission_service.guidance.team.team import TeamMember
@@ -129,8 +129,9 @@ class FrontFlight(Guidance):
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         for name in names:
-            watches = availability[name].flies and not vehicles[name].ordered
-            commands += self._watch.on_availability(name, watches, availability)
+            available = availability[name].flies and availability[name].armed
+            available &= not vehicles[name].ordered
+            commands += self._watch.update(name, available, observes_front(event), availability)
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:

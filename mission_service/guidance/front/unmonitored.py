@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
+from mission_service.events import AnyEvent, Observed
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, FireMap
 from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.protocol import Steered
@@ -56,6 +57,14 @@ def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -
     return f"the front from {arc}, {length_km:.1f} km"
 
 
+def observes_front(event: AnyEvent) -> bool:
+    """Return whether an event is a camera's observation of both burned and unburned cells."""
+    if not isinstance(event, Observed) or event.corrects:
+        return False
+    cells = "".join(event.cells)
+    return "b" in cells and "u" in cells
+
+
 class FrontMonitor:
     """The vehicles that monitor a front, and the alarm of an unmonitored front."""
 
@@ -69,13 +78,19 @@ class FrontMonitor:
         """Return the active alarm, which is sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
-    def on_availability(
-        self, name: str, watches: bool, availability: Mapping[str, VehicleAvailability]
+    def update(
+        self,
+        name: str,
+        available: bool,
+        observes: bool,
+        availability: Mapping[str, VehicleAvailability],
     ) -> list[AnyCommand]:
         """Report that a part of the front is no longer monitored, or monitored again.
 
-        ``watches``: whether the vehicle follows its planner now.
+        A vehicle monitors the front from its first observation of it (``observes``) for as long as
+        it follows its planner (``available``).
         """
+        watches = available and (observes or name in self._watching)
         if watches == (name in self._watching):
             return []
         fire = front_map_of(self._planners[name])

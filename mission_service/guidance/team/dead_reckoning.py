@@ -38,6 +38,8 @@ def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> 
     """Return the last cell that a vehicle has reached by ``at_s``."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
+    if along_m[-1] == 0.0:  # the front is within one cell
+        return one.cell
     flown_m = one.speed_m_s * max(at_s - one.at_s, 0.0) % along_m[-1]
     if one.clockwise:
         place_m = (along_m[one.cell] + flown_m) % along_m[-1]
