@@ -1,1 +1,1 @@
-"""The ways of flying: along a front, in a team, in formation, igniting a burn."""
+"""The guidance for each way of flying: along a front, in a team, in formation, or over a burn."""

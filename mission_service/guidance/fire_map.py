@@ -1,11 +1,11 @@
-"""The on-board fire map of Islam & Hu (table 1): the fire observed by one vehicle's camera.
+"""The on-board fire map of Islam & Hu (table 1), which stores the fire as a camera observes it.
 
 The map has 360 whole-degree bearings, clockwise from north, around a centre (the ignition cell or
-the fire's centre). For each bearing it stores the outer cell (the front at the last view), the
-inner cell (the front at an earlier view) and the times of both. Its only inputs are observations,
-not the simulated fire.
+the fire's centre). For each bearing the map stores the outer cell (the front at the last view), the
+inner cell (the front at an earlier view), and the times of both views. Observations are the map's
+only input; it does not read the simulated fire.
 
-Distances are in cells, times in seconds of mission time.
+Distances are in cells and times in seconds of mission time.
 """
 
 from functools import lru_cache
@@ -22,8 +22,8 @@ CODES = np.zeros(128, dtype=np.uint8)
 CODES[ord("u")] = UNBURNED
 CODES[ord("b")] = BURNED
 
-LARGEST_GAP_CELLS = 3.0  # maximum distance of neighbours on the front
-# A front cell that is nearer by more than this than burned ground on its bearing is of an island.
+LARGEST_GAP_CELLS = 3.0  # maximum distance between neighbours on the front
+# A front cell is on an island if burned ground lies farther outwards than this on its bearing.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
-    """Return the strings of an observation as an array (y, x) of UNKNOWN, UNBURNED, BURNED."""
+    """Return an observation's strings as an array (y, x) with UNKNOWN, UNBURNED or BURNED cells."""
     text = np.frombuffer("".join(cells).encode("ascii"), dtype=np.uint8)
     return CODES[text].reshape(len(cells), -1)
 
@@ -42,7 +42,7 @@ def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
 def polar(
     rows: Floats, cols: Floats, centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return the whole-degree bearing and the distance in cells of cells from the centre."""
+    """Return the whole-degree bearing and the distance (in cells) from the centre to each cell."""
     north = centre_row - rows
     east = cols - centre_col
     bearing = np.rint(np.rad2deg(np.arctan2(east, north))).astype(np.int64) % BEARINGS
@@ -53,7 +53,7 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Return bearing, distance and the bearings spanned to either side of each cell (y, x).
+    """Return arrays (y, x) of each cell's bearing, distance, and half its width in whole degrees.
 
     A cell near the centre spans many bearings. Maps with the same centre share these arrays.
     """
@@ -65,7 +65,7 @@ def _grid_around(
 
 @compiled
 def front_in_window(window):  # type: ignore[no-untyped-def]
-    """Return the mask (y, x) of burned cells with an unburned 4-neighbour in the same window."""
+    """Return a mask (y, x) of the burned cells that have an unburned 4-neighbour in the window."""
     rows, cols = window.shape
     front = np.zeros((rows, cols), dtype=np.bool_)
     for row in range(rows):
@@ -80,11 +80,11 @@ def front_in_window(window):  # type: ignore[no-untyped-def]
 
 
 class FireMap:
-    """Outer and inner cells per bearing, from observations.
+    """A fire map that stores the observed outer and inner cell on each bearing.
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
-    With 0 the map is the paper's: whenever a new cell is seen on a bearing, the outer cell becomes
-    the inner cell, at any age.
+    If it is 0, the map works as in the paper: whenever a new cell is seen on a bearing, the outer
+    cell becomes the inner cell, whatever its age.
     """
 
     def __init__(
@@ -127,14 +127,14 @@ class FireMap:
     def observe(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
-        """Update the map by one camera window; return the bearings in view (360 booleans)."""
+        """Update the map from one camera window; return which bearings are in view (360)."""
         region = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
         seen, in_view = _seen(window, *(each[region] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window, which may set burned ground to unburned."""
+        """Apply an operator's correction, a window that may set burned ground to unburned."""
         not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
         )
@@ -159,21 +159,26 @@ class FireMap:
         self.outer_at_s[in_view] = at_s
 
     def spread_rate_cells_s(self, smoothing_deg: int = 0) -> Floats:
-        """Return eq. 1 by bearing, not negative; optionally averaged over ± ``smoothing_deg``."""
+        """Return the spread rate (eq. 1, >= 0) on each bearing, averaged over ± ``smoothing_deg``.
+
+        With 0 there is no averaging.
+        """
         rate = _rate(self.outer, self.outer_at_s, self.inner, self.inner_at_s)
         return circular_mean(rate, smoothing_deg)
 
     def filled_outer(self) -> tuple[Floats, Floats]:
-        """Return outer distance and time for every bearing, interpolated for unseen bearings."""
+        """Return the outer cells' distances and times, interpolated on bearings not yet seen."""
         return fill_circular(self.outer), fill_circular(self.outer_at_s)
 
 
 def taken_back(
     row: int, col: int, window: NDArray[np.uint8], centre: tuple[float, float], burned: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return bearings whose outermost burned ground is unburned in a window, and the remainder.
+    """Return the bearings that a window shows to be less burned, and the ground still burned.
 
-    ``burned`` is in cells on 360 bearings from ``centre`` (row, col).
+    ``burned`` (360) is the distance in cells from ``centre`` (row, col) to the outermost burned
+    ground on each bearing. The first result is true where the window shows this ground to be
+    unburned. The second result is ``burned`` after moving those bearings inwards.
     """
 
     def unburned_at(out: Floats, north: Floats, east: Floats) -> NDArray[np.bool_]:
@@ -194,7 +199,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Return the moving mean over ± half_width neighbours on the circle."""
+    """Return the moving mean over ``half_width`` neighbours on each side of each place."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -205,7 +210,10 @@ def circular_mean(values: Floats, half_width: int) -> Floats:
 
 
 def fill_circular(values: Floats) -> Floats:
-    """Replace NaN by linear interpolation around the circle (all NaN stays NaN)."""
+    """Return the values with each NaN interpolated linearly around the circle.
+
+    If all values are NaN, they stay NaN.
+    """
     if not np.isnan(values).any():
         return values
     finite = np.flatnonzero(~np.isnan(values))
@@ -216,10 +224,10 @@ def fill_circular(values: Floats) -> Floats:
 
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
-    """Return the distance of the front by bearing, and whether it is in view; update ``burned``."""
+    """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    spanned = np.full(BEARINGS, -np.inf)  # on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # as ``seen``, on all bearings that a front cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
@@ -232,8 +240,8 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
                     spanned[place] = max(spanned[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
-    # On a flank that runs outwards a bearing's own cell is nearer than a neighbouring front cell;
-    # such a cell is not of an island.
+    # On a flank that runs outwards, a bearing's own cell is nearer than a neighbouring front cell.
+    # Such a cell is not on an island.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
     seen = np.where(flank, spanned, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
@@ -254,7 +262,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Mark the bearings between two neighbouring front cells as seen: the front joins the two."""
+    """Mark the bearings between two neighbouring front cells as seen, on the line between them."""
     seen_at = np.flatnonzero(in_view)
     for place in range(seen_at.size if seen_at.size > 1 else 0):
         start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]

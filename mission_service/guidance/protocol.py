@@ -1,8 +1,8 @@
 """The interfaces of planners, which decide for vehicles, and of the guidance, which commands them.
 
-A planner decides for one vehicle. Vehicles that share a plan are members of a team; each member is
-a planner too. Planners are pure: they use no clock, network or random numbers. Positions are float
-(row, col) of the landscape's grid, with row 0 in the north.
+A planner decides for one vehicle. Vehicles that share a plan are members of a team, and each member
+is also a planner. Planners are pure: they use no clock, network or random numbers. A position is
+the row and column in the landscape's grid, as floats; row 0 is in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ Phase = Literal["approach", "initial circle", "monitor"]
 
 @dataclass(frozen=True)
 class Ground:
-    """The monitored area: the grid, the reported cell of the fire, and the time of ignition."""
+    """The monitored area: the grid, the cell where the fire was reported, and the ignition time."""
 
     landscape: Landscape
     centre: tuple[float, float]  # row, col
@@ -40,8 +40,8 @@ class Ground:
 class Decision:
     """A decision on the flying direction at one cell of the front.
 
-    ``importance_back`` and ``importance_front`` are the values of turning back and of keeping the
-    direction, in the planner's unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` is the value of turning back, and ``importance_front`` is the value of
+    keeping the direction. Both are in the planner's unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -55,23 +55,26 @@ class Steered(Protocol):
     """The receiver of one vehicle's observations, wind and positions."""
 
     def observe(self, observed: Observed) -> None:
-        """Update the map by a camera window of this vehicle."""
+        """Update the map from a window seen by this vehicle's camera."""
 
     def correct(self, observed: Observed) -> None:
-        """Apply an operator's correction of a window, which overrides earlier views."""
+        """Apply an operator's correction, a window that overrides earlier views."""
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Apply a wind measured by this vehicle's autopilot; its direction is from true north."""
+        """Apply a wind measured by this vehicle's autopilot.
+
+        ``from_deg`` is the direction from which the wind blows, clockwise from true north.
+        """
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return the decision at this position, if any."""
+        """Set the vehicle's position; return the decision made there, or None."""
 
     def left(self, at_s: float) -> None:
         """Remove a vehicle that is lost, recalled or on the ground."""
 
 
 class Planner(Steered, Protocol):
-    """Decides the direction in which one vehicle flies along the front."""
+    """A planner, which decides the direction in which one vehicle flies along the front."""
 
     @property
     def phase(self) -> Phase:
@@ -79,21 +82,21 @@ class Planner(Steered, Protocol):
 
     @property
     def clockwise(self) -> bool:
-        """The flying direction around the fire."""
+        """Whether the vehicle flies clockwise around the fire."""
 
     @property
     def reversals(self) -> int:
-        """The number of reversals so far."""
+        """The number of times that the vehicle has turned back."""
 
     def path(self, row: float, col: float) -> Floats:
-        """Return the path to fly: (n, 2) float (row, col) along the front ahead."""
+        """Return the path to fly along the front ahead: an array (n, 2) with row and column."""
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the planner's estimated front: distances in cells on 360 bearings."""
+        """Return the front that the planner estimates: distances in cells on 360 bearings."""
 
 
 def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecision:
-    """Return the command with a vehicle's decision, for the journal and interfaces."""
+    """Return a command that reports a vehicle's decision to the journal and the interfaces."""
     return DirectionDecision(
         name,
         "clockwise" if decision.clockwise else "anticlockwise",
@@ -106,10 +109,11 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importance of each cell of the front at the vehicle's position, for display.
+    """The importance of each cell of the front, as seen from the vehicle's position, for display.
 
-    Rows, columns and values are (n,) float, from the vehicle backwards; ``back`` and ``front`` are
-    sums over the window behind and the window ahead.
+    ``rows``, ``cols`` and ``values`` are float arrays (n), which begin at the vehicle and go
+    backwards. ``back`` is the sum of ``values`` over the window behind the vehicle, and ``front``
+    is the sum over the window ahead.
     """
 
     rows: Floats
@@ -120,72 +124,77 @@ class Compared(NamedTuple):
 
 
 class Awaited(NamedTuple):
-    """The input that a guidance awaits: approval of a plan ("": none), answers to the GO list."""
+    """The operator input that the guidance awaits.
+
+    ``plan_hash`` identifies the plan to approve ("" if there is none). ``answers`` is whether
+    answers to the GO list are awaited.
+    """
 
     plan_hash: str
     answers: bool
 
 
 class Guidance(ABC):
-    """Commands the available vehicles in the air; ``planners`` are their planners, by name.
+    """The guidance of a run, which commands the available vehicles in the air.
 
-    The methods' defaults do nothing; a way of flying overrides those that it needs.
+    ``planners`` maps each vehicle's name to its planner. By default the methods do nothing; each
+    way of flying overrides the methods that it needs.
     """
 
     planners: Mapping[str, Steered]
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Process an event of a vehicle; ``DecisionEngine`` has processed it before."""
+        """Process a vehicle's event, which ``DecisionEngine`` has already processed."""
         return []
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Process a request of an operator."""
+        """Process an operator's request."""
         return []
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Return announcements for a new position."""
+        """Return the announcements to make at a vehicle's new position."""
         return []
 
     @abstractmethod
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return commands for a vehicle that flies and has endurance left."""
+        """Return the commands for a vehicle that flies and has endurance left."""
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return commands for a vehicle at the end of its endurance, or None for a plain return."""
+        """Return the commands to fly home at the end of the endurance; None for a plain return."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the path of the first mission, (n, 2) x, y in metres; None: no path yet."""
+        """Return the first mission's path, (n, 2) x, y in metres; None if there is none yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission along a path with a loiter at its end."""
+        """Return a mission that follows a path and loiters at its end."""
 
     def in_mission(self, name: str) -> bool:
-        """Return whether a vehicle in the air flies the mission on board."""
+        """Return whether this airborne vehicle flies the mission on board."""
         return True
 
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Return further commands after an event that caused the commands ``leaving``."""
+        """Return further commands after an event, given the commands ``leaving`` that it caused."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return the state for interfaces; ``complete``: the run may end now without loss."""
+        """Return the state for interfaces; ``complete`` is whether the run may end without loss."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None; without side effects."""
+        """Return the mission that a renewal would send now, or None. This changes no state."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """Return the importances that a planner compares at a position, or None."""
+        """Return the importance values that a planner compares at a position, or None."""
         return None
 
     def settings(self) -> dict[str, float]:
@@ -198,24 +207,24 @@ class Guidance(ABC):
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
-        """The estimated fire on which plans are based; None if they use the monitored fire."""
+        """The estimated fire on which plans are based; None if plans use the monitored fire."""
         return None
 
 
 class Lock(Protocol):
-    """The last check before a command is sent to a vehicle, independent of the guidance."""
+    """A lock: the last check before a command is sent to a vehicle, independent of the guidance."""
 
     def apply(self, event: AnyEvent) -> None:
-        """Apply an event."""
+        """Update the lock's state from an event."""
 
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
-        """Apply the commands of the core."""
+        """Update the lock's state from the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Return the reason why a drop must not be ordered now; None if it may."""
+        """Return the reason why a drop must not be ordered now, or None if it may be ordered."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Return whether an item of a mission may switch an output."""
+        """Return whether any item of a mission could switch an output."""
 
     def status(self) -> dict[str, Any]:
-        """Return the lock's state, for interfaces."""
+        """Return the lock's state for interfaces."""

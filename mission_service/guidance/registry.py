@@ -1,6 +1,6 @@
-"""The ways of flying of this package; other packages register ways of flying as entry points.
+"""The ways of flying in this package; other packages register theirs as entry points.
 
-``config/rule_lookup.py`` looks up both by their rule.
+``config/rule_lookup.py`` finds the way of flying for a rule, in this package or another one.
 """
 
 from typing import TYPE_CHECKING, cast
@@ -21,16 +21,16 @@ WAYS = (FRONT, TEAM, FORMATION, BURN)
 
 
 def way_of(scenario: Scenario) -> WayOfFlying:
-    """Return the way of flying of a scenario's vehicles."""
+    """Return the way of flying that a scenario's rule selects."""
     return way_for(scenario.planner.rule)
 
 
 def way_for(rule: str) -> WayOfFlying:
-    """Return the way of flying of a rule. Raises ValueError if there is none."""
+    """Return the way of flying that has a rule. Raises ValueError if there is none."""
     return cast(WayOfFlying, way_named(rule))
 
 
 def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
-    """Return the independent lock on drops, if the scenario's tables need one; None otherwise."""
+    """Return the independent lock on drops, or None if the scenario's tables do not need one."""
     locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
     return next((lock for lock in locks if lock is not None), None)

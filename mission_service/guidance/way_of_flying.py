@@ -1,6 +1,6 @@
 """The interface of a way of flying; each folder defines its own in ``way.py``.
 
-The module is fast to import, because every scenario is checked with it: flight code is imported
+Every scenario is checked with this module, so it is fast to import: flight code is imported only
 when it is called.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def later(address: str) -> Callable[..., Any]:
-    """Return the function at ``module:name``, which is imported when it is first called."""
+    """Return a function that imports the function at ``module:name`` when called, and calls it."""
     return lambda *given: resolve_name(address)(*given)
 
 
@@ -33,25 +33,29 @@ FIRST_MISSION = later("mission_service.missions.approach:approach_mission")  # t
 
 @dataclass(frozen=True, slots=True)
 class WayOfFlying:
-    """A way of flying.
+    """A way of flying, with the functions that make its parts.
 
     Attributes:
-        rules: The values of ``planner.rule``.
+        rules: The values of ``planner.rule`` that select this way of flying.
         guidance: Makes the guidance of a run.
         warm_up: Compiles all kernels before the first flight.
-        section: The model of the scenario's table with the rule's name.
+        section: The model of the scenario's table that has the rule's name.
         check: Raises ValueError for a scenario that cannot be flown.
-        first_mission: Makes the first mission of a vehicle at home.
-        along_front: Planners decide the direction, and missions are renewed as the front moves.
-        prescribed: Vehicles ignite the unit of the table ``[burn]``: operators approve each plan,
-            and their corrections change the estimated fire, not the simulated one.
-        resumes_mission: On a resume order a vehicle flies the mission on board, not a new one.
-        messages_peers: Vehicles exchange messages with those of other processes.
-        changes_airspeed: Guidance commands airspeeds up to a vehicle's ``max_airspeed_m_s``.
-        requests: Requests of operators in addition to ``OF_EVERY_RUN``.
-        rates_hz: Message rates that differ from the defaults, by message id.
-        return_height_m: Safe height of a return above home; None: the autopilot's setting.
-        lock: Makes the last check of commands, if the scenario's tables need one.
+        first_mission: Makes the first mission of a vehicle that is at home.
+        along_front: Whether planners decide the direction, and missions are renewed as the front
+            moves.
+        prescribed: Whether vehicles ignite the unit in the table ``[burn]``. Operators then approve
+            each plan, and their corrections change the estimated fire, not the simulated one.
+        resumes_mission: Whether a vehicle that is ordered to resume flies the mission on board
+            instead of a new one.
+        messages_peers: Whether vehicles exchange messages with vehicles of other processes.
+        changes_airspeed: Whether guidance commands airspeeds up to a vehicle's
+            ``max_airspeed_m_s``.
+        requests: The operator requests that are possible in addition to ``OF_EVERY_RUN``.
+        rates_hz: The message rates that differ from the defaults, by message id.
+        return_height_m: Computes the safe height above home for a return. None leaves the
+            autopilot's setting.
+        lock: Makes the lock, which checks commands last, if the scenario's tables need one.
     """
 
     rules: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""Prescribed burns: ignition lines, whole burns, approval of plans. Pure; see ARCHITECTURE.md."""
+"""The guidance of prescribed burns, and the approval of their plans. Pure; see ARCHITECTURE.md."""

@@ -1,4 +1,4 @@
-"""Progress of an approved plan in flight, its next drop, and the safety of the remaining path."""
+"""Tracks an approved plan in flight, and checks whether the remaining path is safe."""
 
 import math
 from collections.abc import Sequence
@@ -16,13 +16,17 @@ Floats = NDArray[np.float64]
 
 MAX_PROGRESS_M = 30.0  # in one update
 HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
-# Fire of a vehicle's own spheres: limit of the time margin, spacing of samples along a leg, number
-# of points on the circle around a sample.
+# For the fire of a vehicle's own spheres: the limit of the time margin, the spacing of samples
+# along a leg, and the number of points on the circle around a sample.
 OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
 
 
 class PathProgress:
-    """Progress along a path (n, 3) x, y, altitude in metres, with times (n,) after its begin."""
+    """The progress of a vehicle along a path.
+
+    ``points_m`` (n, 3) holds x, y and height in metres; ``after_s`` (n,) holds the times since the
+    path's begin.
+    """
 
     def __init__(self, points_m: Floats, after_s: Floats) -> None:
         self.points_m = points_m
@@ -34,7 +38,7 @@ class PathProgress:
 
     @property
     def length_m(self) -> float:
-        """Return the length of the whole path, climbs and descents included."""
+        """Return the length of the whole path, including climbs and descents."""
         return float(self._along_m[-1])
 
     @property
@@ -44,11 +48,11 @@ class PathProgress:
 
     @property
     def after_s(self) -> float:
-        """Return the plan's time, after its begin, at the present progress."""
+        """Return the time since the path's begin that is planned for the present progress."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
     def update(self, position_m: Floats) -> float:
-        """Set the vehicle's position (3,); return its distance from the path, in metres."""
+        """Set the vehicle's position (3,); return its distance from the path in metres."""
         first = max(int(np.searchsorted(self._along_m, self.progress_m, side="right")) - 1, 0)
         last = int(np.searchsorted(self._along_m, self.progress_m + MAX_PROGRESS_M))
         min_distance_m, progress_m = np.inf, self.progress_m
@@ -68,7 +72,10 @@ class PathProgress:
         return min_distance_m
 
     def ahead(self, now_s: float) -> Floats:
-        """Return the remaining path (k, 4): x, y, altitude, at_s."""
+        """Return the remaining path (k, 4) with x, y, height and mission time.
+
+        The vehicle is assumed to be at its present progress at ``now_s``.
+        """
         rest = self._along_m > self.progress_m
         present = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]
         points = np.vstack([present, self.points_m[rest]])
@@ -79,17 +86,17 @@ class PathProgress:
 
 @dataclass(slots=True)
 class ApprovedPlan:
-    """The approved plan and its progress."""
+    """An approved plan and its progress."""
 
     plan: IgnitionPlan
     progress: PathProgress  # in x, y and height above the ground
-    targets_m: Floats  # (m, 2) of its drops
+    targets_m: Floats  # (m, 2) targets of its drops
     next_drop: int = 0
     sent: bool = False
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """Return an approved plan before its begin."""
+    """Return a plan as an approved plan that has not yet begun."""
     height_m, after_s = np.array([(point.height_m, point.after_s) for point in plan.path]).T
     progress = PathProgress(np.column_stack([_xy(plan.path, landscape), height_m]), after_s)
     return ApprovedPlan(plan, progress, _xy(plan.drops, landscape))
@@ -102,15 +109,15 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 
 
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
-    """Return the time at which a vehicle on a path (n, 4) first comes too near to fire.
+    """Return the begin of the first leg that comes too near to fire, in mission time, or None.
 
-    The columns of the path are x, y, height and at_s. The rules are those of planning, except that
-    ``HIGH_SHARE`` of the safe height suffices, since no vehicle holds its height exactly. Returns
-    None if the whole path is safe.
+    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are those of
+    planning, except that ``HIGH_SHARE`` of the safe height suffices, because no vehicle holds its
+    height exactly. The result is None if the whole path is safe.
 
-    ``own_sources`` (m, 3) are spheres that the vehicle has dropped on the path. The plan ensures
-    that the vehicle leaves them in time, so they are too near only if their fire is within reach,
-    or will be within a few seconds.
+    ``own_sources`` (m, 3) holds the spheres that the vehicle has dropped on this path. The plan
+    ensures that the vehicle leaves them in time. So they are too near only if their fire is within
+    reach, or will be within a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -129,10 +136,10 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 
 
 def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
-    """Return the smallest time by which a leg is ahead of fire of the vehicle's own spheres.
+    """Return the smallest time by which a leg is ahead of the fire of the vehicle's own spheres.
 
-    The fire counts from the ignition of each sphere within reach, and from the time at which the
-    fire of a sphere farther away enters the reach.
+    The fire of a sphere within reach counts from its ignition. The fire of a sphere farther away
+    counts from the time at which it comes within reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1

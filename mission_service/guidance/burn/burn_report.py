@@ -1,4 +1,4 @@
-"""Report of a whole burn: fire fronts at regular times, totals, JSON and a picture."""
+"""Reports a whole burn: fire fronts at regular times, totals, JSON and a picture."""
 
 import math
 from dataclasses import asdict
@@ -20,18 +20,18 @@ from mission_service.guidance.burn.whole_burn import WholeBurn
 Floats = NDArray[np.float64]
 
 M2_PER_ACRE, M_PER_CHAIN = 4046.8564224, 20.1168
-TIMES = 61  # of fire fronts
+TIMES = 61  # number of fire fronts
 FRONT_CELL_M, FRONT_NODES = 3.0, 20_000
 LOAD_COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#33691e", "#ad1457")
 
 
 def slider_times_s(burn: WholeBurn, count: int = TIMES) -> Floats:
-    """Return evenly spaced times (count,) from the begin of a burn to its end."""
+    """Return ``count`` evenly spaced times from the begin of a burn to its end."""
     return np.linspace(burn.begin_s, max(burn.end_s, burn.begin_s + 1.0), count)
 
 
 def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats, Floats]:
-    """Return x (cols,), y (rows,) from south to north, and times of ignition (rows, cols)."""
+    """Return a raster of ignition times: x (cols,), y (rows,) from south to north, times (y, x)."""
     west, south, east, north = area.bounds
     border_m = 0.1 * max(east - west, north - south)
     wide_m, high_m = east - west + 2 * border_m, north - south + 2 * border_m
@@ -47,7 +47,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """Return the burned area at each time, as polygons with holes; empty before the first fire."""
+    """Return the burned area at each time as polygons with holes; it is empty before any fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(
@@ -66,7 +66,7 @@ def burned_areas(
 
 
 def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
-    """Compute totals of a burn, in metric units and in the units of fire crews."""
+    """Compute the totals of a burn, in metric units and in the units of fire crews."""
     plans = [line.plan for line in burn.lines]
     steps = [np.diff(plan.path[:, :2], axis=0) for plan in plans]
     flown_m = float(sum(np.hypot(*step.T).sum() for step in steps))
@@ -94,7 +94,7 @@ def burn_totals(burn: WholeBurn, area: BaseGeometry) -> dict[str, Any]:
 
 
 def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None) -> dict[str, Any]:
-    """Return a whole burn as JSON: coordinates in the landscape's metres, times in mission time."""
+    """Return a whole burn as JSON, with coordinates in the landscape's metres and mission times."""
     times = slider_times_s(burn) if times_s is None else times_s
     return {
         "totals": burn_totals(burn, area),
@@ -121,7 +121,7 @@ def burn_json(burn: WholeBurn, area: BaseGeometry, times_s: Floats | None = None
 
 
 def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> None:
-    """Draw a PNG: shades for the arrival time of fire, numbered lines, a colour for each load."""
+    """Draw a PNG of a burn, with fire arrival times as shades and one colour for each load."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

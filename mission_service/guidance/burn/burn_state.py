@@ -1,4 +1,4 @@
-"""State of a burn (unit, fire, spheres, remaining area), and planning of the next line from it."""
+"""Holds the state of a burn (unit, fire, spheres, remaining area) and plans the next line."""
 
 import math
 from dataclasses import replace
@@ -30,14 +30,18 @@ from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
-# Added to the margins of plans: a flight, which is monitored with less, deviates from its plan.
+# Added to the margins of plans, because a flight deviates from its plan. Flights are monitored with
+# the margins alone.
 SLACK_S, SLACK_M = 20.0, 3.0
 AROUND_M = 12.0  # radius around home and vehicle in which fire is also monitored
 NO_FIRE_S = 86400.0  # time margin of a path that no fire approaches
 
 
 class BurnState:
-    """Applies operators' input to a burn; plans its next line. Heights are above the ground."""
+    """The state of a burn, which applies operators' input and plans the next line.
+
+    Heights are above the ground.
+    """
 
     def __init__(
         self,
@@ -46,7 +50,7 @@ class BurnState:
         weather: WeatherStream,
         vehicle: VehicleSection,
     ) -> None:
-        """Create the state. Raises MissionServiceError for an invalid unit or home."""
+        """Create the state of a burn. Raises MissionServiceError if the unit or home is invalid."""
         self.burn, self.landscape = burn, landscape
         self.unit = burn_unit_of(burn, landscape, (vehicle.home_lat_deg, vehicle.home_lon_deg))
         self.fire = EstimatedFire(burn, landscape, weather)
@@ -59,7 +63,10 @@ class BurnState:
     # Inputs -----------------------------------------------------------------------------------
 
     def unit_reported(self, event: PersonReported | BurnUnitSet) -> None:
-        """Change the unit or the people in it. Raises MissionServiceError for an invalid unit."""
+        """Apply a changed unit or a reported person.
+
+        Raises MissionServiceError if the changed unit is invalid.
+        """
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
             self.unit = unit.with_people(self.unit.people)
@@ -73,7 +80,7 @@ class BurnState:
         self._air = None
 
     def set_spacings(self, event: PlanRequested) -> str | None:
-        """Change the spacings of lines and drops; return why they are rejected, or None."""
+        """Change the spacings of lines and of drops; return why they are rejected, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
         min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.max_drops_per_min
@@ -84,18 +91,18 @@ class BurnState:
         return None
 
     def calibrate_altitude(self, fix: PositionFix) -> None:
-        """Set the autopilot's altitude minus the landscape's; called on the ground."""
+        """Set the autopilot's altitude minus the landscape's, from a position on the ground."""
         self._above_map_m = round(fix.altitude_m - self._ground_m(fix), 1)
 
     # Outputs ----------------------------------------------------------------------------------
 
     def wind_from(self, at_s: float) -> WindFrom:
-        """Return the estimated wind: speed in m/s, and the direction it blows from in degrees."""
+        """Return the estimated wind: its speed in m/s, and the direction (deg) it blows from."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
 
     def wind_m_s(self, at_s: float) -> tuple[float, float]:
-        """Return the estimated wind as a velocity on the grid: x, y in m/s."""
+        """Return the estimated wind as a velocity on the grid, with x and y in m/s."""
         return toward(self.landscape, *self.wind_from(at_s))
 
     def height_m(self, fix: PositionFix) -> float:
@@ -103,19 +110,19 @@ class BurnState:
         return fix.altitude_m - self._ground_m(fix) - self._above_map_m
 
     def altitude_m(self, fix: PositionFix, height_m: float) -> float:
-        """Return the autopilot's altitude of a height above the ground at a position."""
+        """Return the autopilot's altitude for a height above the ground at a position."""
         return self._ground_m(fix) + self._above_map_m + height_m
 
     def _ground_m(self, fix: PositionFix) -> float:
         return float(self.landscape.elevation_at(fix.x_m, fix.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return latitude and longitude, rounded to 1e-7 degrees as in MAVLink."""
+        """Return the latitude and longitude of a place, rounded to 1e-7 degrees as in MAVLink."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     def map_shapes(self) -> dict[str, Any]:
-        """Return the unit for display: rings (lat, lon), and the circles around people."""
+        """Return the unit's areas as rings (lat, lon) and the circles around people for display."""
         unit = self.unit
         return {
             "unit": self._rings(unit.area),
@@ -134,7 +141,7 @@ class BurnState:
         ]
 
     def situation(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> Situation:
-        """Return the situation for a plan that begins at ``at_s``."""
+        """Return the situation in which a plan for a vehicle begins at ``at_s``."""
         place_m = (fix.x_m, fix.y_m)
         if not vehicle.availability.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
@@ -164,7 +171,7 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
-        """Return the constraints of a flight in the fire as estimated now."""
+        """Return the constraints that apply to a flight in the presently estimated fire."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
             # Plans cover the unit only; flights are monitored from takeoff at home.
@@ -177,7 +184,10 @@ class BurnState:
     def next_plan(
         self, vehicle: Vehicle, fix: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
-        """Plan the next line; return the plan, and the same plan as data to be approved."""
+        """Plan the next line; return the plan twice, as it was found and as data to approve.
+
+        Returns a ``NoPlan`` if no line can be planned.
+        """
         wider = {
             "time_margin_s": self.burn.time_margin_s + SLACK_S,
             "distance_margin_m": self.burn.distance_margin_m + SLACK_M,

@@ -1,4 +1,4 @@
-"""The burn unit: the area to burn, no-drop areas, people, and the geofence of flights."""
+"""The burn unit: the area to burn, no-drop areas, people, and the geofence for flights."""
 
 import hashlib
 import math
@@ -29,7 +29,7 @@ CLEAR_M = 0.01  # added to margins for rounding errors
 
 
 class ExclusionCircle(NamedTuple):
-    """A circle around a person or an object: no drops and no low flight inside."""
+    """A circle around a person or an object, in which drops and low flight are forbidden."""
 
     name: str
     x_m: float
@@ -39,9 +39,9 @@ class ExclusionCircle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurnUnit:
-    """A burn unit in the landscape's metres. Flights stay inside ``fence`` if it is given."""
+    """A burn unit, in the landscape's metres; flights stay inside ``fence`` if it is given."""
 
-    area: BaseGeometry  # Polygon or MultiPolygon, holes are not burned
+    area: BaseGeometry  # Polygon or MultiPolygon, whose holes are not burned
     no_drop: BaseGeometry
     fence: BaseGeometry | None
     people: tuple[ExclusionCircle, ...]
@@ -56,13 +56,13 @@ class BurnUnit:
 
     @cached_property
     def low_graph(self) -> VisibilityGraph:
-        """Return the visibility graph of paths below the safe height."""
+        """Return the visibility graph for paths below the safe height."""
         inside = self.area if self.fence is None else self.area.intersection(self.fence)
         return VisibilityGraph(self._without_people(inside))
 
     @cached_property
     def high_graph(self) -> VisibilityGraph | None:
-        """Return the visibility graph of paths at the safe height; None without a fence."""
+        """Return the visibility graph for paths at the safe height; None without a fence."""
         return None if self.fence is None else VisibilityGraph(self.fence)
 
     def _without_people(self, area: BaseGeometry) -> BaseGeometry:
@@ -72,7 +72,10 @@ class BurnUnit:
         return only_areas(area)
 
     def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Return whether a sphere may fall on each place (n, 2), by distances without buffers."""
+        """Return whether a sphere may fall on each place (n, 2).
+
+        The test computes exact distances, not polygonal buffers.
+        """
         points = shapely.points(np.asarray(places_m, np.float64).reshape(-1, 2))
         good = shapely.covers(self.area, points)
         good &= shapely.distance(self.area.boundary, points) >= self.edge_m
@@ -86,11 +89,11 @@ class BurnUnit:
         return np.asarray(good, np.bool_)
 
     def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
-        """Return the same unit with these people in place of the present ones."""
+        """Return the same unit with other people instead of the present ones."""
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:
-        """Return the SHA-256, in hexadecimal, of all coordinates, people and settings."""
+        """Return the SHA-256 (hexadecimal) of the unit's areas and people and of the settings."""
         sha = hashlib.sha256()
         for shape in (self.area, self.no_drop, self.fence):
             sha.update(b"none" if shape is None else shapely.to_wkb(shape, byte_order=1))
@@ -103,7 +106,10 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """Return a buffer that contains the exact one: its polygonal arcs lie outside the true arcs."""
+    """Return a buffer that contains the exact one, as its polygonal arcs lie outside the true arcs.
+
+    An empty shape, or a distance of 0, is returned unchanged.
+    """
     if shape.is_empty or by_m <= 0.0:
         return shape
     found: BaseGeometry = shape.buffer(by_m / math.cos(math.pi / (4 * ARC)), quad_segs=ARC)
@@ -116,11 +122,13 @@ def burn_unit_of(
     home: tuple[float, float] | None = None,
     corners: Corners | None = None,
 ) -> BurnUnit:
-    """Return the unit of a scenario. ``home`` (lat, lon) is the position of the first takeoff.
+    """Return the burn unit that a scenario describes.
 
-    ``corners`` (lat, lon) replace those of the scenario. Raises MissionServiceError with one line
-    if the unit, its fence or a no-drop area is invalid, if no area remains for drops, or if home
-    is outside the fence.
+    ``home`` (lat, lon) is the position of the first takeoff. ``corners`` (lat, lon) replace the
+    unit in the scenario.
+
+    Raises MissionServiceError with a one-line text if the unit, its fence or a no-drop area is
+    invalid, if no area remains for drops, or if home is outside the fence.
     """
     if corners is None and burn.unit_file is not None:
         area = _areas_of(burn.unit_file, landscape)
@@ -142,7 +150,7 @@ def burn_unit_of(
 
 
 def check_unit(unit: BurnUnit, home_m: tuple[float, float] | None = None) -> None:
-    """Raise MissionServiceError if no area remains for drops, or home is outside the fence."""
+    """Raise MissionServiceError if no area remains for drops, or if home is outside the fence."""
     if unit.fence is not None:
         if home_m is not None and not unit.fence.covers(shapely.Point(home_m)):
             away_m = unit.fence.distance(shapely.Point(home_m))

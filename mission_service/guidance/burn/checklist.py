@@ -1,4 +1,4 @@
-"""GO/NO-GO checklist of a burn (NWCG PMS 515): no flight while an item is open. Pure."""
+"""The GO/NO-GO checklist of a burn (NWCG PMS 515): no flight while an item is open. Pure."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ from mission_service.events import Aborted, AnyEvent, ChecklistAnswered, Resumed
 
 
 class Checklist:
-    """Checklist of a burn. An item is open unless the last answer to it is GO.
+    """The checklist of a burn, in which an item is open unless the last answer to it is GO.
 
-    Answers do not expire. An abort, a restart of the service and ``clear`` (for example after a
-    landing) open all items again.
+    Answers do not expire. An abort, a restart of the service, and ``clear`` (called, for example,
+    after a landing) reset every item.
     """
 
     def __init__(self, items: tuple[str, ...]) -> None:
@@ -18,14 +18,14 @@ class Checklist:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items without a GO, in the order of the list."""
+        """Return the items that are not GO, in the order of the list."""
         return tuple(
             item for item in self.items if item not in self._answers or not self._answers[item].go
         )
 
     @property
     def complete(self) -> bool:
-        """Return whether every item has a GO; a list without items is complete."""
+        """Return whether every item is GO; a list without items is complete."""
         return not self.open_items
 
     def apply(self, event: AnyEvent) -> str | None:
@@ -40,7 +40,7 @@ class Checklist:
         return None
 
     def clear(self, why: str) -> str | None:
-        """Open all items; return a text for the operator if any item had an answer."""
+        """Reset every item; return a text for the operator if any item had an answer."""
         if not self._answers:
             return None
         self._answers.clear()

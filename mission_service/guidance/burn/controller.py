@@ -1,9 +1,13 @@
-"""Guidance of a burn: lines are proposed, approved and flown one by one, with their drops.
+"""Guides the vehicle of a burn: lines are proposed, approved and flown one by one, with drops.
+
+The phases follow each other in this way:
 
 planning --> proposed --approval--> approved --vehicle flies the mission--> flying
 flying --end of the path--> planning; --invalid plan--> climbing --safe height--> planning
-waiting: the next plan needs a request (after an abort or manual control, and at the end).
-The missions contain no drops: the guidance orders each drop while all its conditions are met.
+
+In the phase waiting (after an abort, a rejection or manual control, and at the end) the next plan
+needs a request. Missions contain no drops: the guidance orders each drop when it is due, if all its
+conditions are met.
 """
 
 import math
@@ -86,7 +90,7 @@ WIND_COUNT = 3  # successive measurements that must differ from the planned wind
 
 
 class BurnFlight(Guidance):
-    """Guidance of the one vehicle of a burn."""
+    """The guidance of the only vehicle in a burn."""
 
     def __init__(
         self,
@@ -128,7 +132,7 @@ class BurnFlight(Guidance):
     # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Process a request of an operator."""
+        """Process an operator's request."""
         self.approvals.on_operator_input(event)
         try:
             changed = self.state.fire.apply(event)
@@ -156,7 +160,7 @@ class BurnFlight(Guidance):
                 return self._changed(event.at_us / 1e6) if changed else []
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Process changes of link, mode, position and battery, and results of drops."""
+        """Process a vehicle's event, such as a new mode, a lost link or the result of a drop."""
         self._vehicle = vehicle
         match event:
             case ModeChanged():
@@ -192,7 +196,7 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
-        """Adopt a measured wind after ``WIND_COUNT`` successive differences from the plan."""
+        """Adopt the mean of ``WIND_COUNT`` successive winds that differ from the planned wind."""
         plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
         if plan is None:
             return []
@@ -205,14 +209,14 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
-        """Check the plan after a change of fire, unit or wind; withdraw it if it is invalid."""
+        """Check the plan after the fire, unit or wind has changed; withdraw it if it is invalid."""
         return self._stop_if(self._why_invalid(at_s))
 
     def _stop_if(self, why: str | None) -> list[AnyCommand]:
         return [] if why is None else self._stop(why)
 
     def _why_invalid(self, at_s: float) -> str | None:
-        """Return why the proposed or flown plan is no longer valid; None if it is valid."""
+        """Return why the present plan is no longer valid; None if it is valid or there is none."""
         plan = self.approvals.plan
         if plan is None:
             return None
@@ -222,7 +226,7 @@ class BurnFlight(Guidance):
         return differs or self._danger_ahead(plan, at_s)
 
     def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
-        """Return why the proposed or remaining path is too near to fire; None if it is safe."""
+        """Return why the path that remains must not be flown; None if it is safe."""
         flown, vehicle = self._flown, self._vehicle
         if vehicle is None or vehicle.availability.fix is None or self._found is None:
             return None
@@ -243,7 +247,7 @@ class BurnFlight(Guidance):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Check the approval and the plan, and plan the next line; called with each position."""
+        """Check the approval and the plan, or plan the next line, at each position."""
         fix = vehicle.availability.fix
         if fix is None:
             return []
@@ -264,12 +268,12 @@ class BurnFlight(Guidance):
         return []
 
     def _why_expired(self, at_us: int) -> str | None:
-        """Return why the plan or its approval has expired; None if both are valid."""
+        """Return why the plan or its approval has expired; None if neither has."""
         expired = "the plan has expired" if self.approvals.is_expired(at_us) else None
         return self.approvals.expiry_reason(at_us) or expired
 
     def _check(self, at_s: float) -> str | None:
-        """Check the plan at intervals; return why it is invalid, or None."""
+        """Check the plan if this is due; return why it is invalid, or None."""
         every_s = CHECK_PROPOSED_EVERY_S if self.phase == "proposed" else CHECK_EVERY_S
         if at_s - self._checked_at_s < every_s:
             return None
@@ -321,7 +325,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _plan(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Propose the next line; if no line is possible the vehicle returns home."""
+        """Propose the next line; if no line is possible, an airborne vehicle returns home."""
         airborne = vehicle.availability.airborne
         begin_s = fix.at_s + (BEGINS_IN_AIR_S if airborne else BEGINS_ON_GROUND_S)
         found = self.state.next_plan(vehicle, fix, begin_s)
@@ -339,7 +343,7 @@ class BurnFlight(Guidance):
         return [ProposePlan(self._name, plan, name), *self._announce(words)]
 
     def status(self) -> dict[str, Any]:
-        """Return the state of the burn, for interfaces."""
+        """Return the state of the burn for interfaces."""
         plan, approval = self.approvals.plan, self.approvals.approval
         return {
             "phase": self.phase,
@@ -359,7 +363,7 @@ class BurnFlight(Guidance):
         }
 
     def awaited(self) -> Awaited:
-        """Return the plan that awaits approval, and whether items of the checklist are open."""
+        """Return the plan that awaits approval, if any, and whether checklist items are open."""
         plan = "" if self.approvals.approval is not None else self.approvals.plan_hash
         return Awaited(plan, not self.checklist.complete)
 
@@ -371,14 +375,14 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the path of the approved plan (n, 2): x, y in metres; None if it was sent."""
+        """Return the approved plan's path (n, 2), x and y in metres; None if it has been sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
         return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission of the plan: its path, without drops."""
+        """Return the mission for the approved plan, which contains its path but no drops."""
         assert self._flown is not None
         self._flown.sent = True
         plan, on_ground = self._flown.plan, not vehicle.availability.airborne
@@ -386,11 +390,11 @@ class BurnFlight(Guidance):
         return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
     def in_mission(self, name: str) -> bool:
-        """Return whether the vehicle's mode is the one in which it flies its mission."""
+        """Return whether the vehicle is in the mode in which it flies its mission."""
         return self._mode == "mission"
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Send the approved mission, fly the plan with its drops, or climb to the safe height."""
+        """Return commands to send the approved mission, to drop, or to climb to the safe height."""
         if not self._fix_good:
             return []
         if self.phase == "flying" and self._flown is not None:
@@ -404,7 +408,7 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the climb to the safe height before a return home; None at that height."""
+        """Return the climb to the safe height before a return home; None if it is reached."""
         return None if self._is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
@@ -419,7 +423,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
-        """Order the next drop if its sphere would now hit the target."""
+        """Return the order for a drop that is due now, after warnings about skipped drops."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, fix):
             why_not = due.why_not or self._why_no_drop()
@@ -468,7 +472,7 @@ class BurnFlight(Guidance):
     # End of a plan ----------------------------------------------------------------------------
 
     def _withdraw(self, why: str) -> list[AnyCommand]:
-        """Withdraw the proposed or approved plan."""
+        """Withdraw the proposed or approved plan, if any."""
         name = self.approvals.plan_hash
         self._end_plan()
         if not name:
@@ -483,9 +487,10 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; a vehicle that flies it climbs to the safe height and holds.
+        """Withdraw the plan; an airborne vehicle under it climbs to the safe height and holds.
 
-        With ``always`` an airborne vehicle does so even without a plan.
+        If ``always``, an airborne vehicle climbs and holds even without a plan. ``then`` is the
+        phase after this.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)
@@ -506,7 +511,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return a climb straight up to the safe height, unless under manual control."""
+        """Return a climb straight up to the safe height, unless the vehicle is flown manually."""
         ordered = self._climbed_at_s > -math.inf
         if self._is_high(fix) and (ordered or self.phase != "climbing"):
             if self.phase == "climbing":
@@ -556,14 +561,14 @@ class BurnFlight(Guidance):
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """Return the guidance as that of a burn. Raises MissionServiceError if the run is no burn."""
+    """Return a run's guidance as a ``BurnFlight``. Raises MissionServiceError if it is none."""
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance
 
 
 class Undecided:
-    """A planner without decisions: the vehicle of a burn flies approved plans."""
+    """A planner that decides nothing, because the vehicle of a burn flies approved plans."""
 
     def observe(self, observed: Observed) -> None:
         """Do nothing."""

@@ -1,6 +1,7 @@
-"""Release of a sphere: its predicted impact point, and the decision when to release it.
+"""Predicts the impact point of a sphere, and decides when to release it.
 
-Positions are metres east and north (x, y) in the landscape's CRS; so are wind and velocity in m/s.
+Positions are metres east and north (x, y) in the landscape's CRS. Wind and velocity have the same
+axes and are in m/s.
 """
 
 import math
@@ -9,13 +10,13 @@ from typing import Literal, NamedTuple
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
 SLOW_M_S = 0.5  # at a lower speed the course is undefined
-NEAR_S = 1.0  # flight time to the target within which a release is considered
+NEAR_S = 1.0  # a release is considered within this flight time of the target
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 
 
 class VehicleMotion(NamedTuple):
-    """Position and velocity of a vehicle; ``height_m`` is above the ground at the impact point."""
+    """A vehicle's position and velocity; ``height_m`` is above the ground at the impact point."""
 
     x_m: float
     y_m: float
@@ -26,7 +27,7 @@ class VehicleMotion(NamedTuple):
 
 
 class ImpactPoint(NamedTuple):
-    """The impact point of a sphere, and the time of the impact after the order."""
+    """The impact point of a sphere, and the time from the order to the impact."""
 
     x_m: float
     y_m: float
@@ -36,13 +37,13 @@ class ImpactPoint(NamedTuple):
 def impact_point(
     vehicle: VehicleMotion, wind_m_s: tuple[float, float], terminal_speed_m_s: float, delay_s: float
 ) -> ImpactPoint:
-    """Predict the impact point of a sphere that is ordered now.
+    """Predict the impact point of a sphere whose drop is ordered now.
 
-    ``delay_s`` after the order the sphere leaves the vehicle with the vehicle's velocity. Then
-    gravity g acts, and a drag g (v/vt)^2 against its motion v relative to the wind (east, north),
-    where vt is its terminal speed. This law holds for spheres at Reynolds numbers of 1e4 to 2e5,
-    where the drag coefficient is almost constant. On or below the ground the result is the point of
-    release.
+    The sphere leaves the vehicle ``delay_s`` after the order, with the vehicle's velocity. Then
+    gravity g acts on the sphere, and a drag g (v/vt)^2 against its motion relative to the wind
+    (east, north). Here v is the speed of this motion, and vt is the sphere's terminal speed. This
+    law holds for spheres at Reynolds numbers of 1e4 to 2e5, where the drag coefficient is almost
+    constant. If the release is on or below the ground, the result is the point of release.
     """
     drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
     east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
@@ -72,7 +73,10 @@ Vector = tuple[float, float, float]
 
 
 def _fall_step(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vector, Vector]:
-    """Return displacement and velocity in the air after a step (fourth-order Runge-Kutta)."""
+    """Return the displacement in a step, and the velocity after it (fourth-order Runge-Kutta).
+
+    Both are relative to the wind.
+    """
     half_s = step_s / 2.0
     first = _acceleration(velocity, drag_per_m)
     second_at = _integrated(velocity, first, half_s)
@@ -88,7 +92,7 @@ def _fall_step(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vect
 
 
 def _mean(*stages: Vector) -> Vector:
-    """Return the mean of the four stages of a Runge-Kutta step."""
+    """Return the weighted mean of the four stages of a Runge-Kutta step."""
     x, y, z = ((a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in zip(*stages, strict=True))
     return x, y, z
 
@@ -111,13 +115,15 @@ def release_decision(
     step_s: float,
     max_miss_m: float,
 ) -> ReleaseDecision:
-    """Decide whether to order the release now; ``impact`` is the predicted impact point.
+    """Decide whether to order the release now, given the predicted impact point.
 
     The decision is ``wait`` until the impact point, which moves with the vehicle, is nearest to the
-    target, to half a telemetry step. Then it is ``release``, or ``missed`` if the impact point is
-    farther from the target than ``max_miss_m``. It is also ``wait`` far from the target (more than
-    ``max_miss_m`` and ``NEAR_S`` of flight), since the vehicle may pass it on another leg, and
-    without a course while the impact point is farther away than ``max_miss_m``.
+    target, within half a telemetry step (``step_s``). Then the decision is ``release``, or
+    ``missed`` if the impact point is farther than ``max_miss_m`` from the target.
+
+    The decision is also ``wait`` in two other cases. Farther from the target than ``max_miss_m``
+    plus ``NEAR_S`` of flight, the vehicle may still pass the target on another leg. A vehicle too
+    slow to have a course waits while the impact point is farther than ``max_miss_m``.
     """
     east, north = target_m[0] - impact.x_m, target_m[1] - impact.y_m
     off_m = math.hypot(east, north)

@@ -1,4 +1,4 @@
-"""Due drops of an approved plan, and the reasons to skip a drop."""
+"""Finds the drops of an approved plan that are due, and the reasons to skip them."""
 
 import math
 from collections.abc import Iterator
@@ -19,11 +19,11 @@ from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
 RELEASES_BEFORE_S = 6.0  # earliest time of a drop before its time in the plan
-LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # limits at a drop, of planned height and speed
+LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # limits, as shares of planned height and speed
 
 
 class DueDrop(NamedTuple):
-    """A drop that is due or was missed; ``why_not`` is the reason to skip it, or None."""
+    """A drop that is due or missed; ``why_not`` is the reason to skip it, or None."""
 
     number: int
     target_m: PointXY
@@ -31,12 +31,12 @@ class DueDrop(NamedTuple):
     why_not: str | None
 
     def sphere(self, plan_hash: str, at_us: int) -> Sphere:
-        """Return the drop as an entry of the account."""
+        """Return an entry of the sphere account for this drop."""
         return Sphere(plan_hash, self.number, at_us, self.target_m, self.falls_m)
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
-    """Yield the drops of a plan that have become due, in their order and each once."""
+    """Yield the drops of a plan that have become due, in their order, and each only once."""
     drops, until_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or until_s < drops[flown.next_drop].after_s:
         return

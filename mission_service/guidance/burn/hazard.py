@@ -1,11 +1,12 @@
-"""Danger by fire along a flight: times of ignition on a raster, tested along the legs.
+"""Tests whether fire endangers the legs of a flight, by ignition times on a raster.
 
-A place x is in danger at time t if a place y within reach ignites between t - residence_s and
-t + time_margin_s. The reach is ``distance_margin_m``; where x is downwind of y, it is longer by the
-distance that the wind travels towards x in ``wind_margin_s``. The raster must not miss any fire of
-the simulation. Therefore each cell holds bounds of the times within it, the distance to a cell is
-that to its nearest corner, and each sample of a leg covers, in space and time, the part of the leg
-around it.
+A place x is in danger at time t if a place y within reach of x ignites between t - residence_s and
+t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, the reach is longer by
+the distance that the wind travels towards x in ``wind_margin_s``.
+
+The raster must not miss any fire of the simulation. Therefore each cell holds bounds of the
+ignition times inside it, and distances to a cell count to its nearest point. Each sample of a leg
+covers the part of the leg around it, in space and time.
 """
 
 import math
@@ -29,22 +30,22 @@ from mission_service.guidance.burn.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # of the finer raster for inconclusive results
-# A raster of a unit of 20 acres has cells of about 2.3 m.
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # limits for the finer raster, used after unclear results
+# The raster of a 20-acre unit has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
-LONG_AGO_S = -1e9  # lower bound of times of ignition
+LONG_AGO_S = -1e9  # lower bound of ignition times
 BLOCK = 32  # times are computed in blocks of BLOCK x BLOCK cells
-SPARE_CELLS = 3  # border of a raster beyond the reach, since bounds of times use neighbour cells
+SPARE_CELLS = 3  # border of a raster beyond the reach, because bounds of times use neighbour cells
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Required distances from fire in space and time; ``toward_rad`` is the wind's direction."""
+    """The required distances from fire in space and time."""
 
     time_s: float
     distance_m: float
     wind_m: float  # additional distance straight downwind
-    toward_rad: float  # anticlockwise from east
+    toward_rad: float  # direction the wind blows towards, anticlockwise from east
     residence_s: float
 
     @property
@@ -54,7 +55,7 @@ class Margins:
 
 
 def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Margins:
-    """Return the margins of the settings in a wind."""
+    """Return the margins that the settings require in a wind."""
     return Margins(
         settings.time_margin_s,
         settings.distance_margin_m,
@@ -65,10 +66,10 @@ def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Mar
 
 
 class Hazard:
-    """Bounds of the times of ignition in cells (y, x), row 0 in the north; infinity for never.
+    """The danger by a fire, as bounds of the ignition times in cells (y, x), row 0 in the north.
 
-    A block of cells is evaluated when the first leg comes near it. Places beyond the raster count
-    as in danger.
+    The time of a cell that never ignites is infinite. A block of cells is evaluated when a leg
+    first comes near it. Places beyond the raster count as in danger.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class Hazard:
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
 
     def _evaluate(self, x0_m: float, y0_m: float, x1_m: float, y1_m: float, more_m: float) -> None:
-        """Evaluate the simulation in all blocks near a leg that are not evaluated yet."""
+        """Evaluate the simulation in all blocks near a leg that have not been evaluated yet."""
         around_m = self.margins.reach_m + self.cell_m + more_m
         size_m = BLOCK * self.cell_m
         low_x, high_x = min(x0_m, x1_m) - around_m, max(x0_m, x1_m) + around_m
@@ -111,7 +112,7 @@ class Hazard:
         evaluated[row0:row1, col0:col1] = True
 
     def _fill(self, top: int, bottom: int, left: int, right: int) -> None:
-        """Fill the cells of whole blocks, evaluating a ring of corners around them as well."""
+        """Fill the cells of whole blocks; also evaluate one ring of corners around them."""
         rows = np.arange(max(top - 1, 0), min(bottom + 2, self.at_s.shape[0]))
         cols = np.arange(max(left - 1, 0), min(right + 2, self.at_s.shape[1]))
         nodes = np.empty((rows.size, cols.size, 2))
@@ -138,7 +139,7 @@ class Hazard:
         return self.over(self.box, min(cell_m, self.cell_m))
 
     def over(self, box: Box, cell_m: float) -> "Hazard":
-        """Return the same hazard on a raster of another box."""
+        """Return the same hazard on a raster with another box and cell size."""
         return Hazard(self._fire, self._sources, box, self.margins, cell_m, self._begins_s)
 
     def _raster(self, more_m: float = 0.0) -> tuple[Any, ...]:
@@ -161,8 +162,8 @@ class Hazard:
     ) -> float:
         """Return the smallest time by which a vehicle on a straight leg is ahead of fire in reach.
 
-        The result is infinity without fire and negative where fire burns; less than
-        ``margins.time_s`` is danger. ``more_m`` is added to the distance margin.
+        The result is infinite without fire, and negative where fire burns. A result below
+        ``margins.time_s`` means danger. ``more_m`` is added to the distance margin.
         """
         self._evaluate(x0_m, y0_m, x1_m, y1_m, more_m)
         return float(min_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
@@ -170,7 +171,10 @@ class Hazard:
     def surely_in_danger(
         self, x0_m: float, y0_m: float, t0_s: float, x1_m: float, y1_m: float, t1_s: float
     ) -> bool:
-        """Return whether fire at a cell's corner is too near a leg, on any finer raster as well."""
+        """Return whether fire at a corner of a cell is too near a leg.
+
+        Then the leg is in danger on any finer raster too.
+        """
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)
         leg = (x0_m, y0_m, t0_s, x1_m, y1_m, t1_s)
@@ -179,10 +183,10 @@ class Hazard:
 
 
 def cell_for(box: Box, margins: Margins) -> float:
-    """Return the cell size of a raster for a box and its reach, by the budget of nodes.
+    """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    It is at most the larger of 3 m and a third of the distance margin, which limits the error of
-    the raster of a large unit.
+    The size is at least ``MIN_CELL_M``. It is at most the larger of 3 m and a third of the distance
+    margin, even if this takes more nodes, to limit the raster's error on a large unit.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
@@ -201,20 +205,20 @@ def hazard_of(
     cell_m: float | None = None,
     begins_s: float = LONG_AGO_S,
 ) -> Hazard:
-    """Return the hazard of a fire for all places in a box. No place burns before ``begins_s``.
+    """Return the hazard of a fire for all places in a box; no place burns before ``begins_s``.
 
-    Between the corners of a cell, times are bounded by their gradient around it. These bounds can
-    miss fires smaller than a cell, such as new ones; ``sources_of`` covers them.
+    Between the corners of a cell, ignition times are bounded by their gradient around the cell.
+    These bounds can miss fires smaller than a cell, such as new fires; ``sources_of`` covers them.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
 
 
 def sources_of(fire: Any) -> Floats:
-    """Return the known ignitions (n, 3) of a simulation: x, y, at_s.
+    """Return the known ignitions (n, 3) of a simulation, with x, y and time.
 
-    They are its ``sources``, or those of its component simulations ``fire`` or ``fires``, with the
-    times of the whole simulation.
+    They are the simulation's ``sources``. If it has none, they are the sources of its components
+    (``fire`` or ``fires``), at the ignition times of the whole simulation.
     """
     if hasattr(fire, "sources"):
         return np.asarray(fire.sources, np.float64)

@@ -1,9 +1,10 @@
 """Compiled parts of ``hazard``: bounds of ignition times in cells, and time margins of legs.
 
-Lengths are in metres, times in seconds; ``west``, ``north`` are the outer corner of cell (0, 0).
-Arrays are (y, x), row 0 in the north: ``first``, ``last`` bound the times of ignition within each
-cell; ``at_s``, with one more row and column, are the times at the cells' corners. ``reach`` is the
-distance margin, and (``wx``, ``wy``) the vector that the wind adds to it downwind.
+Lengths are in metres and times in seconds. ``west`` and ``north`` are the coordinates of the outer
+corner of cell (0, 0). Arrays are (y, x), with row 0 in the north. ``first`` and ``last`` bound the
+ignition times inside each cell. ``at_s`` holds the ignition times at the corners of the cells, and
+has one more row and column. ``reach`` is the distance margin, and the vector (``wx``, ``wy``) is
+what the wind adds to it downwind.
 """
 
 import math
@@ -13,7 +14,7 @@ from firemodel.compiled import kernel
 
 @kernel
 def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
-    """Bound the times around sources: a small fire may enter a cell before it reaches a corner."""
+    """Lower the bounds ``first`` around sources, since a small fire may not reach any corner."""
     rows, cols = first.shape
     for number in range(sources.shape[0]):
         col = math.floor((sources[number, 0] - west) / cell)
@@ -28,10 +29,10 @@ def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
 
 @kernel
 def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-untyped-def]
-    """Bound the times in each cell by those at its four corners and the steepest slope near them.
+    """Bound the times in each cell by the times at its corners and the steepest slope near them.
 
-    The bounds include fires lit between corners, and ridges where fires meet: each point of a cell
-    is within half its diagonal of a corner.
+    Each point of a cell is within half a diagonal of a corner. Therefore the bounds also hold for
+    fires lit between corners, and for ridges where fires meet.
     """
     last_row, last_col = at_s.shape[0] - 1, at_s.shape[1] - 1
     for i in range(first.shape[0]):
@@ -59,7 +60,7 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
 
 @kernel
 def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, t1, slack):  # type: ignore[no-untyped-def]
-    """Return the smallest margin of all places within ``slack`` of (x, y) from t0 to t1."""
+    """Return the smallest time margin of all places within ``slack`` of (x, y), from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
     max_m = reach + wind + slack
@@ -73,7 +74,7 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
         for col in range(left, right + 1):
             if last[row, col] <= t0 - residence or first[row, col] - t1 >= min_s:
                 continue
-            # From the centre of the cell, where fire may burn, to the vehicle.
+            # Vector from the centre of the cell, where fire may burn, to the vehicle.
             dx, dy = x - (west + (col + 0.5) * cell), y - (north - (row + 0.5) * cell)
             away = math.hypot(max(abs(dx) - 0.5 * cell, 0.0), max(abs(dy) - 0.5 * cell, 0.0))
             along = wx * dx + wy * dy + wind * about
@@ -90,8 +91,8 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
 def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
-    """Return the smallest margin of a straight leg."""
-    # Vertical legs also have slack, so that a safe leg ends at a safe begin of the next leg.
+    """Return the smallest time margin of a straight leg."""
+    # Vertical legs also have slack, so that the end of a safe leg is a safe begin for the next leg.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     min_s = math.inf
     for number in range(count):
@@ -109,7 +110,7 @@ def min_margin_s(  # type: ignore[no-untyped-def]
 def is_surely_in_danger(  # type: ignore[no-untyped-def]
     at_s, west, north, cell, reach, wx, wy, residence, time, x0, y0, t0, x1, y1, t1
 ):
-    """Return whether fire at a corner of a cell is too near a straight leg."""
+    """Return whether fire at a corner of any cell is too near a straight leg."""
     max_m = reach + math.hypot(wx, wy)
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), math.ceil(t1 - t0), 1)
     for number in range(count + 1):

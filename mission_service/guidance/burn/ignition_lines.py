@@ -1,7 +1,7 @@
-"""Geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
+"""The geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
 
-Coordinates: ``along`` downwind, ``across`` to the left of it, both in metres from the origin of the
-landscape's CRS.
+The coordinate ``along`` points downwind, and ``across`` to the left of it. Both are in metres from
+the origin of the landscape's CRS.
 """
 
 import math
@@ -19,23 +19,26 @@ SLIVER_M2 = 0.01  # smaller parts of a cut area are rounding errors
 
 @dataclass(frozen=True)
 class IgnitionLine:
-    """The line ``along_m`` downwind of the origin; the wind blows ``toward_rad`` (from east)."""
+    """The line across the wind that lies ``along_m`` downwind of the origin.
+
+    The wind blows towards ``toward_rad``, anticlockwise from east.
+    """
 
     toward_rad: float
     along_m: float
 
     @property
     def downwind(self) -> Floats:
-        """Return the unit vector downwind."""
+        """Return the unit vector that points downwind."""
         return np.array([math.cos(self.toward_rad), math.sin(self.toward_rad)])
 
     @property
     def left_unit(self) -> Floats:
-        """Return the unit vector along the line, to the left of an observer who looks downwind."""
+        """Return the unit vector along the line, which points left as seen looking downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def place(self, across_m: Floats) -> Floats:
-        """Return the places (n, 2) on the line at across coordinates (n,)."""
+        """Return the places (n, 2) on the line that have given across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
@@ -45,14 +48,14 @@ class IgnitionLine:
 
 
 def line_across(area: BaseGeometry, toward_rad: float, spacing_m: float) -> IgnitionLine:
-    """Return the line ``spacing_m`` upwind of the most downwind vertex of an area (line 1)."""
+    """Return the line ``spacing_m`` upwind of an area's most downwind vertex (algorithm line 1)."""
     flat = IgnitionLine(toward_rad, 0.0)
     downwind_m = float(np.max(shapely.get_coordinates(area) @ flat.downwind))
     return IgnitionLine(toward_rad, downwind_m - spacing_m)
 
 
 def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
-    """Return the part of an area upwind of a line: a Polygon or MultiPolygon, possibly empty."""
+    """Return the part of an area upwind of a line, as a Polygon (may be empty) or MultiPolygon."""
     if area.is_empty:
         return area
     corners = shapely.get_coordinates(area)
@@ -66,7 +69,7 @@ def upwind_of(area: BaseGeometry, line: IgnitionLine) -> BaseGeometry:
 
 
 def only_areas(shape: BaseGeometry) -> BaseGeometry:
-    """Return the polygons of a geometry, without slivers."""
+    """Return the polygons in a geometry, without slivers."""
     parts = [
         part
         for part in shapely.get_parts(shapely.get_parts(shape))
@@ -78,7 +81,10 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """Return the ends (across) of a line within an area, gaps included; None if it is outside."""
+    """Return the across coordinates of a line's two ends in an area; None if it is outside.
+
+    There may be gaps in the area between the ends.
+    """
     across = line.across(shapely.get_coordinates(area))
     ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
     inside = shapely.LineString(ends).intersection(area)
@@ -95,11 +101,11 @@ def alignment_m(
     area: BaseGeometry,
     near_m: float,
 ) -> float:
-    """Return the across coordinate of the earlier drop closest to the line's centre (line 5).
+    """Return the across coordinate with which one drop of a new line is aligned (algorithm line 5).
 
-    One drop of the new line is aligned with it. Of the earlier drops (n, 2) only the nearest to the
-    remaining area count, and those up to ``near_m`` farther away. Without earlier drops the result
-    is the centre.
+    It is that of the earlier drop closest to the line's centre. Of the earlier drops (n, 2), only
+    the one nearest to ``area`` counts, and those up to ``near_m`` farther away. Without earlier
+    drops the result is the centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):
@@ -114,7 +120,7 @@ def drop_points(
 ) -> Floats:
     """Return places (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
 
-    They are aligned with the across coordinate ``through_m`` (line 6).
+    One place would be at the across coordinate ``through_m`` (algorithm line 6).
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)

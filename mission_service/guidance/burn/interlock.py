@@ -1,7 +1,8 @@
-"""Independent interlock of drops: a second state of the burn, with reasons to refuse a drop.
+"""The independent interlock on drops, which keeps its own state of the burn and refuses drops.
 
-It shares neither state nor decisions with the controller that orders drops, so that a fault of the
-controller does not release the interlock. Missing information is a reason to refuse. Pure.
+The interlock shares neither state nor decisions with the controller that orders drops, so that a
+fault in the controller cannot release the interlock. Missing information is a reason to refuse.
+Pure.
 """
 
 import math
@@ -58,8 +59,8 @@ POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
 GOING_HOME = ("return", "land")  # modes, in the bridge's names
 AIRBORNE_M = 2.0
-# Tolerances of a drop's position and height. They exclude gross errors only: the controller
-# computes the exact impact point (drop_release.py).
+# Tolerances for the position and height of a drop. They exclude gross errors only, since the
+# controller computes the exact impact point (drop_release.py).
 LATE_S = 1.0
 OFF_PATH_M = 5.0
 HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
@@ -70,7 +71,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 @dataclass
 class _Vehicle:
-    """The reported state of a vehicle; unknown after a restart of autopilot or service."""
+    """The state that a vehicle has reported; unknown after a restart of autopilot or service."""
 
     linked: bool = False
     armed: bool = False
@@ -78,7 +79,7 @@ class _Vehicle:
     fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
-    used: int = 0  # spheres ordered of this load
+    used: int = 0  # spheres of this load whose drop was ordered
 
 
 @dataclass
@@ -89,25 +90,27 @@ class _Plan:
     proposed_host_us: int | None = None  # time on the host's clock
     approved: Approved | None = None
     approved_host_us: int | None = None
-    attended_us: int = 0  # last input that shows the presence of an approver
+    attended_us: int = 0  # time of the last input that shows an approver's presence
     attended_host_us: int | None = None
     why_not: str = "it has no approval"
-    over: bool = False  # withdrawn or rejected: can be approved only after a new proposal
+    over: bool = False  # withdrawn or rejected: it can be approved only after a new proposal
 
 
 class Interlock:
-    """Checks each drop immediately before it is sent. Requires all events and commands in order.
+    """The interlock, which checks each drop immediately before it is sent.
 
-    An approval counts only for a proposed plan, from a station of the scenario, with a complete GO
-    list; a NO-GO ends it. It remains valid while its operator, or another with the role approve,
-    gives input at that station. Time limits apply to mission time and to the host's clock.
-    An abort, a restart of service or autopilot, a return home and a landing also end the approval
-    and open the whole list: drops are then refused until all items are GO and a plan is approved
-    again. A drop is allowed once only, whatever its outcome.
+    It must receive all events and commands in order. An approval counts only if the plan was
+    proposed, the station is in the scenario, and the GO list is complete. The approval remains
+    valid while its operator, or another one with the role approve, gives input at that station.
+    Time limits apply both to mission time and to the host's clock. A NO-GO ends the approval.
+
+    An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
+    and reset every item of the GO list. Drops are then refused until all items are GO and a plan is
+    approved again. Each drop is allowed only once, whatever its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
-        """Create an interlock; ``unit`` (lon, lat) is the burn unit if it comes from a file."""
+        """Create an interlock; ``unit`` (lon, lat) is the burn unit if a file defines it."""
         self._burn = burn
         self._stations = {station.name for station in burn.stations}
         self._people: dict[str, Circle] = {
@@ -131,7 +134,7 @@ class Interlock:
     # Inputs --------------------------------------------------------------------------------------
 
     def apply(self, event: AnyEvent) -> None:
-        """Apply an event, before the commands that it caused."""
+        """Update the state from an event; call this before ``on_commands`` with its commands."""
         self._at_us = max(self._at_us, event.at_us)
         if isinstance(event, OperatorEvent):
             self._on_operator(event)
@@ -139,7 +142,10 @@ class Interlock:
             self._on_vehicle(event)
 
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
-        """Apply commands; drops after the call of ``refuses``, whatever its result."""
+        """Update the state from commands.
+
+        A drop must be applied after the call of ``refuses`` for it, whatever the result.
+        """
         for command in commands:
             match command:
                 case ProposePlan():
@@ -204,7 +210,7 @@ class Interlock:
                 vehicle.used = max(0, vehicle.used - 1)
 
     def _forget(self, name: str, linked: bool = False) -> None:
-        """Reset a vehicle's state, except the spheres used, until it is reported again."""
+        """Reset a vehicle's state, except the spheres used, until the vehicle reports it again."""
         self._vehicles[name] = _Vehicle(linked, used=self._vehicles[name].used)
 
     def _mode_changed(self, vehicle: _Vehicle, event: ModeChanged) -> None:
@@ -240,7 +246,7 @@ class Interlock:
             entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
 
     def _end(self, plan_hash: str, why: str) -> None:
-        """End a plan: it cannot be approved any more."""
+        """End a plan, so that it cannot be approved any more."""
         if plan_hash in self._plans:
             entry = self._plans[plan_hash]
             entry.approved, entry.why_not, entry.over = None, why, True
@@ -252,7 +258,7 @@ class Interlock:
                 entry.approved, entry.why_not = None, why
 
     def _restart(self, why: str) -> None:
-        """End all approvals and open the whole GO list."""
+        """End all approvals and reset every item of the GO list."""
         self._go.clear()
         self._void(f"{why}; answer the GO list and approve a plan again")
 
@@ -267,11 +273,11 @@ class Interlock:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items of the GO list without a GO."""
+        """Return the items of the GO list that are not GO."""
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
-        """Return the plans that can be or are approved, the open items and the vehicles."""
+        """Return the approved and approvable plans, the open items, and the states of vehicles."""
         return {
             "plans": [
                 {
@@ -301,7 +307,7 @@ class Interlock:
         }
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Return why a drop must not be sent at ``at_us``; None if it is allowed."""
+        """Return why a drop must not be sent at ``at_us``, or None if it is allowed."""
         name, entry = f"plan {drop.plan_hash[:12]}", self._plans.get(drop.plan_hash)
         if entry is None:
             return f"{name} was never proposed"
@@ -314,7 +320,7 @@ class Interlock:
         )
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
-        """Return whether an item of a mission may switch an output."""
+        """Return whether any item of a mission could switch an output."""
         return has_drop(items)
 
     def _plan_refuses(self, name: str, entry: _Plan, drop: Drop, at_us: int) -> str | None:
@@ -351,7 +357,7 @@ class Interlock:
         return None
 
     def _elapsed_us(self, since_us: int | None) -> float:
-        """Return the elapsed time on the host's clock; infinity if unknown."""
+        """Return the time elapsed on the host's clock since ``since_us``; infinity if unknown."""
         return math.inf if self._host_us is None or since_us is None else self._host_us - since_us
 
     def _vehicle_refuses(self, name: str, at_us: int) -> str | None:
@@ -399,7 +405,7 @@ class Interlock:
         return None
 
     def _reach_m(self, plan: IgnitionPlan) -> float:
-        """Return the largest horizontal distance between release and impact of a sphere."""
+        """Return the largest horizontal distance allowed between a vehicle and its target."""
         fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
         duration_s = self._burn.dropper.delay_s + fall_s + LATE_S
         max_speed_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
@@ -416,14 +422,14 @@ class Interlock:
 
 
 def _shows_presence(event: OperatorEvent, approved: Approved) -> bool:
-    """Return whether an event shows the presence of an approver."""
+    """Return whether an event shows that an approver is present at the approval's station."""
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
     return event.by == approved.by or event.may_approve
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """Return the ground's altitude at a time of a plan's path; None after its end."""
+    """Return the altitude of the ground under a plan's path at a time; None outside its times."""
     for start, end in pairwise(plan.path):
         if start.after_s <= after_s <= end.after_s:
             share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)
@@ -437,7 +443,7 @@ def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:
 
 
 def interlock_of(burn: BurnSection, landscape: Landscape) -> Interlock:
-    """Return the interlock of a burn, with the unit from the scenario or from its file."""
+    """Return the interlock for a burn, with the unit from the scenario or from the unit's file."""
     if burn.unit_file is None:
         return Interlock(burn)
 

@@ -1,4 +1,4 @@
-"""Planning of a flight along an ignition line, with safety checks of all legs and drops."""
+"""Plans a flight along an ignition line, and checks the safety of all legs and drops."""
 
 import math
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
 from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-FireOfSources = Callable[[Floats], Simulation]  # the fire of sources (n, 3) x, y, at_s alone
+FireOfSources = Callable[[Floats], Simulation]  # returns the fire of sources (n, 3) x, y, at_s only
 
 HIGH_M = 1e-6  # tolerance of the safe height
-TOWARDS_M2 = 1e-3  # a leg that approaches a drop by less (times its length) leads away from it
+TOWARDS_M2 = 1e-3  # a leg that approaches a drop by less (times the leg's length) leads away
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # minimum spacing and maximum number of climbs tried on a leg
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
-DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than the error of rasters
+DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than the error of a raster
 ROUNDED_S = 1e-6
 
 
 class FlightPoint(NamedTuple):
-    """A point of a flight: x, y and height above the ground in metres, mission time in seconds."""
+    """A point of a flight: x, y and height above ground in metres, and mission time in seconds."""
 
     x_m: float
     y_m: float
@@ -40,7 +40,7 @@ Route = list[FlightPoint]  # from the vehicle's position, with straight legs
 
 
 def point_on_leg(leg: Leg, part: float) -> FlightPoint:
-    """Return the point on a leg after a part (0 to 1) of its time."""
+    """Return the point on a leg after a share (0 to 1) of its time."""
     begin, end = leg
     return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
@@ -51,7 +51,7 @@ def _box(leg: Leg) -> Box:
 
 
 def _away_m(leg: Leg, places_m: Floats) -> Floats:
-    """Return the distances of places (n, 2) from a leg."""
+    """Return the horizontal distances of places (n, 2) from a leg."""
     begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
     length2 = max(float(step @ step), 1e-12)
     part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
@@ -60,7 +60,7 @@ def _away_m(leg: Leg, places_m: Floats) -> Floats:
 
 
 def fastest_m_s(fire: Simulation) -> float:
-    """Return an upper bound of the rate of spread of an ``EllipseFire``; for others infinity."""
+    """Return an upper bound on the rate of spread of an ``EllipseFire``; infinity for others."""
     spreads = getattr(fire, "spreads", None)
     if not spreads:
         return math.inf
@@ -73,8 +73,8 @@ def fastest_m_s(fire: Simulation) -> float:
 class FlightConstraints:
     """The area, the fire and the settings against which flights are checked.
 
-    ``low`` and ``high`` are the graphs of paths below and at the safe height; the vehicle lands at
-    ``home_m``.
+    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at it.
+    The vehicle lands at ``home_m``.
     """
 
     unit: BurnUnit
@@ -88,7 +88,7 @@ class FlightConstraints:
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
     def fly_to(self, start: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
-        """Return the end of a straight leg, flown at the speeds of the settings."""
+        """Return the end point of a straight leg that is flown at the speeds in the settings."""
         up_m = height_m - start.height_m
         rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
         level_m = math.hypot(x_m - start.x_m, y_m - start.y_m)
@@ -96,13 +96,16 @@ class FlightConstraints:
         return FlightPoint(x_m, y_m, height_m, start.at_s + duration_s)
 
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
-        """Return a route continued at its height through places, the first of which is its end."""
+        """Return a route that continues at its last height through ``places``.
+
+        The first of the places is the end of the given route.
+        """
         for x_m, y_m in places[1:]:
             route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]
         return route
 
     def straight_up(self, start: FlightPoint) -> Route:
-        """Return the route straight up to the safe height."""
+        """Return the route from ``start`` straight up to the safe height."""
         if start.height_m >= self.settings.safe_height_m:
             return [start]
         return [start, self.fly_to(start, start.x_m, start.y_m, self.settings.safe_height_m)]
@@ -110,12 +113,15 @@ class FlightConstraints:
     def high_path(
         self, start: FlightPoint, x_m: float, y_m: float
     ) -> list[tuple[float, float]] | None:
-        """Return the path to (x, y) at the safe height, inside the fence; None without a path."""
+        """Return the path to (x, y) at the safe height and inside the fence, or None."""
         begin, end = (start.x_m, start.y_m), (x_m, y_m)
         return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
 
     def home_s(self, start: FlightPoint) -> float:
-        """Return the time from the safe height to the ground at home; infinity without a path."""
+        """Return the time to fly home from ``start`` and land; infinity without a path.
+
+        ``start`` is at the safe height.
+        """
         path = self.high_path(start, *self.home_m)
         if path is None:
             return math.inf
@@ -125,8 +131,8 @@ class FlightConstraints:
     def margin_s(self, leg: Leg) -> float:
         """Return the time by which a leg is ahead of fire.
 
-        If the raster is inconclusive, a finer one is used. A descent has a larger distance margin,
-        since the next leg must be safe as well.
+        If the raster gives no clear result, a finer raster is used. There a descent has a larger
+        distance margin, because the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf
@@ -145,7 +151,7 @@ class FlightConstraints:
         return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
 
     def _hazard_around(self, point: FlightPoint) -> Hazard:
-        """Return a raster around a point outside the main raster, such as the start."""
+        """Return the hazard on a raster around a point outside the main raster, like the start."""
         key = point[:2]
         if key not in self.places:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
@@ -157,11 +163,12 @@ class FlightConstraints:
 
 
 class SphereFires:
-    """The fires of a flight's own spheres.
+    """The fires that a flight's own spheres light.
 
-    On a leg that approaches any of its drops, or descends from the safe height, they count like
-    other fire, with the time margin. On a leg away from all drops (for example directly after a
-    drop, whose sphere ignites within that margin) only fire that burns within reach is a danger.
+    On a leg that approaches any of the drops, or descends from the safe height, these fires count
+    like other fire, with the time margin. On a leg away from all drops, only fire that burns within
+    reach is a danger. An example is the leg directly after a drop, whose sphere ignites within the
+    time margin.
     """
 
     def __init__(self, air: FlightConstraints) -> None:
@@ -169,12 +176,15 @@ class SphereFires:
         self.sources: Floats = np.empty((0, 3))
 
     def add_drop(self, x_m: float, y_m: float, dropped_s: float) -> None:
-        """Add the fire of a drop."""
+        """Add the fire that a drop lights."""
         ignites_s = dropped_s + self.air.settings.ignition_delay_s
         self.sources = np.concatenate([self.sources, [[x_m, y_m, ignites_s]]])
 
     def approaches(self, leg: Leg) -> bool:
-        """Return whether a leg approaches any drop, so that drops count with the time margin."""
+        """Return whether a leg approaches any drop, so that fires count with the time margin.
+
+        A vertical leg counts as such if it descends.
+        """
         begin, end = leg
         if begin[:2] == end[:2]:
             return end.height_m < begin.height_m
@@ -183,7 +193,10 @@ class SphereFires:
         return bool((towards > TOWARDS_M2 * math.hypot(*step)).any())
 
     def margin_s(self, leg: Leg) -> float:
-        """Return the margin of a leg; infinity or negative if it leads away from all drops."""
+        """Return the time margin of a leg.
+
+        If the leg leads away from all drops, the margin is negative (danger) or infinite.
+        """
         if not len(self.sources) or self.air.is_high(leg):
             return math.inf
         approaches = self.approaches(leg)
@@ -217,7 +230,7 @@ class SphereFires:
         return hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
 
     def burns_by(self, x_m: float, y_m: float, at_s: float) -> bool:
-        """Return whether one of these fires reaches a place by a time."""
+        """Return whether any of these fires reaches a place by the time ``at_s``."""
         if not len(self.sources) or at_s <= self.sources[:, 2].min():
             return False
         fire = self.air.lights(self.sources)
@@ -226,33 +239,34 @@ class SphereFires:
 
 @dataclass(frozen=True, eq=False)
 class LineFlight:
-    """A checked flight; ``why_ended`` is the reason of an early end."""
+    """A checked flight; ``why_ended`` is the reason for an early end ("" without one)."""
 
     route: tuple[FlightPoint, ...]
     drops: Floats  # (m, 3) x, y, at_s
     skipped: Floats  # (k, 2)
     min_margin_s: float
     climbs_first: bool
-    home_s: float  # duration of the return from its end to the ground at home
+    home_s: float  # duration of the return from the flight's end to the ground at home
     why_ended: Literal["", "spheres", "battery"]
 
     @property
     def duration_s(self) -> float:
-        """Return the duration from begin to end."""
+        """Return the duration from the flight's begin to its end."""
         return self.route[-1].at_s - self.route[0].at_s
 
 
 def fly_line(
     air: FlightConstraints, start: FlightPoint, places_m: Floats, spheres: int, battery_s: float
 ) -> LineFlight:
-    """Plan drops at the places (n, 2) in their order, as many as possible, then a climb to hold.
+    """Plan a flight with drops at as many of the places (n, 2) as possible, in their order.
 
-    A place is skipped if it cannot be reached safely, if a drop is not safe at the time of arrival,
-    or if no safe climb leads away from it. The flight ends early if the spheres, or the battery
-    (maximum flight time in seconds, including the return), do not suffice for another drop.
+    The flight ends with a climb to the safe height. A place is skipped if it cannot be reached
+    safely, if a drop is not safe at the time of arrival, or if no safe climb leads away from it.
+    The flight ends early if the spheres or the battery do not suffice for another drop.
+    ``battery_s`` is the maximum flight time, including the return.
     """
     trip = _flight(air, start, places_m, spheres, battery_s, careful=False)
-    # One check of all drops: whether fire of an earlier one reaches a later one before it ignites.
+    # One check of all drops: whether the fire of one drop reaches another before that one ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flight(air, start, places_m, spheres, battery_s, careful=True)
@@ -309,18 +323,18 @@ def _flight(
 
 
 class LineFlightBuilder:
-    """Builds a flight leg by leg, and finds safe routes from its end."""
+    """The builder of a flight, which adds legs and finds safe routes from the flight's end."""
 
     def __init__(self, air: FlightConstraints, start: FlightPoint) -> None:
         self.air, self.settings = air, air.settings
         self.own = SphereFires(air)
         self.route: Route = [start]
-        self.out: Route = []  # from the last drop to the safe height
+        self.out: Route = []  # route from the last drop to the safe height
         self.min_margin_s = math.inf
         self.climbs_first = False
 
     def checked(self, route: Route, own: SphereFires | None = None) -> float | None:
-        """Return the smallest margin of a route; None if it is unsafe."""
+        """Return the smallest time margin of a route, or None if the route is unsafe."""
         min_margin_s = math.inf
         for leg in pairwise(route):
             margin_s = min(self.air.margin_s(leg), (own or self.own).margin_s(leg))
@@ -330,12 +344,12 @@ class LineFlightBuilder:
         return min_margin_s
 
     def add_route(self, route: Route, margin_s: float) -> None:
-        """Append a route that begins at the end of the flight."""
+        """Append a route, with its time margin, that begins at the end of the flight."""
         self.route += route[1:]
         self.min_margin_s = min(self.min_margin_s, margin_s)
 
     def climb_out_of_danger(self) -> None:
-        """Add a climb at the start if the start is in danger."""
+        """Add a climb to the safe height if the start is in danger."""
         start = self.route[0]
         if self.air.margin_s((start, start)) < self.settings.time_margin_s:
             route = self.air.straight_up(start)
@@ -345,8 +359,8 @@ class LineFlightBuilder:
     def towards(self, x_m: float, y_m: float) -> tuple[Route, float] | None:
         """Return the fastest safe route to the drop height at a place, with its margin, or None.
 
-        The route is low (straight, or around areas closed to low flight) or at the safe height. If
-        a climb is not safe at the present position, the route remains low and safe until one is.
+        The route is either low (straight, or around areas closed to low flight) or at the safe
+        height. If a climb is not safe at the present position, the route stays low until it is.
         """
         start = self.route[-1]
         low = self._with_margin(self._low(start, x_m, y_m))
@@ -363,7 +377,10 @@ class LineFlightBuilder:
         return None if route is None or margin_s is None else (route, margin_s)
 
     def _up(self, start: FlightPoint, x_m: float, y_m: float) -> Route | None:
-        """Return a route to the safe height: at once, by the escape, or on the line to (x, y)."""
+        """Return a safe route to the safe height, or None.
+
+        It climbs at once, follows the escape route, or climbs on the straight line to (x, y).
+        """
         for route in (self.air.straight_up(start), self.out):
             if route and route[0] == start and self.checked(route) is not None:
                 return route
@@ -384,9 +401,10 @@ class LineFlightBuilder:
         return None
 
     def escape(self, approach: Route, dropped_s: float) -> tuple[Route, float] | None:
-        """Return a route from a drop to the safe height, safe from the drop's own fire, or None.
+        """Return a safe route from a drop to the safe height, with its margin, or None.
 
-        The route leads straight up, or first a short distance ahead or upwind.
+        The route is also safe from the drop's own fire. It leads straight up, or first a short
+        distance ahead or upwind.
         """
         drop = approach[-1]
         own = SphereFires(self.air)
@@ -412,7 +430,7 @@ class LineFlightBuilder:
         return None
 
     def _level(self, start: FlightPoint) -> Route | None:
-        """Return the route to the drop height; None at the safe height."""
+        """Return the vertical route to the drop height; None at the safe height."""
         if start.height_m >= self.settings.safe_height_m - HIGH_M:
             return None
         if start.height_m == self.settings.drop_height_m:
@@ -420,13 +438,13 @@ class LineFlightBuilder:
         return [start, self.air.fly_to(start, start.x_m, start.y_m, self.settings.drop_height_m)]
 
     def _low(self, start: FlightPoint, x_m: float, y_m: float) -> Route | None:
-        """Return the route to a place at the drop height; None without a low path."""
+        """Return the route to a place at the drop height, or None if there is no low path."""
         level = self._level(start)
         path = self.air.low.shortest_path((start.x_m, start.y_m), (x_m, y_m)) if level else None
         return None if path is None or level is None else self.air.along(level, path)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
-        """Return a route to the safe height continued over a place and down to the drop height."""
+        """Return the route ``up``, continued over a place and down to the drop height, or None."""
         path = self.air.high_path(up[-1], x_m, y_m)
         if path is None:
             return None

@@ -1,13 +1,14 @@
-"""Planning of the next ignition line: algorithm 1 of Beachly et al. (section V), completed.
+"""Plans the next ignition line by algorithm 1 of Beachly et al. (section V).
 
-The paper leaves these points open:
+The paper leaves some points open, which are decided here as follows:
 
-- The burn is complete when no area is left upwind of the next line. A line in a gap between parts
-  of the area is cut off like a line without a safe drop, since area may remain upwind of it.
-- The faster of the two paths is chosen, but only among those with at least ``MIN_DROPS_SHARE`` of
-  the larger number of drops: a gap in a line costs more than a minute.
-- If spheres or battery end a line early, the remaining area does not change: the next plan is for
-  the rest of the same line, since places near earlier drops are excluded.
+- The burn is complete when no area is left upwind of the next line. Area may remain upwind of a
+  line that lies in a gap between parts of the area. Therefore such a line is cut off, in the same
+  way as a line without a safe drop.
+- The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
+  path's drops does not count, because a gap in a line costs more than a minute.
+- If the spheres or the battery end a line early, the remaining area does not change. The next plan
+  is then for the rest of the same line, because places near earlier drops are excluded.
 """
 
 from dataclasses import dataclass
@@ -41,18 +42,18 @@ from mission_service.guidance.burn.line_flight import (
 
 Floats = NDArray[np.float64]
 
-MIN_DROPS_SHARE = 0.9  # a path needs at least this share of the drops of the other path
+MIN_DROPS_SHARE = 0.9  # a path needs at least this share of the other path's drops
 ON_GROUND_M = 1.0
-MAX_LINES = 10_000  # in one burn
+MAX_LINES = 10_000  # maximum number of lines in one burn
 
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """The input of a line's plan, in the landscape's metres and seconds of mission time.
+    """The situation in which a line is planned, in the landscape's metres and mission time.
 
-    ``area`` is the remaining part of the unit; ``dropped_m`` (n, 2) are the previous drops of this
-    burn. ``fire`` is the simulation of all fire, including that of previous drops; ``lights``
-    returns the fire of given sources alone, an EllipseFire of the same spreads.
+    ``area`` is the remaining part of the unit, and ``dropped_m`` (n, 2) holds the previous drops of
+    this burn. ``fire`` simulates all fire, including the fire of previous drops. ``lights`` returns
+    the fire of given sources alone, as an ``EllipseFire`` that spreads in the same way.
     """
 
     unit: BurnUnit
@@ -63,7 +64,7 @@ class Situation:
     at_s: float  # when the plan begins
     x_m: float
     y_m: float
-    height_m: float  # of the vehicle above the ground
+    height_m: float  # the vehicle's height above the ground
     wind_m_s: float
     toward_rad: float  # direction the wind blows towards, anticlockwise from the grid's east
     spheres: int  # on board
@@ -73,31 +74,31 @@ class Situation:
 
 @dataclass(frozen=True, eq=False)
 class LinePlan:
-    """The plan of a line; its times are relative to ``begin_s``.
+    """The plan for a line; its times are relative to ``begin_s``.
 
     ``area_left`` is the area that remains after all drops. ``climbs_first`` means that the vehicle
-    is in danger at its start, and that its first climb is not safe. That climb counts in
-    ``min_time_margin_s``, which is negative in burning places and infinite without fire in reach.
+    is in danger at its start, so that its first climb is not safe. ``min_time_margin_s`` includes
+    that climb; it is negative where fire burns, and infinite without fire in reach.
     """
 
     begin_s: float
-    path: Floats  # (n, 4) x, y, height_m, after_s; the vehicle holds at its end, at the safe height
+    path: Floats  # (n, 4) x, y, height_m, after_s; at its end the vehicle holds at the safe height
     drops: Floats  # (m, 3) x, y, after_s
     skipped: Floats  # (k, 2) places where no drop is safe
     duration_s: float
     min_time_margin_s: float
     area_left: BaseGeometry
     line: IgnitionLine
-    ended: Literal["", "spheres", "battery"]  # reason of an early end
+    ended: Literal["", "spheres", "battery"]  # reason for an early end
     climbs_first: bool
-    home_s: float  # duration of the return from its end, at the safe height
+    home_s: float  # duration of the return home from the path's end, and of the landing
     spheres_left: int
-    lines_cut: int  # number of lines cut off before it, since no drop was safe there
+    lines_cut: int  # number of lines cut off before this one, because no drop was safe there
 
 
 @dataclass(frozen=True, eq=False)
 class NoPlan:
-    """The reason why no line is planned; ``lines_cut`` lines had no safe drop."""
+    """The reason why no line is planned; ``lines_cut`` lines were cut off without a safe drop."""
 
     why: Literal["complete", "spheres", "battery", "danger", "outside"]
     words: str
@@ -105,10 +106,10 @@ class NoPlan:
 
 
 def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
-    """Plan the next line, checked against all fire, including that of its own drops.
+    """Plan the next line, and check it against all fire, including the fire of its own drops.
 
-    Raises MissionServiceError if the drops would exceed the maximum rate, or if the fire simulation
-    returns invalid times.
+    Raises MissionServiceError if drops would follow each other too fast, if the unit needs too many
+    lines, or if the fire simulation returns invalid times.
     """
     _refuse_too_fast(settings)
     start = FlightPoint(situation.x_m, situation.y_m, situation.height_m, situation.at_s)
@@ -151,7 +152,7 @@ def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
 
 
 def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstraints:
-    """Return the constraints of all flights of a situation."""
+    """Return the constraints that apply to every flight in a situation."""
     margins = margins_of(settings, situation.wind_m_s, situation.toward_rad)
     unit = situation.unit
     hazard = hazard_of(situation.fire, unit.area.bounds, margins)
@@ -164,9 +165,10 @@ def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstra
 def drop_orders(
     situation: Situation, settings: BurnSection, area: BaseGeometry, line: IgnitionLine
 ) -> list[Floats]:
-    """Return the drop places (n, 2) of a line in order from each end (lines 5 to 8), or no order.
+    """Return a line's drop places (n, 2) twice, ordered from each end (algorithm lines 5 to 8).
 
-    The nearest next place is always the neighbour, since all places are on one line.
+    The nearest next place is always the neighbour, because all places are on one line. Without a
+    place the list is empty.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:
@@ -184,9 +186,10 @@ def drop_orders(
 
 
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
-    """Return the fastest flight with enough drops, the first of equals; None without any drop.
+    """Return the fastest flight with enough drops, or None if no flight has a drop.
 
-    A flight to the line's end is preferred to one that spheres or battery end.
+    A flight to the line's end is preferred to one that the spheres or the battery end early. Among
+    equal flights the first one is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]

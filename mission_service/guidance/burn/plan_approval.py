@@ -1,4 +1,4 @@
-"""The proposed plan and its approval: approver, station and validity."""
+"""Tracks the proposed plan and its approval: who approved it, where, and until when."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -39,9 +39,9 @@ class PlanApproval:
 
 
 class ApprovalTracker:
-    """Tracks one plan at a time and its approval by the crew.
+    """The tracker of one plan at a time, and of the crew's approval of it.
 
-    A time limit has passed as soon as mission time or the host's clock has passed it.
+    A time limit has passed as soon as either mission time or the host's clock has passed it.
     """
 
     def __init__(self, burn: BurnSection) -> None:
@@ -57,11 +57,14 @@ class ApprovalTracker:
         self._approver_us = self._approver_host_us = 0  # last input of an approver, on both clocks
 
     def host_time(self, event: HostTime) -> None:
-        """Update the time of the host's clock."""
+        """Set the present time on the host's clock."""
         self._host_us = event.monotonic_us
 
     def on_operator_input(self, event: OperatorEvent) -> None:
-        """Record an input as presence if it is an approver's, from the station of the approval."""
+        """Record that an approver is present, if this is an approver's input at the same station.
+
+        The station must be that of the approval.
+        """
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
             return
@@ -69,14 +72,14 @@ class ApprovalTracker:
             self._approver_us, self._approver_host_us = event.at_us, self._host_us
 
     def propose(self, plan: IgnitionPlan) -> str:
-        """Propose a plan in place of any earlier one; return its hash."""
+        """Propose a plan, which replaces any earlier plan; return its hash."""
         self._enter(PlanPhase.PROPOSED)
         self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
         self._proposed_host_us = self._host_us
         return self.plan_hash
 
     def approve(self, event: Approved) -> str | None:
-        """Apply an approval; return why it is rejected, or None."""
+        """Apply an approval; return why it is rejected, or None if it is accepted."""
         if event.station not in self._stations:
             stations = ", ".join(sorted(self._stations))
             return f"{event.station!r} is not a station for approvals ({stations})"
@@ -94,7 +97,7 @@ class ApprovalTracker:
         return None
 
     def is_expired(self, at_us: int) -> bool:
-        """Return whether the proposed plan has expired; False without a plan."""
+        """Return whether the present plan has expired; False without a plan."""
         if self.plan is None:
             return False
         valid_for_us = self.plan.valid_until_us - self.plan.made_at_us
@@ -102,7 +105,7 @@ class ApprovalTracker:
         return at_us > self.plan.valid_until_us or host_us > valid_for_us
 
     def expiry_reason(self, at_us: int) -> str | None:
-        """Return why the approval has expired; None if it is valid, or without an approval."""
+        """Return why the approval has expired; None if it is valid or there is none."""
         approval = self.approval
         if approval is None or self.plan is None:
             return None
@@ -114,7 +117,7 @@ class ApprovalTracker:
         return None
 
     def withdraw(self) -> None:
-        """Withdraw the plan and its approval."""
+        """Withdraw the plan and its approval, if any."""
         if self.plan is not None:
             self._enter(PlanPhase.NONE)
         self.plan, self.plan_hash, self.approval = None, "", None
@@ -123,7 +126,7 @@ class ApprovalTracker:
         enter(self.phases, phase, PLAN_TRANSITIONS, "plan")
 
     def validate_state(self) -> None:
-        """Check the invariants between two events; raises AssertionError. For tests."""
+        """Check the invariants that hold between two events, for tests; raises AssertionError."""
         phase = self.phases[-1]
         assert (self.plan is None) == (phase is PlanPhase.NONE) == (not self.plan_hash), phase
         approval = self.approval

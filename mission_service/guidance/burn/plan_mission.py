@@ -1,4 +1,4 @@
-"""Missions of a multirotor along the path of an ignition plan; they never contain a drop."""
+"""Creates the missions of a multirotor along an ignition plan's path; they contain no drops."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,8 +17,9 @@ from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]
 
-# Commands that affect flight only. Any other command may switch an output: those of servos, relays,
-# grippers, winches, sprayers, cameras, parachutes, auxiliary functions and scripts.
+# Commands that affect only the flight. Any other command may switch an output, for example those
+# for servos, relays, grippers, winches, sprayers, cameras, parachutes, auxiliary functions and
+# scripts.
 FLIES_ONLY = frozenset(
     (
         mavlink.MAV_CMD_NAV_WAYPOINT,
@@ -33,13 +34,13 @@ FLIES_ONLY = frozenset(
     )
 )
 ACCEPTANCE_M = 2.0  # acceptance radius of waypoints; ArduCopter uses its own (WPNAV_RADIUS)
-BAND = 0.2  # a leg is flown between its height above the ground and this share of it higher
+BAND = 0.2  # a leg is flown at its height above the ground, or higher by up to this share of it
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
 
 
 def has_drop(items: Iterable[MissionItem]) -> bool:
-    """Return whether a mission has an item that may switch an output (not in ``FLIES_ONLY``)."""
+    """Return whether a mission has an item outside ``FLIES_ONLY``, which could switch an output."""
     return any(item.command not in FLIES_ONLY for item in items)
 
 
@@ -50,12 +51,12 @@ def mission_items(
     burn: BurnSection,
     from_ground: bool,
 ) -> tuple[MissionItem, ...]:
-    """Return the mission that flies a path, climbs at its end to the safe height and holds there.
+    """Return the mission that flies a path, climbs to the safe height at its end, and holds there.
 
-    Each leg is flown straight, corners are passed within ``ACCEPTANCE_M``. ``from_ground`` adds a
-    takeoff to the safe height at home, where the path begins. ArduCopter climbs and sinks at the
-    rates of the burn; PX4 at those of its parameters MPC_Z_V_AUTO_UP and _DN (3 and 1.5 m/s),
-    which a mission cannot change.
+    Each leg is flown straight. PX4 passes corners within ``ACCEPTANCE_M``, ArduCopter within its
+    own radius. ``from_ground`` adds a takeoff to the safe height at home, where the path begins.
+    ArduCopter climbs and sinks at the rates in the scenario's burn. PX4 uses its parameters
+    MPC_Z_V_AUTO_UP and _DN (3 and 1.5 m/s), which a mission cannot change.
     """
     first, last = path[0], path[-1]
     items = []
@@ -76,10 +77,10 @@ def mission_items(
 
 
 def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
-    """Return the height above home of a safe return: the safe height over the highest ground.
+    """Return the height above home at which a return is safe; None without a burn.
 
-    The ground is that of the rectangle around home and the unit. Returns None without a burn.
-    Raises FireModelError without elevation.
+    It is the safe height above the highest ground in the rectangle around home and the unit.
+    Raises FireModelError if the landscape has no elevation.
     """
     burn = scenario.burn_flown
     if burn is None:
@@ -101,7 +102,7 @@ def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
-    """Return the altitude of the safe height over a point, or of the point if it is higher."""
+    """Return the altitude of the safe height at a point, or the point's own if that is higher."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
 
@@ -109,12 +110,13 @@ def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
 def plan_points(
     path: Floats, landscape: Landscape, above_map_m: float = 0.0
 ) -> tuple[PathPoint, ...]:
-    """Convert a path (n, 4) of x, y, height_m, after_s to points with altitudes.
+    """Convert a path (n, 4) of x, y, height_m and after_s to points with altitudes.
 
-    Between two points the altitude changes linearly and remains within ``BAND`` of the leg's height
-    above the ground. Where the slope changes, a leg is therefore cut into the fewest possible parts
-    (at most ``SAMPLES_A_CELL`` to a cell). ``above_map_m`` is the altitude of the autopilot minus
-    that of the landscape, measured on the ground. Raises FireModelError without elevation.
+    Between two points the altitude changes linearly, and stays within ``BAND`` above the leg's
+    height over the ground. Therefore a leg over uneven ground is cut into the fewest possible
+    parts, at most ``SAMPLES_A_CELL`` per cell. ``above_map_m`` is the autopilot's altitude minus
+    the landscape's, as measured on the ground. Raises FireModelError if the landscape has no
+    elevation.
     """
     ground_m = _ground(path[:1], landscape)[0]
     altitude_m = _middle(ground_m, path[0, 2])
@@ -155,10 +157,10 @@ def _middle(ground_m: float, height_m: float) -> float:
 
 
 def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tuple[int, float]]:
-    """Return corners (sample, altitude) of a line between the lowest and highest altitudes.
+    """Return the corners (sample, altitude) of a line that stays between two altitude profiles.
 
-    The line begins at ``begin_m``, and each leg is as long as one slope allows. If no slope leads
-    to the next sample, the next corner is the middle of the band at that sample.
+    The line begins at ``begin_m``, and each part is as long as one slope allows. If no slope leads
+    to the next sample, the next corner is midway between the two altitudes at that sample.
     """
     corners: list[tuple[int, float]] = []
     at, altitude_m = 0, begin_m

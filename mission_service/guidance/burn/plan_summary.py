@@ -1,4 +1,4 @@
-"""Figures and text about plans and the state of a burn, for crews. Pure."""
+"""Describes plans and the state of a burn to crews, in figures and text. Pure."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ def in_feet(metres: float) -> int:
 
 
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
-    """Describe a plan to its approver, one fact on each line."""
+    """Describe a plan to its approver, in lines with one topic each."""
     skipped = f"; {len(plan.skipped)} places skipped as unsafe" if plan.skipped else ""
     altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
     low_m, high_m, margin_m = min(altitudes_m), max(altitudes_m), plan.distance_margin_m
@@ -36,7 +36,7 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """Describe the state of a burn from the control socket's reply, one fact on each line."""
+    """Describe the state of a burn in a control socket's reply, in lines with one topic each."""
     phase, at_us = status["guidance"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]
@@ -78,6 +78,6 @@ def _describe_vehicle(vehicle: dict[str, Any]) -> str:
 
 
 def _clock(at_us: int) -> str:
-    """Return mission time as h:mm:ss."""
+    """Return a mission time as h:mm:ss."""
     seconds = at_us // 1_000_000
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"

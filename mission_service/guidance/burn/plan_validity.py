@@ -1,4 +1,4 @@
-"""Validity of an earlier plan in the present fire, unit and wind."""
+"""Checks whether an earlier plan is still valid in the present fire, unit and wind."""
 
 import math
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ def plan_problem(
 ) -> str:
     """Return why the rest of a plan after ``flown_s`` must not be flown; "" if it is valid.
 
-    The rest begins at ``situation.at_s``, in the wind and unit of the situation. Its fire must not
-    contain the drops of this plan, which are added at the times of the plan.
+    The rest begins at ``situation.at_s``, in the situation's wind and unit. The situation's fire
+    must not contain the drops of this plan; they are added at their times in the plan.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -48,7 +48,7 @@ def plan_problem(
         problem = _airspace_problem(air, rest, places[0])
         if problem:
             return f"{problem} {after_s:.0f} s after the begin"
-        # The margin is that of the whole leg, as in planning, or of its rest if that is larger.
+        # The margin is that of the whole leg, as in planning, or of the leg's rest if larger.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -66,7 +66,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
 
 
 def _later(leg: Leg, at_s: float) -> FlightPoint:
-    """Return the point on a leg at a time, but not before its begin."""
+    """Return the point on a leg at the time ``at_s``, or its begin if that is later."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
@@ -110,11 +110,11 @@ def _load_problem(
 SAME_PLACE_M = 0.05
 MIN_DRIFT_M = 0.2  # smaller drifts are ignored
 CALM_M_S = 1.0  # the direction of a weaker wind is ignored
-WindFrom = tuple[float, float]  # speed in m/s, direction it blows from in degrees true
+WindFrom = tuple[float, float]  # speed in m/s; direction it blows from, degrees from true north
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Describe a wind that differs too much from the planned one; None if it does not."""
+    """Return how a wind differs too much from the planned wind, or None if it does not."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
@@ -128,17 +128,18 @@ def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str |
 
 
 def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
-    """Return the vector mean of winds."""
+    """Return the vector mean of several winds."""
     east = sum(speed * math.sin(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
     north = sum(speed * math.cos(math.radians(from_deg)) for speed, from_deg in winds) / len(winds)
     return math.hypot(east, north), math.degrees(math.atan2(east, north)) % 360.0
 
 
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
-    """Return the plan with its path moved against the drift of a sphere from the drop height.
+    """Return the plan with its path moved upwind by the drift of a falling sphere.
 
-    Points above the begin are not moved. If the moved path is invalid (out of the unit, too near
-    to fire) the plan is returned unchanged: its spheres miss their targets or are skipped.
+    The drift is that from the drop height. Points above the path's begin are not moved. If the
+    moved path is invalid, for example outside the unit or too near to fire, the plan is returned
+    unchanged; its spheres then miss their targets or are skipped.
     """
     speed_m_s, toward_rad, dropper = situation.wind_m_s, situation.toward_rad, burn.dropper
     wind = (float(speed_m_s * np.cos(toward_rad)), float(speed_m_s * np.sin(toward_rad)))

@@ -1,4 +1,4 @@
-"""Operators' requests for a prescribed burn. Pure."""
+"""The requests of operators for a prescribed burn. Pure."""
 
 from typing import Annotated, ClassVar
 
@@ -25,7 +25,7 @@ Spacing = Annotated[Annotated[float, Meta(ge=1, le=1000)] | None, Meta(descripti
 
 
 class BurnRequest(Request, frozen=True):
-    """A request for the role that approves drops, which also sets people, unit and GO items."""
+    """A request about a burn; by default it needs the role that approves drops."""
 
     role: ClassVar[Role] = "approve"
     path = "/burn/{do}"
@@ -74,7 +74,7 @@ class Go(BurnRequest, frozen=True):
     item: Item
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Return a ``ChecklistAnswered``."""
+        """Return a ``ChecklistAnswered`` event."""
         return events.ChecklistAnswered(*self.user(at_us), self.item, self.go)
 
 
@@ -97,7 +97,7 @@ class Person(BurnRequest, frozen=True):
     radius_m: Annotated[Radius, Meta(description="To be kept clear; 0: has left.")]
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Return a ``PersonReported``."""
+        """Return a ``PersonReported`` event."""
         place = (self.lat_deg, self.lon_deg)
         return events.PersonReported(*self.user(at_us), self.name.strip(), *place, self.radius_m)
 
@@ -111,7 +111,7 @@ class Unit(BurnRequest, frozen=True):
     points: Places
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Return a ``BurnUnitSet``. Raises RequestError if the corners form no polygon."""
+        """Return a ``BurnUnitSet`` event. Raises RequestError if the corners form no polygon."""
         refuse_no_polygon("unit", self.points)
         return super().event(at_us)
 

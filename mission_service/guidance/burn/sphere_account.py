@@ -1,4 +1,4 @@
-"""Account of the ignition spheres: outcomes of drops, and distances from their targets."""
+"""The account of the ignition spheres: outcomes of drops, and distances from their targets."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ PointXY = tuple[float, float]
 
 @dataclass(slots=True)
 class Sphere:
-    """A sphere of an ordered drop. ``outcome`` is ordered, done, unknown or refused."""
+    """The sphere of an ordered drop; ``outcome`` is ordered, done, unknown or refused."""
 
     plan_hash: str
     number: int
@@ -21,17 +21,20 @@ class Sphere:
 
     @property
     def max_miss_m(self) -> float:
-        """Return the distance between target and predicted impact."""
+        """Return the distance between the target and the predicted impact point."""
         return math.dist(self.target_m, self.falls_m)
 
     @property
     def counts(self) -> bool:
-        """Return whether the sphere counts as dropped: all except refused ones do."""
+        """Return whether the sphere counts as dropped, as all spheres except refused ones do."""
         return self.outcome != "refused"
 
 
 class SphereAccount:
-    """All spheres of a burn, in the order of the drops; ``loaded`` are on board at the start."""
+    """The account of all spheres of a burn, in the order of their drops.
+
+    ``loaded`` is the number of spheres on board at the start.
+    """
 
     def __init__(self, loaded: int) -> None:
         self.spheres: list[Sphere] = []
@@ -57,7 +60,7 @@ class SphereAccount:
         return None
 
     def of_plan(self, plan_hash: str) -> list[Sphere]:
-        """Return the spheres of one plan that count as dropped."""
+        """Return the spheres dropped under one plan, including those with an unknown outcome."""
         return [each for each in self.spheres if each.plan_hash == plan_hash and each.counts]
 
     def fallen_m(self) -> list[PointXY]:

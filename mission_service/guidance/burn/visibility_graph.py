@@ -1,4 +1,4 @@
-"""Shortest paths inside an area, over the visibility graph of its corners."""
+"""Finds shortest paths inside an area by the visibility graph of its corners."""
 
 import heapq
 import math
@@ -11,11 +11,14 @@ from shapely.geometry.base import BaseGeometry
 Floats = NDArray[np.float64]
 Vertex = tuple[float, float]
 
-CLEAR_M = 1.0  # distance of paths from corners if the area is wide enough
+CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
 
 
 class VisibilityGraph:
-    """Shortest paths inside ``area``; the graph of its corners is built at the first use."""
+    """The visibility graph of an area's corners, for shortest paths inside the area.
+
+    The graph is built when it is first used.
+    """
 
     def __init__(self, area: BaseGeometry) -> None:
         self.area = area
@@ -30,7 +33,7 @@ class VisibilityGraph:
         return bool(self.area.covers(shapely.LineString([begin, end])))
 
     def shortest_path(self, begin: Vertex, end: Vertex) -> list[Vertex] | None:
-        """Return the points of the shortest path from ``begin`` to ``end``; None without a path."""
+        """Return the points of the shortest path from ``begin`` to ``end``, or None."""
         if self.is_straight_clear(begin, end):
             return [begin, end]
         if not self.area.covers(shapely.MultiPoint([begin, end])):
@@ -72,7 +75,7 @@ class VisibilityGraph:
         return self._corners, self._lengths
 
     def _visible_m(self, place: Vertex, corners: Floats) -> Floats:
-        """Return the distances of the corners visible from a place; infinity for the others."""
+        """Return the distances from a place to the corners; infinity to hidden corners."""
         ends = np.empty((len(corners), 2, 2))
         ends[:, 0], ends[:, 1] = place, corners
         inside = shapely.covers(self.area, shapely.linestrings(ends))
@@ -80,7 +83,7 @@ class VisibilityGraph:
 
 
 def _bends(area: BaseGeometry) -> Floats:
-    """Return the corners (n, 2) that point into the area: a shortest path bends only at these."""
+    """Return the corners (n, 2) that point into the area; shortest paths bend only at these."""
     found = []
     # ``normalize`` orients outlines clockwise and holes anticlockwise.
     for ring in shapely.get_rings(shapely.get_parts(shapely.normalize(area))):

@@ -1,4 +1,4 @@
-"""Compilation of the kernels of a burn before flight."""
+"""Compiles the kernels for a burn before flight."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -7,6 +7,6 @@ from mission_service.guidance.burn.preview import situation_of
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Plan one line, so that kernels are compiled before flight and not during operation."""
+    """Plan one line, so that the kernels are compiled before flight and not during it."""
     assert scenario.burn is not None
     next_line(situation_of(scenario, scenario.burn, landscape), scenario.burn)

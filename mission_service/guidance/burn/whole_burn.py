@@ -1,4 +1,4 @@
-"""Simulation of a burn from begin to end: all lines in order, loads, times, resulting fire."""
+"""Simulates a burn from begin to end, with all lines in order, loads, times, and the fire."""
 
 import math
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from mission_service.guidance.burn.line_planner import (
 
 Floats = NDArray[np.float64]
 
-MAX_ROUNDS = 2_000  # sum of lines, reloads and waits
-WAIT_S, MAX_WAITS = 60.0, 60  # duration and number of waits until fire near home has burned out
+MAX_ROUNDS = 2_000  # maximum number of lines, reloads and waits together
+WAIT_S, MAX_WAITS = 60.0, 60  # duration and maximum number of waits for fire near home to burn out
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Settings and wind on which the figures depend."""
+    """The settings and the wind on which the figures depend."""
 
     ignition_delay_s: float
     spheres_a_load: int
@@ -50,7 +50,7 @@ class Assumptions:
 
 @dataclass(frozen=True, eq=False)
 class BurnLine:
-    """A line, or the part of it for which one load suffices."""
+    """A line, or a part of a line that is ignited with one load."""
 
     number: int  # from 1
     load: int  # from 1
@@ -64,7 +64,7 @@ class BurnLine:
 
 @dataclass(frozen=True, eq=False)
 class WholeBurn:
-    """A whole burn. ``ended`` is the reason of its end; ``end_s`` the time of the last landing."""
+    """A whole burn; ``ended`` is the reason for its end, ``end_s`` the time of the last landing."""
 
     lines: tuple[BurnLine, ...]
     loads: int
@@ -77,13 +77,13 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires combined: a point ignites at the earliest time of all fires."""
+    """Several fires combined, where each point ignites at its earliest time in any of them."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return times of ignition (n,) of points (n, 2) x, y in metres; infinity for never."""
+        """Return the ignition times (n,) of points (n, 2; x, y in metres); infinity for never."""
         found: Floats = np.min([fire.ignition_time_s(points_m) for fire in self.fires], axis=0)
         return found
 
@@ -91,9 +91,9 @@ class CombinedFires:
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
     """Plan all lines from a situation until none is left, each ``pause_s`` after the last one.
 
-    If spheres or battery do not suffice for the rest of a line, and are not full, the vehicle
-    reloads before it begins that line. A reload is a return home at the safe height, ``reload_s``
-    on the ground, and a takeoff at home.
+    If the spheres or the battery do not suffice for the rest of a line, and are not full, the
+    vehicle reloads before it begins that line. For a reload it returns home at the safe height,
+    spends ``reload_s`` on the ground, and takes off at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))
@@ -107,7 +107,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
             now, load, fresh = _reloaded(now, settings), load + 1, True
             continue
         if isinstance(plan, NoPlan):
-            # Fire near home, for example of the burn's own spheres, burns out.
+            # Wait until fire near home, for example that of the burn's own spheres, burns out.
             if plan.why == "danger" and waits < MAX_WAITS:
                 now, waits = replace(now, at_s=now.at_s + WAIT_S), waits + 1
                 continue
@@ -147,7 +147,7 @@ def _after(now: Situation, plan: LinePlan, fire: Simulation, pause_s: float) -> 
 
 
 def _return_s(now: Situation, settings: BurnSection) -> float:
-    """Return the duration of the return home."""
+    """Return the duration of a return home; 0 for a vehicle on the ground at home."""
     if now.height_m <= 0.0 and (now.x_m, now.y_m) == now.home_m:
         return 0.0
     start = FlightPoint(now.x_m, now.y_m, now.height_m, now.at_s)

@@ -1,1 +1,1 @@
-"""One vehicle along the fire front."""
+"""The guidance of vehicles that fly along a fire front, each with its own planner."""

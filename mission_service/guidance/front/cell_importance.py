@@ -1,7 +1,7 @@
-"""Importance of front cells and of the two planning windows (Islam & Hu, section III).
+"""The importance of front cells and of the two planning windows (Islam & Hu, section III).
 
-Rings are arrays over the cells of the perimeter. Index 0 is the cell of the UAS; the index grows
-against the flying direction and ends with the cell ahead of the UAS (section III.B).
+A ring is an array with one value for each cell of the perimeter. Index 0 is the cell of the UAS.
+The index grows against the flying direction and ends at the cell ahead of the UAS (section III.B).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
-    """Return eq. 7: spread rates with their heterogeneity scaled by ``alpha`` (>= 0)."""
+    """Return the spread rates after scaling their heterogeneity by ``alpha`` >= 0 (eq. 7)."""
     if not spread_rate.size:  # a front within one cell
         return spread_rate
     lowest = spread_rate.min()
@@ -22,14 +22,15 @@ def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
 
 
 def cell_importance(spread_rate: Floats, since_visit_s: Floats, to_cell_s: Floats) -> Floats:
-    """Return eq. 4: the spread expected between the last and the next visit of each cell."""
+    """Return the spread expected between the last and the next visit to each cell (eq. 4)."""
     return spread_rate * since_visit_s + spread_rate * to_cell_s
 
 
 def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
-    """Return eq. 3 on a ring: time to each cell, backwards in the back half, else forwards.
+    """Return the flight time to each cell of a ring (eq. 3).
 
-    ``step_m[i]`` is the distance from cell i to cell i + 1 (the last one closes the ring).
+    The vehicle flies backwards to the cells in the back half, and forwards to the others.
+    ``step_m[i]`` is the distance from cell i to cell i + 1; the last step closes the ring.
     """
     behind_m = np.concatenate([[0.0], np.cumsum(step_m)])
     length_m = behind_m[-1]
@@ -40,7 +41,10 @@ def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
 
 
 def window_importance(importance: Floats) -> tuple[float, float]:
-    """Return eqs. 5 and 6: (back, front), the sums over the first and second half of the ring."""
+    """Return the importance of the back window (eq. 5) and of the front window (eq. 6).
+
+    They are the sums over the first and the second half of the ring.
+    """
     half = importance.size // 2
     return float(importance[:half].sum()), float(importance[half:].sum())
 
@@ -48,6 +52,6 @@ def window_importance(importance: Floats) -> tuple[float, float]:
 def ring_importance(
     spread_rate: Floats, since_visit_s: Floats, step_m: Floats, speed_m_s: float, alpha: float
 ) -> Floats:
-    """Return the importance of each cell of a ring by listing 3, to be summed by halves."""
+    """Return the importance of each cell of a ring (listing 3), for ``window_importance``."""
     rate = adjusted_spread_rate(spread_rate, alpha)
     return cell_importance(rate, since_visit_s, time_to_cells_s(step_m, speed_m_s))

@@ -1,4 +1,4 @@
-"""Flight along a front by a rolling mission, renewed when its path is outdated."""
+"""Guides vehicles along a front by rolling missions, each renewed when its path is outdated."""
 
 from collections.abc import Mapping
 
@@ -37,7 +37,10 @@ Floats = NDArray[np.float64]
 
 
 class FrontFlight(Guidance):
-    """Commands each vehicle by its planner; ``planners`` by vehicle name."""
+    """The guidance along a front, which commands each vehicle by its planner.
+
+    ``planners`` maps each vehicle's name to its planner.
+    """
 
     planners: Mapping[str, Planner]
 
@@ -62,7 +65,7 @@ class FrontFlight(Guidance):
         )
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Record corrections of the fire, after which missions may be renewed."""
+        """Record a correction of the fire, after which missions may be renewed."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         return []
@@ -86,13 +89,13 @@ class FrontFlight(Guidance):
         return commands
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to the reported fire, on which the camera finds the front."""
+        """Return the path to the reported fire, along which the camera finds the front."""
         return approach_path(self.scenario, self.landscape, (fix.x_m, fix.y_m))
 
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Announce a new phase, a decision, and advice on the size of a team."""
+        """Return announcements of a new phase, a decision, and advice on the size of a team."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -106,7 +109,7 @@ class FrontFlight(Guidance):
         return commands
 
     def _advise(self, vehicle: Vehicle, planner: Planner, at_s: float) -> list[AnyCommand]:
-        """Report changed advice on the team's size."""
+        """Return an announcement if the advice on the team's size has changed."""
         if not isinstance(planner, TeamMember):
             return []
         team = planner.team
@@ -121,7 +124,7 @@ class FrontFlight(Guidance):
     def after(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Record missions sent; report parts of the front that are left or monitored again."""
+        """Record the missions sent; report parts of the front that are left or monitored again."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)
@@ -135,7 +138,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return commands to give way, or to renew the mission if that is due."""
+        """Return the commands to give way, or to renew the mission if that is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         commands = self._give_way(vehicle, fix)
@@ -144,7 +147,7 @@ class FrontFlight(Guidance):
         return self._follow(vehicle, fix) if self._renewal.to_be_checked(vehicle, fix) else []
 
     def _give_way(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return commands to move aside and hold there; None when the path is clear."""
+        """Return the commands to move aside and hold there, or None if the path is clear."""
         waiting = self.traffic.gave_way_to(vehicle.name)
         other = self.traffic.give_way_to(vehicle.name)
         if other is None:
@@ -157,7 +160,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Renew the rolling mission when its path is outdated."""
+        """Return the upload of a new rolling mission if the path of the present one is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)
@@ -173,7 +176,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, without side effects."""
+        """Return the mission that a renewal would send now, or None. This changes no state."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, fix), fix)
@@ -181,7 +184,7 @@ class FrontFlight(Guidance):
         return None if path is None else self.items(vehicle, path, fix)
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
-        """Return the importances of the front's cells; None before the phase ``monitor``."""
+        """Return the importance of each cell of the front; None before the phase ``monitor``."""
         planner = self.planners[name]
         if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
             return None
@@ -202,7 +205,7 @@ class FrontFlight(Guidance):
         return self._missions.upload(vehicle, path, items, fix, why, keeps_apart)
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission along a path, above those of vehicles in lower layers."""
+        """Return the mission along a path, above the missions of vehicles in lower layers."""
         return mission_along(
             path_m,
             self.planners[vehicle.name].clockwise,
@@ -216,11 +219,11 @@ class FrontFlight(Guidance):
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
-    """Return whether the autopilot is still taking off, which a new mission would abort.
+    """Return whether the vehicle is still in its takeoff, which a new mission would abort.
 
-    A new mission ends the takeoff at any height: ArduPlane then climbs at 1 to 4 m/s instead of 10,
-    and a PX4 plane shortly after takeoff sinks to the ground (observed in flight). The takeoff has
-    ended when the next item is current.
+    A new mission ends the takeoff at any height. ArduPlane then climbs at 1 to 4 m/s instead of 10;
+    a PX4 plane sinks to the ground if this happens shortly after takeoff (observed in flight). The
+    takeoff has ended when the next mission item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 

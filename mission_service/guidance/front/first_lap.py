@@ -1,4 +1,4 @@
-"""The first lap around a fire, and the map rebuilt around the fire's centre at its end."""
+"""The first lap around a fire, at whose end the map is rebuilt around the fire's centre."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,20 +11,23 @@ from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
-MAX_SEEN = 10_000  # stored windows of a lap: 20 minutes of four cameras, about 4 MB
+MAX_SEEN = 10_000  # windows stored in a lap: 20 minutes of views by four cameras, about 4 MB
 
 CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
 
 
 @dataclass(slots=True)
 class LapProgress:
-    """Degrees that a vehicle has flown around the map's centre, in its flying direction."""
+    """The degrees that a vehicle has flown around the map's centre, in its flying direction."""
 
     bearing_deg: float | None = None  # of the vehicle, at the last update
     swept_deg: float = 0.0
 
     def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
-        """Set the bearing; ``counts`` adds to the lap. Returns whether a lap is complete."""
+        """Set the bearing; return whether the lap is complete.
+
+        The angle since the last bearing is added to the lap only if ``counts``.
+        """
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
         self.bearing_deg = bearing_deg
@@ -32,12 +35,12 @@ class LapProgress:
 
 
 def view_of(observed: Observed) -> CameraView:
-    """Return the window of an observation."""
+    """Return the camera window in an observation."""
     return observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:
-    """Add a view to those of a lap; at ``MAX_SEEN`` every second view is deleted before."""
+    """Add a view to a lap's views; if there are ``MAX_SEEN``, first delete every second view."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
@@ -48,7 +51,7 @@ def recentred_map(
 ) -> tuple[FireMap, NDArray[np.bool_]]:
     """Return a map of the same views around the fire's centre of area, for an unknown ignition.
 
-    The second result is the bearings (360) of the last view.
+    The second result tells which bearings (360) the last view showed.
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)

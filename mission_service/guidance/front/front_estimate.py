@@ -1,17 +1,19 @@
-"""An estimate of the fire front on 360 bearings, which also advances out of view.
+"""Estimates the fire front on 360 bearings, and advances the estimate where the front is unseen.
 
 Each bearing has the distance of the front, the time of the last view, and a factor: the measured
-rate of spread over the rate of the fire model. A front in view is set to the observation; out of
-view it advances at the model's rate, under the wind that the vehicle measures, times the factor. A
-Kalman filter estimates the factors of 72 sectors, which are correlated with their neighbours and,
-less, with all: the advance between two views is the factor times the modelled advance, plus the
-noise of a front that moves in whole cells. A view seconds after another one therefore changes the
-estimate little, a view after half an hour changes it much.
+rate of spread divided by the rate of the fire model. Where the front is in view, the estimate is
+set to the observation. Out of view, it advances at the model's rate (under the wind that the
+vehicle measures) times the factor.
 
-Without a landscape, or before a wind is measured, the model is an even spread, and the factor
-becomes the measured rate of spread. The simulated fire is not an input.
+A Kalman filter estimates the factors of 72 sectors. Each factor is correlated with its neighbours
+and, less strongly, with all others. The filter assumes that the advance between two views is the
+factor times the modelled advance, plus the noise of a front that moves in whole cells. Therefore a
+view changes the estimate little a few seconds after another view, and much after half an hour.
 
-Distances are in cells from the centre, times in seconds of mission time.
+Without a landscape, or before a wind is measured, the model is an even spread; the factor then
+represents the measured rate of spread. The simulated fire is not an input.
+
+Distances are in cells from the centre, and times in seconds of mission time.
 """
 
 import math
@@ -43,32 +45,32 @@ SECTORS = BEARINGS // PER_SECTOR
 LONGEST_STEP_S = 60.0
 EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
 
-# Standard deviations of the factor: common to all sectors, and of single sectors; the correlation
-# length of the latter; the random walk of both.
+# Standard deviations of the part of the factor that all sectors share, and of each sector's own
+# part; the correlation length of the latter; the random walk of both.
 COMMON, LOCAL = 0.25, 0.25
 ALIKE_DEG = 20.0
 DRIFT_PER_SQRT_H = 0.15
 FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
-UNMODELLED = 4.0  # factor of these standard deviations without a model
-# The wind is averaged over the longer time, or over the shorter time if both means differ by more
-# than the noise (m/s, and a share of the speed).
+UNMODELLED = 4.0  # without a model, these standard deviations are multiplied by this
+# The wind is averaged over the longer time, or over the shorter time if the two means differ by
+# more than the noise (m/s, plus a share of the speed).
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
-WITHIN_CELLS = 1.5  # maximum distance of burned and unburned ground with the front between them
+WITHIN_CELLS = 1.5  # maximum distance between burned and unburned ground around the front
 BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 UNSEEN_ALIKE_DEG = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrontModel:
-    """The fire model on board: rates of spread of fronts on a landscape under a given wind."""
+    """The fire model on board, for rates of spread on a landscape under a given wind."""
 
     rates: FrontRates
     landscape: Landscape
 
 
 def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
-    """Return the distance in cells from a place to the edge of the grid on all bearings."""
+    """Return the distance in cells from ``centre`` to the edge of the grid on each bearing."""
     with np.errstate(divide="ignore"):
         rows = np.where(NORTH > 0, centre[0], shape[0] - 1 - centre[0]) / np.abs(NORTH)
         cols = np.where(EAST > 0, shape[1] - 1 - centre[1], centre[1]) / np.abs(EAST)
@@ -76,7 +78,10 @@ def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Flo
 
 
 class FrontEstimate:
-    """State of the estimated front; arrays (360) by whole-degree bearing, (72) by sector."""
+    """The estimated front.
+
+    An array has either 360 elements, one per whole-degree bearing, or 72 elements, one per sector.
+    """
 
     def __init__(
         self,
@@ -108,16 +113,16 @@ class FrontEstimate:
 
     @property
     def modelled(self) -> bool:
-        """Whether the fire model advances the front, and not only measured rates."""
+        """Whether the fire model advances the front, and not measured rates alone."""
         return self.model is not None and self.wind_m_s is not None
 
     def _reset_factors(self) -> None:
-        """Set factors and covariance to their values before the first view."""
+        """Set the factors and their covariance to the values before the first view."""
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
         self._anchor_fuel = self._fuel_at(self.front)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
-        self._unseen = np.zeros(BEARINGS)  # the same since the last view
+        self._unseen = np.zeros(BEARINGS)  # advance since the last view with a factor of 1
         scale = 1.0 if self.modelled else UNMODELLED
         apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
@@ -126,7 +131,7 @@ class FrontEstimate:
         self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
-        """Return the fuel under a front; 0 everywhere without a landscape."""
+        """Return the fuel model under a front on each bearing; 0 without a landscape."""
         if self.model is None:
             return np.zeros(BEARINGS, np.int16)
         rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
@@ -137,7 +142,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """Return an estimate around another centre, with the same model and wind, without views."""
+        """Return an estimate around another centre that keeps the model and wind, but no views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -146,9 +151,11 @@ class FrontEstimate:
         return renewed
 
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a measured wind (at 20 ft, from true north) to the mean over a quarter of an hour.
+        """Add a measured wind to the mean over a quarter of an hour.
 
-        The estimate follows a shift larger than gusts and errors within one or two minutes.
+        The wind is that at 20 ft. ``from_deg`` is the direction from which it blows, clockwise from
+        true north. If the wind shifts by more than gusts and errors explain, the mean follows
+        within one or two minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -170,7 +177,7 @@ class FrontEstimate:
         self._wind_at_s = at_s
 
     def advance(self, to_s: float) -> None:
-        """Advance the front to a time (s)."""
+        """Advance the front to the time ``to_s``."""
         while self.at_s < to_s:
             step_s = min(LONGEST_STEP_S, to_s - self.at_s)
             unit = self._model_speed()
@@ -183,27 +190,27 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """Return the rate of spread over the model's, on all bearings (360)."""
+        """Return the factor on each bearing: the rate of spread divided by the model's."""
         found = np.empty(BEARINGS)
         interpolate_sectors(self.factor, found)
         return found
 
     def factor_sd(self) -> Floats:
-        """Return the standard deviation of the factor on all bearings (360)."""
+        """Return the standard deviation of the factor on each bearing."""
         found = np.empty(BEARINGS)
         interpolate_sectors(np.sqrt(np.maximum(np.diag(self._covariance), 0.0)), found)
         return found
 
     def slant(self) -> Floats:
-        """Return the length along each bearing (360) over the length across the front."""
+        """Return, for each bearing, the length along it divided by the length across the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Return the advance (cells) since each bearing was last in view, with a factor of 1."""
+        """Return the advance in cells since each bearing's last view, with a factor of 1."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
-        """Return the speed outwards in cells/s on all bearings with a factor of 1."""
+        """Return the outward speed in cells/s on each bearing, with a factor of 1."""
         ground = (self._bearing, self._rows, self._cols)
         facing = (self._north, self._east, self._stretch, self._limit)
         centre = (self.centre_row, self.centre_col)
@@ -220,16 +227,18 @@ class FrontEstimate:
         return self._unit
 
     def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
-        """Update the front by one camera window; return the bearings (360) that show it.
+        """Update the front from one camera window; return which bearings show it (360).
 
-        ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are its corner.
+        ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are the grid cell of
+        its first element.
         """
         self.advance(at_s)
         in_view, burned_to = self._front_in(row, col, window)
         before = self.front.copy()
         self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
-        # A front may be anywhere in its cell: it is set half-way from the centre to the prediction.
+        # A front may be anywhere in its cell: set it half-way from the cell's centre to the
+        # prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
         self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
         self._bound(window, in_view)
@@ -241,7 +250,7 @@ class FrontEstimate:
         return in_view
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window; it does not change the factors."""
+        """Apply an operator's correction of a window. This does not change the factors."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
@@ -258,7 +267,7 @@ class FrontEstimate:
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def _front_in(self, row: int, col: int, window: NDArray[np.uint8]) -> tuple[Booleans, Floats]:
-        """Update the bounds by a window; return the bearings that show the front, and where."""
+        """Update the bounds from a window; return which bearings show the front, and its place."""
         burned_to, unburned_from = self._burned_to, self._unburned_from
         centre = (self.centre_row, self.centre_col)
         bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
@@ -267,7 +276,7 @@ class FrontEstimate:
         return in_view, burned_to
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
-        """Move the front out of burned ground and back from unburned ground in view."""
+        """Move the front outwards from burned ground and inwards from unburned ground in view."""
         burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
         short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
         front[short] = np.minimum(front[short], unburned_from[short])
@@ -280,7 +289,11 @@ class FrontEstimate:
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
-        """Scale the front that was never in view like the front next to it in its first view."""
+        """Scale the parts of the front never seen by the change of the nearest part first seen now.
+
+        ``new`` are the bearings first seen now, and ``before`` is the front before this view. The
+        scaling weakens with the angle to the nearest new bearing.
+        """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False
         places = np.flatnonzero(unseen)
@@ -301,7 +314,7 @@ class FrontEstimate:
         if not due.any():
             return
         fuel = self._fuel_at(self.front)
-        # An advance over two fuels measures the rate of neither.
+        # An advance through two fuels measures the rate of neither fuel.
         alike = (fuel == self._anchor_fuel) & (fuel == self._predicted_fuel)
         update_factors(
             due & alike,

@@ -1,6 +1,7 @@
-"""Compiled inner loops of ``front_estimate``. Lengths in cells, times in seconds.
+"""Compiled inner loops of ``front_estimate``; lengths are in cells and times in seconds.
 
-Arrays have 360 elements, by whole-degree bearing, or 72, by sector of five degrees.
+An array has 360 elements, one per whole-degree bearing, or 72 elements, one per sector of five
+degrees.
 """
 
 import math
@@ -11,15 +12,16 @@ from firemodel.compiled import compiled
 
 UNBURNED, BURNED = 1, 2  # as in fire_map
 SAMPLES_PER_CELL = 2  # along a bearing, as for the distance error
-TANGENT_CELLS = 3.5  # length of front to either side over which its slant is computed
-HOLLOW = 0.5  # difference of the slants on both sides above which a front is hollow
+TANGENT_CELLS = 3.5  # length of the front on each side over which its slant is computed
+HOLLOW = 0.5  # difference between the slants on both sides above which a front is hollow
 LEAP_CELLS = 2.0  # a larger step outwards to the next bearing is another part of the front
 PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
 BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
 STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
 
 PER_SECTOR = 5
-# Minimum advance of the front, or age, of the view with which a view is compared.
+# A view is compared with an earlier view once the front has advanced this far since, or this long
+# afterwards.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position with a resolution of one cell
 # Relative error of an advance for reasons other than the factor: between two views, and before the
@@ -33,12 +35,13 @@ SURPRISE = 3.0  # standard deviations
 def front_normals(  # type: ignore[no-untyped-def]
     front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
 ):
-    """Compute the front's normals and the cells behind it; arrays of ``PLACES`` * 360.
+    """Compute the front's normals and the cells behind it, into arrays of ``PLACES`` * 360.
 
-    Returns the number of places: first one for each bearing, then two more where the front is
-    hollow, with the slants to either side, and three more along the flank where it leaps outwards
-    from one bearing to the next. ``stretch`` is the speed along the bearing over the speed across
-    the front, and ``max_advance`` (cells) limits the advance along the bearing.
+    The arrays begin with one place for each bearing. Two more places follow for each bearing on
+    which the front is hollow, with the slants to either side. Three more places follow on the flank
+    wherever the front leaps outwards from one bearing to the next. ``stretch`` is the speed along
+    the bearing divided by the speed across the front, and ``max_advance`` limits the advance along
+    the bearing. Returns the number of places.
     """
     n, count = front.size, front.size
     degree = math.pi / 180.0
@@ -80,9 +83,9 @@ def front_normals(  # type: ignore[no-untyped-def]
 
 @compiled
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
-    """Compute the speed along each bearing; in a hollow, that of the fire from the faster side.
+    """Compute the front's speed along each bearing; in a hollow the fire of the faster side counts.
 
-    This is Godunov's scheme for the front as a Hamilton-Jacobi equation.
+    This is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
     """
     for place in range(rate.size):
         speed = min(rate[place] * stretch[place], max_advance[place] / step_s)
@@ -92,7 +95,7 @@ def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # 
 
 @compiled
 def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
-    """Interpolate the values of sectors on all bearings, linearly between the sectors' middles."""
+    """Interpolate a value for each bearing, linearly between the middles of the sectors."""
     sectors = factor.size
     for i in range(found.size):
         at = (i + 0.5) / PER_SECTOR - 0.5
@@ -107,8 +110,9 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 ):
     """Compute the bounds of the front on each bearing from a window of cells (y, x).
 
-    ``burned_to`` is the outermost sample on burned ground (-1: none in the window),
-    ``unburned_from`` the first sample beyond it on unburned ground (inf: none).
+    ``burned_to`` is the distance of the outermost sample on burned ground (-1 if the window has
+    none). ``unburned_from`` is the distance of the first sample on unburned ground beyond it (inf
+    if there is none).
     """
     rows, cols = window.shape
     down, right = top + (rows - 1) / 2.0 - centre_row, left + (cols - 1) / 2.0 - centre_col
@@ -137,9 +141,9 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 def update_factors(  # type: ignore[no-untyped-def]
     due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
 ):
-    """Update the sectors' factors (Kalman filter) from the bearings that are due.
+    """Update the sectors' factors by a Kalman filter from the bearings that are due.
 
-    Observed advance since the anchor = factor x modelled advance + noise.
+    The filter assumes: observed advance since the anchor = factor x modelled advance + noise.
     """
     n = factor.size
     column = np.empty(n)
@@ -159,7 +163,8 @@ def update_factors(  # type: ignore[no-untyped-def]
         variance = 2.0 * CELL_VARIANCE * slant * slant + (unlike * predicted * factor[sector]) ** 2
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
-        # A difference beyond variance and noise is another part of the front, not a rate.
+        # A larger difference than variance and noise explain shows another part of the front, not
+        # a different rate.
         scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
         for i in range(n):
             column[i] = covariance[i, sector]

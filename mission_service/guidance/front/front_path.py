@@ -1,7 +1,7 @@
-"""The path along a front: the vehicle's position on it, the bearings in view, the path to fly.
+"""Computes a vehicle's position on a front, the bearings in its view, and the path to fly.
 
-The functions depend only on the on-board map and are common to all planners. Positions are float
-(row, col) of the landscape's grid; ``clockwise`` is the flying direction around the fire.
+The functions use only the on-board map, and all planners share them. Positions are rows and columns
+of the landscape's grid, as floats. ``clockwise`` is the flying direction around the fire.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,17 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """Length of a path, and distance of its start ahead of the vehicle, in cells."""
+    """The length of a path, and the distance from the vehicle to its start ahead, in cells."""
 
     horizon_cells: float
     lookahead_cells: float
 
 
 class PolarMap(Protocol):
-    """A map around a centre; ``burned`` is the outermost ground seen burned (cells, 360)."""
+    """A map around a centre.
+
+    ``burned`` (360) is the distance in cells to the outermost ground seen burned on each bearing.
+    """
 
     centre_row: float
     centre_col: float
@@ -38,20 +41,20 @@ class PolarMap(Protocol):
 
 
 def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
-    """Return the bearing of a place from the map's centre, degrees clockwise from north."""
+    """Return the bearing of a place from the map's centre, in degrees clockwise from north."""
     return float(
         np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
     )
 
 
 def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
-    """Return the degrees from one bearing to another in the flying direction, -180 to 180."""
+    """Return the angle (-180 to 180) from one bearing to another in the flying direction."""
     turned = (to_deg - from_deg + 180.0) % 360.0 - 180.0
     return turned if clockwise else -turned
 
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
-    """Return the last bearing ahead of a vehicle up to which all bearings are in view."""
+    """Return the farthest bearing ahead of a vehicle that it sees without a wide gap before it."""
     found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
     return found
 
@@ -70,7 +73,7 @@ def _foremost(in_view, bearing, step):  # type: ignore[no-untyped-def]
 def reconstructed_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
-    """Return the front's distance in cells on 360 bearings (Islam & Hu, section IV.B)."""
+    """Return the reconstructed front in cells on 360 bearings (Islam & Hu, section IV.B)."""
     outer, _ = fire_map.filled_outer()
     bearing = round(bearing_deg(fire_map, row, col))
     return close_gap(outer, foremost_in_view(in_view, bearing, clockwise), clockwise)
@@ -79,7 +82,7 @@ def reconstructed_front(
 def extrapolated_front(
     fire_map: FireMap, in_view: Booleans, row: float, col: float, clockwise: bool
 ) -> Floats:
-    """Return the front where it was seen, extended ahead by a straight line."""
+    """Return the front in cells on 360 bearings, extended ahead of the view by a straight line."""
     step = 1 if clockwise else -1
     outer, _ = fire_map.filled_outer()
     foremost = foremost_in_view(in_view, round(bearing_deg(fire_map, row, col)), clockwise)
@@ -110,10 +113,10 @@ def path_along(
     settings: PathSettings,
     smoothing_deg: int = PATH_SMOOTHING_DEG,
 ) -> Floats:
-    """Return the path to fly: (n, 2) float (row, col) along a front (cells on 360 bearings) ahead.
+    """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-    The path is never over ground seen burned: from there it leads outwards until the front is in
-    view again.
+    ``front`` is in cells on 360 bearings. The path never crosses ground seen burned: at such ground
+    it leads outwards until the front is in view again.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)
@@ -130,7 +133,7 @@ def path_along(
 
 
 def centre_of_area(outer: Floats, centre_row: float, centre_col: float) -> tuple[float, float]:
-    """Return the centre of area (row, col) of the polygon with these distances on 360 bearings."""
+    """Return the centre of area (row, col) of the polygon that ``outer`` (360) describes."""
     north, east = outer * NORTH, outer * EAST
     cross = north * np.roll(east, -1) - np.roll(north, -1) * east
     area = cross.sum() / 2.0

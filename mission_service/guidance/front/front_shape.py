@@ -1,4 +1,4 @@
-"""Fire shape from the on-board map: the scan method, the ring of perimeter cells, the hull.
+"""Computes the fire's shape from the on-board map: closed gaps, the perimeter cells, and the hull.
 
 The methods are from Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of
 the map's centre.
@@ -12,22 +12,23 @@ from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 
 Floats = NDArray[np.float64]
 
-# The paper scans "as long as the angle keeps increasing"; because cells form a staircase, this scan
-# ends when the angle is this much below the largest one.
+# The paper scans "as long as the angle keeps increasing". Because cells form a staircase, this scan
+# ends only when the angle is this much below the largest angle.
 STAIRCASE_DEG = 4.0
 SCAN_DEG = 150
 
 
 def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
-    """Join the freshly seen front to the older one ahead by a straight line (scan method).
+    """Join the freshly seen front to the older front ahead by a straight line (scan method).
 
     Args:
-        outer: distance of the front in cells for each bearing (360), no NaN.
-        foremost: bearing of the last fresh front cell in the flying direction.
-        clockwise: flying direction.
+        outer: The distance of the front in cells on each bearing (360), without NaN.
+        foremost: The bearing of the last fresh front cell in the flying direction.
+        clockwise: Whether the vehicle flies clockwise.
 
-    Returns a copy in which the bearings between the foremost cell and the best cell lie on the
-    straight line that connects them.
+    Returns:
+        A copy of ``outer`` in which no bearing between the foremost cell and the best cell of the
+        scan lies inside the straight line between these two cells.
     """
     joined: Floats = _close_gap(outer, int(foremost), 1 if clockwise else -1)
     return joined
@@ -70,8 +71,8 @@ def ring_of_cells(
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return the closed ring of perimeter cells, from the vehicle's bearing against its direction.
 
-    Returns (north, east, bearing) of each cell in whole cells relative to the centre; successive
-    cells are neighbours (8 neighbours).
+    The three arrays hold each cell's distance north and east of the centre, in whole cells, and its
+    bearing. Successive cells are neighbours, with or without a common side.
     """
     cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
         outer, int(start), -1 if clockwise else 1
@@ -105,23 +106,23 @@ def _ring_of_cells(outer, start, step):  # type: ignore[no-untyped-def]
 
 
 def steps_between(north: Floats, east: Floats) -> Floats:
-    """Return the distance in cells from each ring cell to the next one, the last to the first."""
+    """Return the distance in cells from each cell of a closed ring to the next one."""
     steps: Floats = np.hypot(np.diff(north, append=north[:1]), np.diff(east, append=east[:1]))
     return steps
 
 
 def hull_of(shape: Floats) -> Floats:
-    """Return the convex hull of a shape (360) as distances on 360 bearings (section VI.E)."""
+    """Return the convex hull of a shape; both are distances on 360 bearings (section VI.E)."""
     distance: Floats = _hull_of(shape)
     return distance
 
 
 @compiled
 def _hull_of(shape):  # type: ignore[no-untyped-def]
-    """Compute the hull by Andrew's monotone chain over points in order of bearing.
+    """Compute the hull by Andrew's monotone chain over the points in order of bearing.
 
-    The chain starts at the farthest point. The centre is inside the hull, so that the order of the
-    points around it is also their order on the hull.
+    The chain starts at the farthest point. The order by bearing is also the order on the hull,
+    because the centre is inside the hull.
     """
     north, east = shape * NORTH, shape * EAST
     first = int(np.argmax(shape))  # a corner of the hull

@@ -1,7 +1,7 @@
-"""The rule for when the mission of a vehicle along a front is renewed, and for which reason.
+"""Decides when, and for which reason, the mission of a vehicle along a front is renewed.
 
-``Vehicle.due`` is a reason set by other modules: a decision to turn back, a path that is clear
-again, an operator's request. ``Renewal.why`` adds reasons of the mission itself.
+Other modules set a reason in ``Vehicle.due``, such as a decision to turn back, a path that is clear
+again, or an operator's request. ``Renewal.why`` adds the reasons that lie in the mission itself.
 """
 
 import numpy as np
@@ -13,15 +13,15 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
-COMPARED_SHARE = 0.25  # of the horizon, over which a new path is compared with the flown one
-LEFT_SHARE = 0.4  # of the horizon, below which a mission is extended
+COMPARED_SHARE = 0.25  # share of the horizon over which a new path is compared with the flown one
+LEFT_SHARE = 0.4  # share of the horizon; if less of the path is left, the mission is extended
 CHECK_EVERY_S = 2.0
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
 
 
 class Renewal:
-    """The rule for all vehicles of a run."""
+    """The rule that decides on renewals for all vehicles of a run."""
 
     def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
@@ -29,12 +29,12 @@ class Renewal:
         self._corrected: set[str] = set()  # vehicles whose complete path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
-        """Request a check of the mission at once, after an operator's correction of the fire."""
+        """Request an immediate check of the mission after an operator has corrected the fire."""
         self._corrected.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the mission is to be checked now; not called during upload or takeoff."""
+        """Return whether to check the mission now; not for use during an upload or a takeoff."""
         if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
@@ -53,14 +53,14 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the mission may be renewed after the time since its last upload."""
+        """Return whether the last upload is long enough ago, or a reason is set, for a renewal."""
         since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
-        """Return the reason to renew the mission by one along a path; None: no renewal.
+        """Return the reason to replace the mission by one along ``path_m``, or None.
 
-        ``path_m`` (n, 2) is x, y in metres, the path of a mission that starts now.
+        ``path_m`` (n, 2; x, y in metres) is the path of a mission that would start now.
         """
         line, horizon_m = vehicle.flown_line, self._settings.horizon_m
         if line is None:

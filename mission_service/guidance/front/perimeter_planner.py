@@ -1,20 +1,22 @@
-"""The planner of Islam & Hu: fly along the front, turn back if the part behind is more important.
+"""The planner of Islam & Hu: the vehicle turns back if the front behind it is more important.
 
-Listing 1: circle once to fill the on-board map; then, at every new cell, reconstruct the fire's
-shape, compare the importance of the two halves of the perimeter, and turn or keep the direction.
+By listing 1 the vehicle first circles once to fill the on-board map. Then, at every new cell, the
+planner reconstructs the fire's shape, compares the importance of the two halves of the perimeter,
+and turns the vehicle back or keeps its direction.
 
-The planner has three rules. ``islam_hu`` is the paper's. It oscillates if the spread is very
-uneven: each turn makes the other window more important, and spread rates are computed from two
-views seconds apart. ``islam_hu_damped``, the default, differs only in this:
+The planner has three rules. ``islam_hu`` is the rule in the paper. It oscillates if the spread is
+very uneven, for two reasons: each turn makes the other window more important, and spread rates are
+computed from two views only seconds apart. ``islam_hu_damped``, the default, has three differences:
 
-- spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
-  bearings, so that a difference of one cell does not become a high rate;
-- the back window must exceed the front window by the share ``reversal_margin``, and by at least
-  ``min_gain_cells`` of unseen spread for each of its cells, the resolution of the map;
-- after a turn the vehicle keeps its direction for ``dwell_s``, the time in which it turns around
-  and has other cells in view.
+- Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
+  bearings, so that a difference of one cell does not become a high rate.
+- The vehicle turns only if the importance of the back window exceeds that of the front window by
+  the share ``reversal_margin``, and by ``min_gain_cells`` of unseen spread for each cell of the
+  window, which is the resolution of the map.
+- After a turn the vehicle keeps its direction for ``dwell_s``, the time in which it turns around
+  and begins to see other cells.
 
-``circling`` never turns; it is the baseline of section VI.E.
+With ``circling`` the vehicle never turns; this rule is the baseline of section VI.E.
 """
 
 from dataclasses import dataclass, replace
@@ -52,7 +54,7 @@ Rule = Literal["islam_hu_damped", "islam_hu", "circling"]
 
 @dataclass(frozen=True, slots=True)
 class PerimeterSettings:
-    """Settings of the rule; lengths in cells, speeds in cells per second."""
+    """The settings of the rule; lengths are in cells and speeds in cells per second."""
 
     rule: Rule
     alpha: float
@@ -68,7 +70,7 @@ class PerimeterSettings:
 
 
 class PerimeterPlanner:
-    """State of the rule for one vehicle. Positions are float (row, col) of the landscape grid."""
+    """The planner of one vehicle; positions are rows and columns of the landscape's grid."""
 
     def __init__(
         self,
@@ -90,7 +92,7 @@ class PerimeterPlanner:
         self._turned_at_s = -np.inf
 
     def observe(self, observed: Observed) -> None:
-        """Update the map by a camera window."""
+        """Update the map from a camera window."""
         view = view_of(observed)
         self._in_view = self.map.observe(*view)
         if self.phase == "approach" and self._in_view.any():
@@ -103,11 +105,11 @@ class PerimeterPlanner:
         self.map.correct(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
-        """Apply changed settings from now on."""
+        """Apply changed settings to all later decisions."""
         self.settings = replace(self.settings, **event.given)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision at each new cell of the grid."""
+        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -122,23 +124,23 @@ class PerimeterPlanner:
         """Do nothing: the paper's rule does not use the wind."""
 
     def left(self, at_s: float) -> None:
-        """Do nothing: the planner has one vehicle."""
+        """Do nothing: the planner has only one vehicle."""
 
     def _finish_initial_circle(self) -> None:
-        """End listing 2; the fire's centre replaces an unknown ignition."""
+        """End the first lap (listing 2); the fire's centre replaces an unknown ignition point."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
             self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
+        """Return the reconstructed front: distances in cells on 360 bearings."""
         return reconstructed_front(self.map, self._in_view, row, col, self.clockwise)
 
     def importance(self, row: float, col: float, at_s: float) -> Floats:
-        """Return the importance in cells of each cell of the reconstructed front (n), by listing 3.
+        """Return the importance (n, in cells) of each cell of the reconstructed front (listing 3).
 
-        Index 0 is the vehicle's cell; the index grows against its flying direction.
+        Index 0 is the vehicle's cell, and the index grows against the flying direction.
         """
         settings = self.settings
         _, visited_at_s = self.map.filled_outer()
@@ -185,10 +187,10 @@ class PerimeterPlanner:
         return rested and back - front > min_gain
 
     def path(self, row: float, col: float) -> Floats:
-        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
+        """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        In view the path follows the front, beyond it the reconstructed front; during the initial
-        circle it extends the visible front in a straight line.
+        The path follows the visible front and, beyond it, the reconstructed front. During the
+        initial circle it extends the visible front by a straight line.
         """
         front_by = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = front_by(self.map, self._in_view, row, col, self.clockwise)
@@ -198,7 +200,7 @@ class PerimeterPlanner:
 def perimeter_settings(
     planner: PlannerSection, speed_cells_s: float, path: PathSettings
 ) -> PerimeterSettings:
-    """Return the settings of a scenario's planner."""
+    """Return the planner settings that a scenario contains."""
     return PerimeterSettings(
         rule=cast(Rule, planner.rule),
         alpha=planner.alpha,

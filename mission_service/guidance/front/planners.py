@@ -1,4 +1,4 @@
-"""Inputs of all planners along a front, computed from the scenario."""
+"""Computes the inputs of all planners along a front from the scenario."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -7,11 +7,11 @@ from mission_service.fire.setup import fire_position
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.protocol import Ground
 
-TURN_BACK_RAD = 6.3  # flown to turn back: half a circle, and back onto the line
+TURN_BACK_RAD = 6.3  # length in radii of a turn back: half a circle, and back onto the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """Return the grid and the reported fire of a scenario."""
+    """Return a scenario's grid, the cell of its reported fire, and the ignition time."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
     # The ignition is a cell, so the centre of bearings is rounded to a cell.
     centre = (float(round(float(row))), float(round(float(col))))
@@ -20,11 +20,11 @@ def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
 
 
 def turn_back_s(section: VehicleSection) -> float:
-    """Return the duration of turning back, in seconds."""
+    """Return the time in seconds that a vehicle needs to turn back."""
     return TURN_BACK_RAD * section.turn_radius_m / section.airspeed_m_s
 
 
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
-    """Return the length and the start of paths, in cells."""
+    """Return the length of a path, and the distance to its start, in cells."""
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)

@@ -1,13 +1,13 @@
-"""The predictive planner: one vehicle flies where the estimated front is most uncertain.
+"""The predictive planner, which guides one vehicle where the estimated front is most uncertain.
 
-``front_estimate`` advances the front since its last view. The expected error of a part of the front
-grows with its speed times the standard deviation of the factor of that speed. At every new cell of
-the grid, plans of sweeps and circles are rolled out on the estimated front (``sweeps``): plans that
-keep the direction, and plans that turn back now. The vehicle turns if the best plan of the latter
-has the smaller error.
+``front_estimate`` advances each part of the front from its last view. The expected error of a part
+grows at its speed times the standard deviation of the factor in that speed. At every new cell of
+the grid, ``sweeps`` rolls out plans of sweeps and circles on the estimated front. Some plans keep
+the direction, and some turn back now. The vehicle turns if the best plan that turns back has a
+clearly smaller cost, which measures the error.
 
-Turns take space and time, and the vehicle flies in the wind that it measures. A landscape and a
-wind improve the prediction but are not required.
+The roll-outs include the time of turns and the effect of the measured wind on the vehicle. A
+landscape and a wind improve the prediction but are not required.
 """
 
 import math
@@ -46,7 +46,7 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
-REST_LAPS = 0.03  # minimum interval of turns
+REST_LAPS = 0.03  # minimum interval between turns
 MIN_GAIN = 0.25  # share of the cost that a turn must save
 TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
 LEFT_CELLS = 0.5  # error across a front in view
@@ -55,10 +55,10 @@ RECENTRED_BASELINE_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class PredictiveSettings:
-    """Lengths in cells, speeds in cells per second.
+    """The settings of the planner; lengths are in cells and speeds in cells per second.
 
-    ``wind_20ft_share`` is the wind 20 ft above the vegetation over the wind measured in the air.
-    With ``flies_in_wind`` the wind carries the vehicle; otherwise the wind has no effect on it.
+    ``wind_20ft_share`` is the wind speed 20 ft above the vegetation divided by the wind speed that
+    the vehicle measures. ``flies_in_wind`` is whether the wind carries the vehicle.
     """
 
     clockwise_first: bool
@@ -71,13 +71,13 @@ class PredictiveSettings:
 
 
 def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
-    """Return the fire model on board, with the landscape and moistures, without wind."""
+    """Return the fire model on board, with a landscape and fuel moistures but without wind."""
     calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
     return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
 
 
 class PredictivePlanner:
-    """A predictive ``Planner``; positions are float (row, col) of the landscape's grid."""
+    """A predictive ``Planner``; positions are rows and columns of the landscape's grid."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class PredictivePlanner:
         self._costs = np.zeros(len(PLANS))
 
     def observe(self, observed: Observed) -> None:
-        """Update map and estimate by a camera window."""
+        """Update the map and the estimate from a camera window."""
         seen = view_of(observed)
         if self.phase != "monitor":
             self._in_view = self.map.observe(*seen)
@@ -124,14 +124,14 @@ class PredictivePlanner:
         self.estimate.correct(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a wind measured in the air; its direction is from true north."""
+        """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
         self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
-        """Do nothing: the planner has one vehicle."""
+        """Do nothing: the planner has only one vehicle."""
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision at each new cell of the grid."""
+        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -145,7 +145,7 @@ class PredictivePlanner:
         return self._decide(round(bearing) % BEARINGS, at_s) if new else None
 
     def _finish_initial_circle(self) -> None:
-        """Replace an unknown ignition by the fire's centre, and apply all views again."""
+        """Replace an unknown ignition point by the fire's centre, and apply all views again."""
         self.phase = "monitor"
         if not self.settings.ignition_known:
             self.map, self._in_view = recentred_map(self.map, self._observations)
@@ -198,13 +198,14 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the estimated front: distance in cells on 360 bearings (see ``robust_front``)."""
+        """Return the estimated front, made robust: distances in cells on 360 bearings."""
         return robust_front(self.estimate.front)
 
     def path(self, row: float, col: float) -> Floats:
-        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
+        """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the estimated front; during the initial circle the extrapolated one.
+        The path follows the estimated front. Before the phase ``monitor`` it follows the visible
+        front, extended by a straight line.
         """
         settings = self.settings.path
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen

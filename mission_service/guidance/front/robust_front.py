@@ -1,9 +1,9 @@
-"""A robust shape of an uncertain front, which minimises the largest error.
+"""Computes a robust shape of an uncertain front, which reduces the largest error.
 
-A step of the front between two bearings that is misplaced by one bearing is an error of its full
-height; a point at half height halves the error. The fire on both sides overruns a hollow at once as
-seen from the centre. Therefore a part of each hollow is filled, a larger part of a deep hollow. A
-front without steps and hollows does not change.
+If a step of the front is misplaced by one bearing, the error there is the step's full height; a
+point at half the height halves this error. The fire on both sides of a hollow can close it at once,
+as seen from the centre. Therefore a part of each hollow is filled, and a larger part if the hollow
+is deep. A front without steps and hollows does not change.
 """
 
 import numpy as np
@@ -13,13 +13,13 @@ from mission_service.guidance.front.front_shape import hull_of
 
 Floats = NDArray[np.float64]
 
-# Filled shares of a hollow up to and beyond a depth in cells, tuned on random fires
-# (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
+# Shares of a hollow that are filled up to a depth (in cells) and beyond it. They were tuned on
+# random fires (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
 SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 
 def robust_front(front: Floats) -> Floats:
-    """Return the robust shape of a front (cells on 360 bearings)."""
+    """Return the robust shape of a front; both are in cells on 360 bearings."""
     before, after = np.roll(front, 1), np.roll(front, -1)
     highest = np.maximum(np.maximum(before, after), front)
     lowest = np.minimum(np.minimum(before, after), front)

@@ -1,12 +1,12 @@
-"""Roll-outs of one vehicle's sweeps and circles on a coarse ring, which decide its direction.
+"""Rolls out one vehicle's sweeps and circles on a coarse ring, to decide on its direction.
 
-A plan is a sequence of legs with turns between them, in nodes of the ring; the last leg does not
-end. The cost is the integral over time, and the sum over the ring, of the cube of the expected
-error: it approximates the largest error, but also distinguishes plans with the same largest error.
-The error of a node out of view grows linearly, so that a roll-out computes only visits; its time is
-proportional to nodes plus steps.
+A plan is a sequence of legs with turns between them. Legs are measured in nodes of the ring, and
+the last leg does not end. The cost of a plan is the cube of the expected error, integrated over
+time and summed over the ring. It approximates the largest error, but also distinguishes between
+plans with the same largest error. The error of a node out of view grows linearly. Therefore a
+roll-out computes only the visits, in a time proportional to the number of nodes plus steps.
 
-Lengths in cells, times in seconds, speeds in cells per second.
+Lengths are in cells, times in seconds, and speeds in cells per second.
 """
 
 import math
@@ -27,17 +27,20 @@ SLOWEST = 0.2  # over the ground, as a share of the airspeed
 
 
 class CoarseRing(NamedTuple):
-    """The front as nodes of the same length, clockwise; arrays (n)."""
+    """The front, divided clockwise into nodes of equal length; each array has n elements."""
 
     ahead_s: Floats  # flight time from each node to the next one
     back_s: Floats  # flight time from each node to the previous one
     error: Floats  # expected now, in cells
-    growth: Floats  # of the error while the node is not in view, in cells/s
+    growth: Floats  # growth of the error while the node is not in view, in cells/s
     left: Floats  # error of a node in view, in cells
 
 
 def _plans() -> Integers:
-    """Return the legs (m, 3) of all plans: on; out, back and on; out and back."""
+    """Return the legs (m, 3) of all plans.
+
+    The plans are: fly on; fly out, back, and on; fly out and back.
+    """
     legs = [(NEVER, 0, 0)]
     for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
         legs += [(out, back, NEVER) for back in (4, 8, 14, 22, 32, 44, 58)]
@@ -52,9 +55,10 @@ PLANS = _plans()
 def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
     """Divide a front (cells on 360 bearings) into the nodes of a ring, and fill in the ring.
 
-    ``error``, ``growth`` and ``left`` are by bearing; a node has the maximum of its bearings.
-    ``wind`` (towards north, east) carries a vehicle with the airspeed ``speed``. ``node_of`` (360)
-    is filled with the node of each bearing. Returns the length of the front.
+    ``error``, ``growth`` and ``left`` have a value per bearing; each node gets the maximum of its
+    bearings. ``wind`` holds the speeds towards north and east at which the wind carries the
+    vehicle, and ``speed`` is the vehicle's airspeed. ``node_of`` (360) is filled with the node of
+    each bearing. Returns the length of the front.
     """
     count, nodes = front.size, ring.error.size
     length = 0.0
@@ -76,7 +80,7 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
                 ring.growth[node] = max(ring.growth[node], growth[i])
                 ring.left[node] = max(ring.left[node], left[i])
                 if step > 0.0:
-                    # The flight time over a step of the front is divided among its nodes.
+                    # The flight time along a step of the front is divided among the step's nodes.
                     tail = (wind[0] * north + wind[1] * east) / step
                     cross = (wind[0] * east - wind[1] * north) / step
                     own = math.sqrt(max(speed * speed - cross * cross, 0.0))
@@ -93,10 +97,10 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
 
 @compiled
 def costs_of(plans, ring, node, clockwise, delay_s, turn_s, horizon_s, found):  # type: ignore[no-untyped-def]
-    """Compute the cost of each plan (m, legs), flown from a node, into ``found`` (m).
+    """Compute the cost of flying each of ``plans`` (m, legs) from a node, into ``found`` (m).
 
-    The vehicle starts after ``delay_s``, such as the time of a turn; each turn between legs takes
-    ``turn_s``.
+    The vehicle starts after ``delay_s``, for example the time of a turn. Each turn between two legs
+    takes ``turn_s``.
     """
     ahead_s, back_s, error, growth, left = ring
     n = error.size

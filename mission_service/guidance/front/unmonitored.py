@@ -1,4 +1,4 @@
-"""The part of the front that is no longer monitored when a vehicle leaves it. Pure."""
+"""Reports the part of the front that is no longer monitored when a vehicle leaves. Pure."""
 
 from collections.abc import Mapping
 
@@ -18,15 +18,15 @@ ALARM = "front"
 
 
 def front_map_of(planner: Steered) -> FireMap | None:
-    """Return the on-board map of a planner that flies along a front; None for all others."""
+    """Return the on-board map of a planner along a front; None for other planners."""
     found = getattr(planner, "map", None)
     return found if isinstance(found, FireMap) else None
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """Return the whole-degree bearings, clockwise, that are nearest to ``own_deg``.
+    """Return the whole-degree bearings, clockwise, to which no other bearing is nearer than own.
 
-    The result has at least the bearing of ``own_deg``.
+    The result contains at least ``own_deg``, rounded.
     """
     bearings = np.arange(BEARINGS)
 
@@ -46,7 +46,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """Return a part of the front in words: bearings from the fire's centre, and its length."""
+    """Return words for a part of the front: its bearings from the fire's centre, and its length."""
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
     steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)
@@ -66,7 +66,7 @@ def observes_front(event: AnyEvent) -> bool:
 
 
 class FrontMonitor:
-    """The vehicles that monitor a front, and the alarm of an unmonitored front."""
+    """The record of the vehicles that monitor a front, and of the alarm when none does."""
 
     def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
         self._planners = planners
@@ -75,7 +75,7 @@ class FrontMonitor:
         self._alarm: RaiseAlarm | None = None  # of the last vehicle that left the front
 
     def standing_alarms(self) -> list[AnyCommand]:
-        """Return the active alarm, which is sent again after a restart of the service."""
+        """Return the active alarm, if any, to be sent again after a restart of the service."""
         return [] if self._alarm is None else [self._alarm]
 
     def update(
@@ -85,7 +85,7 @@ class FrontMonitor:
         observes: bool,
         availability: Mapping[str, VehicleAvailability],
     ) -> list[AnyCommand]:
-        """Report that a part of the front is no longer monitored, or monitored again.
+        """Return reports that a part of the front is no longer monitored, or is monitored again.
 
         A vehicle monitors the front from its first observation of it (``observes``) for as long as
         it follows its planner (``available``).
@@ -112,7 +112,7 @@ class FrontMonitor:
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """Return the bearings nearest to the vehicle, of all vehicles on the same map."""
+        """Return the bearings to which no other vehicle on the same map is nearer than this one."""
         places = {
             each: fix
             for each in (name, *sorted(self._watching))

@@ -1,4 +1,4 @@
-"""Compilation of the planners' kernels before flight, which first takes many seconds."""
+"""Compiles the planners' kernels before flight; the first compilation takes many seconds."""
 
 import math
 
@@ -14,13 +14,14 @@ from mission_service.missions.separation import Track, heights_below
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
 STEP_S = 20.0
-ENOUGH = 2  # vehicles that together call every kernel
+ENOUGH = 2  # number of vehicles that together call every kernel
 
 
 def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
-    """Fly separate planners for more than a lap around a circular fire at the scenario's fire.
+    """Fly temporary planners for more than one lap around a circular fire.
 
-    Each kernel of a rule is called at least once, and so compiled or loaded from the disk cache.
+    The circle is at the position of the scenario's fire. Each kernel of the rule is called at least
+    once, which compiles it or loads it from the disk cache.
     """
     heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})

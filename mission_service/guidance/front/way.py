@@ -1,7 +1,7 @@
 """The way of flying along a front with a separate planner for each vehicle.
 
-A planner of this package is a file of this folder and a line in ``PLANNERS``; ``front_way``
-describes a planner of another package.
+To add a planner to this package, add a file to this folder and a line to ``PLANNERS``. To add a
+planner from another package, use ``front_way``.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ Maker = Callable[["Scenario", "VehicleSection", "Ground"], "Planner"]
 Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 
 FOLDER = __package__
-# By rule: address of the function that makes the planner of one vehicle.
+# For each rule, the address of the function that makes the planner of one vehicle.
 PLANNERS = {
     "islam_hu_damped": "perimeter_planner:perimeter_planner",
     "islam_hu": "perimeter_planner:perimeter_planner",
@@ -33,16 +33,16 @@ PLANNERS = {
 
 
 def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None) -> WayOfFlying:
-    """Return a way of flying of another package, with a separate planner for each vehicle.
+    """Return a way of flying for another package, with a separate planner for each vehicle.
 
     Args:
-        rule: The value of ``planner.rule`` and the name of the entry point.
+        rule: The value of ``planner.rule``, which is also the name of the entry point.
         planner: Makes the planner of one vehicle.
-        section: The model of the table with the rule's name in the scenario, which ``planner``
-            reads by ``config.scenario.own_table(scenario, section)``.
+        section: The model of the scenario's table that has the rule's name. ``planner`` reads this
+            table by ``config.scenario.own_table(scenario, section)``.
 
     Returns:
-        The object for an entry point of group ``mission_service.planners``.
+        The object to which an entry point in the group ``mission_service.planners`` refers.
     """
     return along_front((rule,), partial(_each_alone, planner), section)
 
@@ -50,7 +50,10 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
 def along_front(
     rules: tuple[str, ...], planners: Planners, section: type[BaseModel] | None = None
 ) -> WayOfFlying:
-    """Return a way of flying along a front; ``planners`` makes all vehicles' planners, by name."""
+    """Return a way of flying along a front.
+
+    ``planners`` makes the planners of all vehicles, by vehicle name.
+    """
     return WayOfFlying(
         rules,
         guidance=partial(later(f"{FOLDER}.controller:FrontFlight"), planners),

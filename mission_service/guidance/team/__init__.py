@@ -1,1 +1,1 @@
-"""Several vehicles that divide a fire front."""
+"""The guidance of teams: several vehicles that divide a fire front among them."""

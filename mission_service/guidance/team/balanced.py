@@ -1,10 +1,12 @@
 """The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-It has two searches by roll-outs. ``patterns`` searches the long-term division of the ring (all lap;
-all lap and pass a hot arc three times; some sweep the arc). ``lookahead`` searches the next turns
-of each vehicle, so that the team reaches that pattern with even gaps and visits cells of high age.
-Each decision tries a few plans and keeps the present plan unless another is better by a margin, so
-that the time of a decision does not grow with the duration of the search.
+The rule searches twice, by roll-outs. With ``patterns`` it searches the long-term division of the
+ring: all vehicles lap, all lap and pass a hot arc three times, or some sweep the arc. With
+``lookahead`` it searches the next turns of each vehicle, so that the team reaches that pattern with
+even gaps and visits the cells that have not been seen for long.
+
+Each decision tries only a few plans, and keeps the present plan unless another is better by a
+margin. Therefore a decision takes the same short time, however long the search lasts.
 """
 
 from typing import Literal
@@ -31,19 +33,20 @@ from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candida
 NODES = 256  # maximum number of nodes of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
-# Length of the first part of a roll-out, in laps (periods, with an arc), and the weight of one more
-# lap after it: a larger weight equalises gaps sooner, but too large a weight defers every gain.
+# Length of the first part of a roll-out (in laps, or in periods of a pattern with an arc), and the
+# weight of one more lap after it. A larger weight equalises gaps sooner, but too large a weight
+# defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 MARGIN = 1e-3  # share of the cost that another plan must save
 PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: large teams have less even gaps on a growing front
-SEARCH_S = 2.0  # between two searches for a vehicle's plan
+SEARCH_S = 2.0  # time between two searches for a vehicle's plan
 
 Importance = Literal["linear", "exponential"]
 
 
 class Balanced:
-    """A ``TeamRule`` for any number of vehicles, which may join and leave."""
+    """The balanced ``TeamRule``, for any number of vehicles; vehicles may join and leave."""
 
     def __init__(self, importance: Importance = "linear", turn_s: float = 0.0) -> None:
         """Set the importance function and ``turn_s``, the duration of a turn back."""
@@ -59,7 +62,8 @@ class Balanced:
         self._next_pattern_s = -np.inf
         self.rollouts = 0
         self.turns = 0
-        # The vehicles (k): members; cells to fly before each turn; next cell, its time, direction.
+        # For each vehicle (k): its member number, the cells to fly before each turn, its next cell,
+        # the time of arrival there, its direction, the last search, and whether it sweeps.
         self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
@@ -69,7 +73,7 @@ class Balanced:
         self._sweeps = np.empty(0, np.bool_)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return whether to fly clockwise next, after a search of this vehicle's plans."""
+        """Search this vehicle's plans; return whether it flies clockwise next."""
         if ring is not self._ring:
             self._update_ring(ring, fleet)
         members: list[int] = fleet.member.tolist()
@@ -85,7 +89,7 @@ class Balanced:
         return self._advance(which, ring, fleet, at_s)
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Move the cells at which turns are planned along with the front."""
+        """Move the cells of planned turns to the new ring."""
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
@@ -103,11 +107,11 @@ class Balanced:
 
     @property
     def nodes(self) -> int:
-        """Number of nodes of the ring for roll-outs."""
+        """The number of nodes of the ring in roll-outs."""
         return int(self._step_m.size)
 
     def _update_ring(self, ring: FrontRing, fleet: ActiveFleet) -> None:
-        """Compute the values that are constant for decisions on one ring."""
+        """Compute the values that stay the same for all decisions on one ring."""
         self._ring = ring
         size = ring.step_m.size
         self._stride = -(-size // NODES)
@@ -124,7 +128,10 @@ class Balanced:
         self._pattern_cost = self._settled(self._pattern, fleet)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
-        """Return the scale and power of the integrals of importance of nodes of several cells."""
+        """Return the scale and the power of each node's integral of importance.
+
+        A node contains ``cells`` cells, and ``rate_sum`` is the sum of their spread rates.
+        """
         if self._linear:
             return rate_sum / 2.0, np.full(rate_sum.size, 2.0)
         power = 2.0 + rate_sum / cells
@@ -141,7 +148,7 @@ class Balanced:
         )
 
     def _try_patterns(self, fleet: ActiveFleet) -> None:
-        """Try one more pattern; if it is better, make new plans for all vehicles."""
+        """Try one more pattern; if it is better, replace the plans of all vehicles."""
         if not self._untried:
             self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
         pattern = self._untried.pop()
@@ -164,7 +171,7 @@ class Balanced:
                 self._plan_all()
 
     def _plan_all(self) -> None:
-        """Set the plans of all vehicles to the pattern, each from its next cell on."""
+        """Set the plan of each vehicle to the pattern, from its next cell on."""
         size = self._size()
         middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
         away = (self._goal - middle) % size
@@ -179,7 +186,10 @@ class Balanced:
         return self._ring.step_m.size
 
     def _plan(self, vehicle: int, came_back: bool = False) -> None:
-        """Set one plan to the pattern from the next cell on; ``came_back``: in the third pass."""
+        """Set the plan of one vehicle to the pattern, from its next cell on.
+
+        ``came_back`` is whether the vehicle is in the third pass of the arc.
+        """
         size = self._size()
         first = self._pattern.first * size // PARTS
         length = self._pattern.length * size // PARTS
@@ -203,7 +213,10 @@ class Balanced:
         self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """Set the members after one has joined or left; all lap until a better pattern is found."""
+        """Set the members after one has joined or left.
+
+        All vehicles lap until a better pattern is found.
+        """
         before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
         self._members = members
@@ -224,7 +237,7 @@ class Balanced:
         self._plan_all()
 
     def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
-        """Try other plans for one vehicle."""
+        """Try other plans for one vehicle; keep the best one."""
         assert self._ring is not None
         unreported = self._due_s < at_s - SEARCH_S
         if unreported.any():  # their positions are dead reckoned
@@ -276,7 +289,7 @@ class Balanced:
 
 
 def _in_parts(of_cells: Floats) -> Floats:
-    """Return the sums over PARTS equal parts of a ring (n)."""
+    """Return the sums of values per cell (n) over ``PARTS`` equal parts of the ring."""
     upto = np.concatenate([[0.0], np.cumsum(of_cells)])
     at = np.linspace(0.0, of_cells.size, PARTS + 1)
     parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
@@ -284,6 +297,6 @@ def _in_parts(of_cells: Floats) -> Floats:
 
 
 def balanced(scenario: Scenario) -> Balanced:
-    """Return the rule for the vehicles of a scenario."""
+    """Return the balanced rule for a scenario's vehicles."""
     turns_s = [turn_back_s(section) for section in scenario.vehicles]
     return Balanced(scenario.planner.importance, sum(turns_s) / len(turns_s))

@@ -1,4 +1,4 @@
-"""Bent's two baseline rules (4.3), without importance and without regions."""
+"""Bent's two baseline rules (thesis, 4.3), which use neither importance nor regions."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Int
 
 
 class Circling:
-    """All vehicles fly clockwise."""
+    """The rule by which all vehicles fly clockwise."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Return True: all vehicles fly clockwise."""
@@ -17,20 +17,24 @@ class Circling:
 
 
 class Bumper:
-    """Neighbours start in opposite directions, and two vehicles that meet both turn back.
+    """The rule by which neighbours start in opposite directions, and turn back when they meet.
 
-    Vehicles never pass each other. Growth of the ring may put two into one cell, or exchange their
-    order by a cell, so the numbers of cells between neighbours may be 0 or negative.
+    Vehicles never pass each other. When the ring grows, two vehicles may come into one cell, or
+    swap their order by one cell. Therefore the number of cells between two neighbours may be 0 or
+    negative.
     """
 
     def __init__(self) -> None:
-        # Decided directions: of two that meet, the other vehicle turns at its next cell.
+        # Decided directions: if two vehicles meet, the other one turns at its next cell.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their constant order around the ring
-        self._cells_on: dict[int, int] = {}  # from each member to the next one clockwise
+        self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Keep the direction, unless the neighbour ahead is one cell away and flies towards it."""
+        """Return the present direction, or the other one if the vehicle meets its neighbour.
+
+        Two neighbours meet if they are at most one cell apart and fly towards each other.
+        """
         members = fleet.member.tolist()
         if sorted(self._around) != sorted(members):
             self._around = [members[place] for place in np.argsort(fleet.cell, kind="stable")]
@@ -50,7 +54,10 @@ class Bumper:
         return self._clockwise[member]
 
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
-        """Return the cells from one vehicle to the next; the count nearest to the last one."""
+        """Return the number of cells from ``rear`` to the next vehicle.
+
+        Of the numbers that differ by whole laps, it is the one nearest to the last result.
+        """
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around
         gap += around * round((self._cells_on.get(rear, gap) - gap) / around)

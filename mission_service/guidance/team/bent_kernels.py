@@ -1,8 +1,9 @@
 """Inner loops of Bent's planners and negotiations over the cells of a region.
 
-A region is ``range(begin, end)`` of lifted cells (see ``regions``) of a ring of n cells; ``rate``
-(m/s), ``visited`` (s) and ``step`` (m to the next cell clockwise) are arrays (n) over the ring.
-The kernels are in one file, because Numba caches compiled code until the function's file changes.
+A region is ``range(begin, end)`` of lifted cells (see ``regions``) on a ring of n cells. The arrays
+(n) over the ring are ``rate`` (spread rate in m/s), ``visited`` (time of the last view in s) and
+``step`` (metres to the next cell clockwise). All kernels are in one file, because Numba caches
+compiled code until the function's file changes.
 """
 
 from firemodel.compiled import compiled
@@ -10,17 +11,17 @@ from firemodel.compiled import compiled
 
 @compiled
 def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
-    """Return Bent's linear or exponential importance (3.2)."""
+    """Return Bent's importance of a cell, linear or exponential (thesis, 3.2)."""
     age = max(age, 0.0)  # a view may be later than the time of a decision
     return age ** (1.0 + rate) if exponential else rate * age
 
 
 @compiled
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Return the lifted cell of highest importance other than ``own_cell``; ``own_cell`` if none.
+    """Return the lifted cell with the highest importance, or ``own_cell`` in a region of one cell.
 
-    The vehicle's own cell has no importance (4.1.3). Of equal cells the nearest is returned, of
-    equal distances the clockwise one.
+    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest is
+    returned; among two at the same distance, the one that lies clockwise.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0
@@ -41,9 +42,10 @@ def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ig
 def best_path(  # type: ignore[no-untyped-def]
     rate, visited, step, begin, end, own_cell, target, at_s, speed_m_s, exponential
 ):
-    """Return the lifted end of the path with the highest mean importance when visited (4.1.4).
+    """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    Of equal paths the one to ``target`` is preferred, then the nearer end, clockwise first.
+    The importance of each cell is that at the time of its visit. Among equal paths the one to
+    ``target`` is preferred, then the one with the nearer end, then the clockwise one.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0
@@ -68,7 +70,7 @@ def best_path(  # type: ignore[no-untyped-def]
 
 @compiled
 def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Return the sum of the importance over a region."""
+    """Return the sum of the importance of all cells of a region."""
     n = rate.size
     found = 0.0
     for cell in range(begin, end):
@@ -81,7 +83,10 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 def chunk(  # type: ignore[no-untyped-def]
     rate, visited, first, direction, max_cells, offer, at_s, exponential
 ):
-    """Return the number of cells from ``first`` inwards that are worth no more than an offer."""
+    """Return the largest number of cells, from ``first`` inwards, worth no more than ``offer``.
+
+    It is at most ``max_cells``; the worth is the sum of the cells' importance.
+    """
     n = rate.size
     worth = 0.0
     for count in range(max_cells):
@@ -96,10 +101,11 @@ def chunk(  # type: ignore[no-untyped-def]
 def max_centred(  # type: ignore[no-untyped-def]
     rate, visited, begin, end, max_first, max_last, at_s, exponential
 ):
-    """Return the numbers of cells to give at both ends so that the importance is best centred.
+    """Return the numbers of cells to give away at the beginning and at the end of a region.
 
-    Returns (at the beginning, at the end), at most ``max_first`` and ``max_last``; tried from all
-    to none, and (0, 0) unless another pair is better (4.2.2).
+    The numbers are at most ``max_first`` and ``max_last``. They are chosen so that the importance
+    that remains is best centred in the remaining region (4.2.2). The result is (0, 0) unless
+    another pair is better.
     """
     n = rate.size
     worth, moment = 0.0, 0.0
@@ -112,7 +118,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums without the given cells: the first chunk is removed, and its cells are added one by one.
+    # Sums without the given cells: the whole first chunk is removed, then added cell by cell.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

@@ -1,4 +1,4 @@
-"""Input and result of Bent's planners: a vehicle's region of the ring, and its course."""
+"""The input of Bent's planners (a vehicle's region of the ring) and their result (its course)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from mission_service.guidance.team.front_ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """One vehicle's part of the ring, [begin, end) in lifted cells (see ``regions``).
+    """One vehicle's part of the ring: the lifted cells in ``range(begin, end)`` (see ``regions``).
 
-    ``own_cell`` is the vehicle's cell in ``range(begin, begin + n)``; from ``end`` on it is outside
-    the region.
+    ``own_cell`` is the vehicle's cell, in ``range(begin, begin + n)`` for a ring of n cells. If it
+    is ``end`` or more, the vehicle is outside the region.
     """
 
     ring: FrontRing
@@ -25,30 +25,31 @@ class Region:
 
 
 class Course(NamedTuple):
-    """A vehicle's direction, and its target, if any, as a lifted cell."""
+    """A vehicle's direction, and the lifted cell that is its target (None if there is none)."""
 
     clockwise: bool = True
     target: int | None = None
 
 
-# The new course of a vehicle that is in its region, from the course so far.
+# Returns the new course of a vehicle that is in its region, given its course so far.
 CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
-    """Return a cell of the ring (0 to ``cells`` - 1) as one of ``range(begin, begin + cells)``."""
+    """Return the lifted cell in ``range(begin, begin + cells)`` that equals a cell of the ring."""
     return begin + (cell - begin) % cells
 
 
 def course_to(region: Region, target: int) -> Course:
-    """Return the course to a target in the region."""
+    """Return the course to a target inside the region."""
     return Course(target > region.own_cell, target)
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Return whether a course has no target, its target is passed, or it is outside the region.
+    """Return whether a course has no target, or its target is passed or outside the region.
 
-    A target can be passed by growth of the ring, and in flight by cells that a vehicle skips.
+    A vehicle can pass its target without a visit when the ring grows, or when it skips cells in
+    flight.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:
@@ -57,7 +58,7 @@ def is_finished(region: Region, course: Course) -> bool:
 
 
 def course_back(region: Region) -> Course:
-    """Return the shorter course, in cells, into the region of a vehicle that is outside of it."""
+    """Return the course that takes a vehicle outside its region back over the fewest cells."""
     cells = region.ring.step_m.size
     clockwise = region.begin + cells - region.own_cell < region.own_cell - (region.end - 1)
     return Course(clockwise)

@@ -1,4 +1,4 @@
-"""Bent's rules by name: a planner, a negotiation and an importance (thesis, chapter 4)."""
+"""Bent's rules by name: planner, negotiation and importance function (thesis, chapter 4)."""
 
 from collections.abc import Mapping
 
@@ -35,7 +35,10 @@ BENCHMARKS = ("circling", "bumper")
 
 
 def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRule:
-    """Return a rule of the thesis by its names; a baseline has no negotiation. Raises KeyError."""
+    """Return the rule of the thesis with these names; a baseline needs no negotiation.
+
+    Raises KeyError for an unknown name.
+    """
     if planner in BENCHMARKS:
         return Circling() if planner == "circling" else Bumper()
     steer = (PLANNERS | LATER_PLANNERS)[planner]  # type: ignore[operator]
@@ -44,6 +47,6 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
 
 
 def bent(scenario: Scenario) -> TeamRule:
-    """Return the team rule of a scenario."""
+    """Return Bent's team rule that a scenario selects."""
     planner = scenario.planner
     return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

@@ -1,4 +1,4 @@
-"""Bent's planners: the direction of a vehicle within its region (thesis, 4.1 and 6.1).
+"""Bent's planners, which decide a vehicle's direction within its region (thesis, 4.1 and 6.1).
 
 Each function receives the region and the course so far, and returns the new course.
 """
@@ -8,7 +8,7 @@ from mission_service.guidance.team.bent_region import Course, Region, course_to,
 
 
 def back_and_forth(region: Region, course: Course) -> Course:
-    """Fly from one end of the region to the other and back (4.1.1)."""
+    """Return the course from one end of the region to the other and back (4.1.1)."""
     if region.own_cell == region.end - 1:
         return Course(clockwise=False)
     if region.own_cell == region.begin:
@@ -17,7 +17,7 @@ def back_and_forth(region: Region, course: Course) -> Course:
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
-    """Fly to the cell of highest importance now, chosen anew at every cell (4.1.2)."""
+    """Return the course to the cell with the highest importance, chosen anew each time (4.1.2)."""
     ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = highest(
         ring.spread_rate_m_s, ring.visited_at_s, *cells, region.at_s, region.exponential
@@ -26,15 +26,15 @@ def highest_dynamic(region: Region, course: Course) -> Course:
 
 
 def highest_static(region: Region, course: Course) -> Course:
-    """Fly to the cell of highest importance; a target is kept until it is reached (4.1.3)."""
+    """Return the course to the cell with the highest importance, kept until arrival (4.1.3)."""
     return highest_dynamic(region, course) if is_finished(region, course) else course
 
 
 def predictive(region: Region, course: Course) -> Course:
-    """Fly along the path with the highest mean importance at the time of visit (4.1.4).
+    """Return the course along the path with the highest mean importance at each visit (4.1.4).
 
-    As in the pseudocode, the previous target is kept unless a path is better. Times are flight
-    times, for which the thesis has "+ 1, + 2".
+    As in the pseudocode, the previous target is kept unless another path is better. Visits are
+    timed by the flight times to the cells, where the thesis counts "+ 1, + 2".
     """
     ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = best_path(
@@ -46,5 +46,5 @@ def predictive(region: Region, course: Course) -> Course:
 
 
 def predictive_kept(region: Region, course: Course) -> Course:
-    """Fly as ``predictive``, but each path to its end (6.1, future work)."""
+    """Return the course of ``predictive``, but keep each path to its end (6.1, future work)."""
     return predictive(region, course) if is_finished(region, course) else course

@@ -1,4 +1,4 @@
-"""Bent's team rule: a region and a planner for each vehicle, and negotiation at intervals."""
+"""Bent's team rule: each vehicle has a region and a planner, and negotiates at intervals."""
 
 from mission_service.guidance.team.bent_region import (
     Course,
@@ -24,7 +24,10 @@ NEGOTIATE_EVERY_S = 20.0
 
 
 class RegionTeam:
-    """A ``TeamRule``: ``steer`` directs each vehicle in its region, ``negotiate`` moves borders."""
+    """Bent's ``TeamRule``.
+
+    ``steer`` directs each vehicle in its region, and ``negotiate`` moves the borders.
+    """
 
     def __init__(
         self,
@@ -47,11 +50,11 @@ class RegionTeam:
 
     @property
     def regions(self) -> Regions | None:
-        """The regions at the last decision."""
+        """The regions at the last decision; None before the first decision."""
         return self._regions
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return the direction of the vehicle's planner, or back into its region from outside."""
+        """Return the direction chosen by the vehicle's planner, or the way back into its region."""
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
@@ -70,7 +73,7 @@ class RegionTeam:
         return course.clockwise
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Move borders and targets with their cells, at the next decision."""
+        """Record the new ring; the next decision moves borders and targets to it."""
         # Only the next decision, or the next growth, gives the size of the new ring.
         self._growths.append(place_of)
 
@@ -107,7 +110,10 @@ class RegionTeam:
     def _negotiated(
         self, regions: Regions, ring: FrontRing, fleet: ActiveFleet, at_s: float
     ) -> Regions:
-        """Let each vehicle in turn give cells to its neighbours by the negotiation (4.2.1)."""
+        """Return the regions after each vehicle has given cells to its neighbours (4.2.1).
+
+        The vehicles negotiate one after the other, in the order of their regions.
+        """
         count = len(regions.members)
         if count == 1:
             return regions
@@ -141,11 +147,11 @@ class RegionTeam:
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
-    """Return regions with the vehicles that have joined, and without those that have left."""
+    """Return the regions after adding vehicles that have joined and removing those that left."""
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))
-            # The position of a vehicle that has left is unknown: the start of its region is used.
+            # The position of a vehicle that has left is unknown: the begin of its region is used.
             begins = dict(zip(regions.members, regions.borders, strict=True))
             others = [at.get(other, begins[other].right.place) for other in regions.members]
             regions = with_member(regions, member, others, cell)

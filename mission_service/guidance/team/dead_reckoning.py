@@ -1,4 +1,4 @@
-"""The present positions of a fleet, by dead reckoning from the last reports along the ring."""
+"""Computes the present positions of a fleet by dead reckoning along the ring."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 
 @dataclass(frozen=True, slots=True)
 class ReportedPosition:
-    """The last report of a vehicle: its cell and direction on the ring at ``at_s``."""
+    """The last report from a vehicle: its cell and direction on the ring at ``at_s``."""
 
     member: int
     cell: int
@@ -22,7 +22,7 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """Return the fleet at ``at_s``, without vehicles whose last report is too old."""
+    """Return the fleet at ``at_s``, without vehicles not heard for longer than ``lost_after_s``."""
     recent = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )
@@ -35,7 +35,7 @@ def dead_reckoned_fleet(
 
 
 def _dead_reckoned_cell(one: ReportedPosition, ring: FrontRing, at_s: float) -> int:
-    """Return the last cell that a vehicle has reached by ``at_s``."""
+    """Return the last cell that a vehicle reaches by ``at_s`` at its reported speed."""
     size = ring.step_m.size
     along_m = np.concatenate([[0.0], np.cumsum(ring.step_m)])
     if along_m[-1] == 0.0:  # the front is within one cell

@@ -1,7 +1,7 @@
 """The front as a ring, and the interface of team rules.
 
-A ring is a closed, clockwise sequence of cells of a simulated fire (Bent's experiments), or of the
-360 bearings of an on-board map in flight.
+A ring is a closed, clockwise sequence of cells. In Bent's experiments they are cells of a simulated
+fire; in flight they are the 360 bearings of an on-board map.
 """
 
 from dataclasses import dataclass
@@ -17,31 +17,31 @@ Booleans = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class FrontRing:
-    """The front at one time, clockwise; arrays (n)."""
+    """The front at one time; each array has a value per cell (n), clockwise."""
 
-    step_m: Floats  # from each cell to the next one, the last to the first
-    spread_rate_m_s: Floats  # of the front, outwards
+    step_m: Floats  # distance from each cell to the next one, and from the last to the first
+    spread_rate_m_s: Floats  # outward speed of the front
     visited_at_s: Floats  # time of the last view
 
 
 @dataclass(frozen=True, slots=True)
 class ActiveFleet:
-    """The vehicles that fly now; arrays (k), in ascending order of member."""
+    """The vehicles that fly now; each array has a value per vehicle (k), by ascending member."""
 
     member: Integers  # constant number of the vehicle in the team
-    cell: Integers  # of the ring
+    cell: Integers  # the vehicle's cell on the ring
     clockwise: Booleans
     speed_m_s: Floats
 
 
 class TeamRule(Protocol):
-    """Decides the direction of every vehicle of a team along the ring."""
+    """A team rule, which decides the direction of every vehicle along the ring."""
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return whether vehicle ``which`` (index in the fleet) flies clockwise from here on."""
+        """Return whether the vehicle with index ``which`` in the fleet flies clockwise next."""
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Move all state to a new ring: ``place_of[i]`` is the new cell of the old cell i.
+        """Move the rule's state to a new ring, where ``place_of[i]`` is the new cell of old cell i.
 
-        The order around the ring does not change; several old cells may have the same new cell.
+        The order around the ring does not change. Several old cells may have the same new cell.
         """

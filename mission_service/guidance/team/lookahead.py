@@ -1,9 +1,10 @@
-"""Roll-outs on a ring: the cost of the plans of all vehicles, in compiled code.
+"""Computes the cost of all vehicles' plans by roll-outs on a ring, in compiled code.
 
-A plan is a sequence of legs, each the number of cells that the vehicle flies before it turns; the
-last two are repeated without end. So a lap is an infinite leg, a sweep is two equal legs, and a lap
-that passes an arc three times is a long leg and a short one. Each visit changes only one node, so
-that the time of a roll-out is proportional to nodes plus steps of the vehicles.
+A plan is a sequence of legs. Each leg is the number of cells that the vehicle flies before it
+turns, and the last two legs are repeated without end. So a lap is one infinite leg, a sweep is two
+equal legs, and a lap that passes an arc three times is a long leg and a short leg. Each visit
+changes only one node. Therefore the time of a roll-out is proportional to the number of nodes plus
+the number of steps of the vehicles.
 """
 
 from typing import NamedTuple
@@ -16,23 +17,23 @@ from firemodel.compiled import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEGS = 8  # of a plan; the last two are repeated
-NEVER = 1 << 40  # cells of an infinite leg
+LEGS = 8  # number of legs in a plan; the last two are repeated
+NEVER = 1 << 40  # number of cells in an infinite leg
 
 
 class Nodes(NamedTuple):
-    """The ring of a roll-out; arrays (n), clockwise."""
+    """The ring of a roll-out; each array has a value per node (n), clockwise."""
 
-    step_m: Floats  # from each node to the next, the last to the first
+    step_m: Floats  # distance from each node to the next one, and from the last to the first
     scale: Floats  # the integral of a node's importance up to an age is scale * age ** power
     power: Floats
     linear: bool  # all powers are 2
     visited_s: Floats  # time of the last view of each node; now is 0
-    cells: int  # per node; legs are in cells
+    cells: int  # number of cells in a node; legs are in cells
 
 
 class StartState(NamedTuple):
-    """The vehicles at the beginning of a roll-out; arrays (k)."""
+    """The vehicles at the beginning of a roll-out; each array has a value per vehicle (k)."""
 
     node: Integers  # next node of each vehicle
     arrival_s: Floats  # time of arrival there
@@ -42,7 +43,7 @@ class StartState(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Work arrays of a roll-out."""
+    """The work arrays of a roll-out."""
 
     visited_s: Floats  # (n)
     node: Integers  # (k)
@@ -53,7 +54,7 @@ class Workspace(NamedTuple):
 
 
 class Horizon(NamedTuple):
-    """Length of a roll-out, and the weight of its last part, which represents all later time."""
+    """The length of a roll-out, and the weight of its last part, which stands for later times."""
 
     end_s: float
     late_from_s: float
@@ -61,7 +62,7 @@ class Horizon(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """The changes that ``improve`` tries, in cells, and its work arrays."""
+    """The changes to a plan that ``improve`` tries, in cells, and its work arrays."""
 
     backs: Integers
     shifts: Integers
@@ -70,7 +71,10 @@ class Moves(NamedTuple):
 
 
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
-    """Return zero arrays for roll-outs of this size; they are part of a recorded state."""
+    """Return work arrays for roll-outs of this size.
+
+    They are zero, because they are part of a recorded state.
+    """
     return Workspace(
         np.zeros(nodes),
         np.zeros(vehicles, np.int64),
@@ -83,7 +87,7 @@ def workspace_for(nodes: int, vehicles: int) -> Workspace:
 
 @kernel
 def _up_to(nodes, place, age_s):  # type: ignore[no-untyped-def]
-    """Return the integral of a node's importance up to an age."""
+    """Return a node's importance, integrated from age 0 to ``age_s``."""
     if nodes.linear:
         return nodes.scale[place] * age_s * age_s
     if age_s <= 0.0:
@@ -101,7 +105,10 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
-    """Fly until a time; return the sum of the integrals of importance that visits end."""
+    """Fly all vehicles until ``until_s``; return the importance of the visited nodes.
+
+    For each visit it is integrated over the time since the node's previous visit.
+    """
     ended = 0.0
     count = room.node.size
     size = nodes.step_m.size
@@ -151,8 +158,9 @@ def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
 def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
     """Return the importance of all nodes, integrated over time, when the plans are flown.
 
-    ``legs`` (k, LEGS) are cells to fly from ``start.node`` before each turn; 0 turns at once. The
-    result includes a constant, the cost of the initial ages.
+    ``legs`` (k, LEGS) holds the number of cells that each vehicle flies before each turn, from
+    ``start.node`` on; with 0 the vehicle turns at once. The result includes a constant, the cost of
+    the initial ages.
     """
     _begin(nodes, start, legs, room)
     cost = _fly(nodes, start, legs, room, span.late_from_s)
@@ -164,7 +172,7 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Return the summed importance of all nodes, averaged over the last part of a roll-out."""
+    """Return the sum of all nodes' importance, averaged over the last part of a roll-out."""
     _begin(nodes, start, legs, room)
     _fly(nodes, start, legs, room, span.late_from_s)
     late = -_standing(nodes, room.visited_s, span.late_from_s)
@@ -175,7 +183,10 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS)."""
+    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS).
+
+    Returns the lower of the two costs.
+    """
     cost = roll_out(nodes, start, legs, span, room)
     if cost < best_cost:
         for leg in range(LEGS):
@@ -186,7 +197,7 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 @kernel
 def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
-    """Insert two turns at the beginning, with a leg of ``back`` cells between them."""
+    """Insert two turns at the beginning of a plan, with a leg of ``back`` cells between them."""
     plan[0], plan[1] = 0, back
     plan[2] = min(kept[0] + back, NEVER)
     for leg in range(3, LEGS):  # the last two legs are repeated
@@ -195,7 +206,7 @@ def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
 
 @kernel
 def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
-    """Delay one turn by ``shift`` cells; return False if a leg would have a negative length."""
+    """Delay one turn by ``shift`` cells; return False if a leg would become negative."""
     if kept[turn] + shift < 0 or kept[turn + 1] + shift < 0:
         return False
     for leg in range(LEGS):
@@ -207,7 +218,10 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 
 @kernel
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
-    """Remove the next two turns; return False without two turns, or if they end farther back."""
+    """Remove the next two turns; return whether this is possible.
+
+    It is not possible if a plan has no two turns, or if the vehicle would end up behind its start.
+    """
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False
     plan[0] = NEVER if kept[2] >= NEVER else kept[0] - kept[1] + kept[2]
@@ -218,11 +232,12 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 
 @kernel
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
-    """Change the plan of one vehicle if another one is cheaper by a share ``margin``.
+    """Replace the plan of one vehicle if another plan is cheaper by the share ``margin``.
 
-    It tries to fly back now for each of ``moves.backs`` cells, to delay each of the next turns by
-    ``moves.shifts`` cells, and to omit the next two turns. ``legs`` (k, LEGS) are the plans, of
-    which the row of ``vehicle`` is changed. Returns the number of roll-outs.
+    The function tries to fly back now for each number of cells in ``moves.backs``, to delay each of
+    the next three turns by each number of cells in ``moves.shifts``, and to omit the next two
+    turns. ``legs`` (k, LEGS) holds the plans; only the row of ``vehicle`` is changed. Returns the
+    number of roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):

@@ -1,4 +1,4 @@
-"""Negotiations between neighbours on the borders of their regions (Bent, 4.2 and 6.1)."""
+"""Negotiations between neighbours about the borders of their regions (Bent, 4.2 and 6.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Party:
     """One side of a negotiation; cells are lifted (see ``regions``).
 
-    ``reserved`` are the first and the last of the cells that the vehicle keeps: its present cell,
-    its next cell and its target, as far as they are in its region.
+    A vehicle keeps its present cell, its next cell and its target, as far as they are in its
+    region. ``reserved`` holds the first and the last of these cells.
     """
 
     begin: int
@@ -23,23 +23,24 @@ class Party:
 
     @property
     def max_first(self) -> int:
-        """Number of cells that the vehicle may give at the beginning of its region."""
+        """The number of cells that the vehicle may give at the beginning of its region."""
         return max(self.reserved[0] - self.begin, 0)
 
     @property
     def max_last(self) -> int:
-        """Number of cells that the vehicle may give at the end of its region."""
+        """The number of cells that the vehicle may give at the end of its region."""
         return max(self.end - 1 - self.reserved[1], 0)
 
 
-# (ring, left neighbour, vehicle, right neighbour, time in s, exponential importance) to the numbers
-# of cells that the vehicle gives at the beginning and at the end of its region. In a team of two,
-# both neighbours are the same vehicle.
+# The arguments are the ring, the left neighbour, the vehicle, the right neighbour, the time in s,
+# and whether importance is exponential. The result is the numbers of cells that the vehicle gives
+# at the beginning and at the end of its region. In a team of two, both neighbours are the same
+# vehicle.
 Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int, int]]
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """Return the first and the last of these cells that are in a region; its middle if none is."""
+    """Return the first and the last of ``cells`` in a region, or twice its middle if none is."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 
@@ -47,8 +48,9 @@ def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, i
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
     """Return the importance to give to the left and to the right neighbour.
 
-    ``alone``: both neighbours are the same vehicle. The offer is the amount that makes both equal,
-    half of it at either border; the thesis does not define the border at which two vehicles trade.
+    ``alone`` means that both neighbours are the same vehicle. The vehicle then offers what makes
+    both regions equal, half of it at each border, because the thesis does not define the border at
+    which two vehicles trade.
     """
     more_left, more_right = max(own - left, 0.0), max(own - right, 0.0)
     if alone:
@@ -64,7 +66,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Give at either end as many cells as are worth no more than the offer (4.2.1)."""
+    """Return how many cells at each end are together worth no more than the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -81,11 +83,12 @@ def on_importance(
 def on_centre(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Give the chunks within the offers that best centre the remaining importance (4.2.2).
+    """Return the numbers of cells, within the offers, that best centre what remains (4.2.2).
 
-    The pseudocode is inconsistent with the text: it compares signed differences, never refills an
-    emptied chunk and tries the first chunk without the second only without a second. This function
-    follows the text: it tries every combination for the minimum distance of centre and middle.
+    The pseudocode is inconsistent with the text of the thesis. It compares signed differences,
+    never refills an emptied chunk, and tries the first chunk alone only if there is no second one.
+    This function follows the text: it tries every combination, and chooses the one with the
+    smallest distance between the centre of importance and the middle of the region.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
@@ -99,10 +102,10 @@ def on_centre(
 def on_arrival(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Give the cells that the neighbour would reach sooner (6.1, after Ahmadi & Stone).
+    """Return the numbers of cells that the neighbours would reach first (6.1; Ahmadi & Stone).
 
-    The neighbour is assumed to fly there at once. All vehicles have the same speed, so the nearer
-    one arrives first; distances are in cells, because steps are nearly equal.
+    Each neighbour is assumed to fly there at once. All vehicles have the same speed, so the nearer
+    vehicle arrives first. Distances are in cells, because steps are nearly equal.
     """
     cells = ring.step_m.size
     behind = lifted(left.own_cell, own.own_cell - cells, cells)

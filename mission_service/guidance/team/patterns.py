@@ -1,9 +1,9 @@
-"""Long-term patterns of a team on a ring, and their steady-state costs.
+"""The long-term patterns of a team on a ring, and their steady-state costs.
 
-In a pattern all vehicles lap one behind the other; or all lap and pass a hot arc three times (on,
-back, on); or some sweep the arc while the others lap. On an even front laps are best: the mean age
-of a sweep is 4/3 of that of a lap with as many passes, so that an arc must spread several times
-faster for a sweep to reduce the cost.
+There are three kinds of patterns: all vehicles circle in single file; all circle and pass a hot arc
+three times (on, back, on); or some sweep the arc while the others circle. On an even front circling
+is best, because the mean age of a cell is 4/3 times as high under a sweep as under laps with as
+many passes. A sweep reduces the cost only if the arc spreads several times as fast as the rest.
 """
 
 from typing import NamedTuple
@@ -22,13 +22,13 @@ from mission_service.guidance.team.lookahead import (
     late_mean,
 )
 
-PARTS = 64  # of the ring: the unit of arcs
+PARTS = 64  # number of parts of the ring, in which arcs are measured
 
 
 class Pattern(NamedTuple):
-    """An arc in parts of the ring, and the number of vehicles that sweep it.
+    """An arc, in parts of the ring, and the number of vehicles that sweep it.
 
-    If it is 0, all vehicles pass the arc three times.
+    If no vehicle sweeps the arc, all vehicles pass it three times.
     """
 
     first: int
@@ -40,7 +40,7 @@ LAPS = Pattern(0, 0, 0)
 
 
 def candidates(vehicles: int) -> list[Pattern]:
-    """Return the patterns to try for a number of vehicles."""
+    """Return the patterns with an arc to try for a number of vehicles."""
     lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
     arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
     sweepers = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
@@ -48,17 +48,17 @@ def candidates(vehicles: int) -> list[Pattern]:
 
 
 def repeated(first: int, second: int) -> Integers:
-    """Return legs (LEGS) that alternate without end."""
+    """Return a plan (LEGS) of two legs that alternate without end."""
     return np.array([first, second] * (LEGS // 2), np.int64)
 
 
 def settled_cost(
     pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
 ) -> float:
-    """Return the mean importance of all nodes over time for a pattern with even spacing.
+    """Return the mean over time of all nodes' importance, for a pattern with even spacing.
 
-    ``nodes`` has PARTS nodes; ``speed_m_s`` (k) are the vehicles' speeds, ``turn_s`` the duration
-    of a turn back.
+    ``nodes`` has ``PARTS`` nodes, ``speed_m_s`` (k) holds the vehicles' speeds, and ``turn_s`` is
+    the duration of a turn back.
     """
     count = speed_m_s.size
     step_m = nodes.step_m

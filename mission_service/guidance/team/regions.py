@@ -1,15 +1,16 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-Each border has two sides, the states of the vehicles left (counter-clockwise) and right of it, each
-with a place and a version. A side moves a border only by giving cells away, and only in its turn:
+The vehicles left (counter-clockwise) and right of a border each store a state of it, called a side,
+with a place and a version. A side moves the border only by giving cells away, and only in its turn:
 the left side after even versions, the right side after odd versions. A side that offers version
-v + 1 serves the offered cells until it receives v + 1 or later; the other side owns them as soon as
-it receives the offer, and has the next turn. Messages consist of place and version, and may be
-lost, duplicated or late: a receiver applies only newer versions, and each version is made once. The
-served cells always cover the ring. The newer side of each border forms the ledger, in which each
-cell has exactly one owner.
+v + 1 serves the offered cells until it receives version v + 1 or a later one. The other side owns
+the cells as soon as it receives the offer, and has the next turn.
 
-Places are *lifted*: the count of cells continues around the ring, so that a region is
+A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver
+applies only newer versions, and no version number is used twice. The served cells always cover the
+ring. The newer sides of all borders form the ledger, in which each cell has exactly one owner.
+
+Places are *lifted*: the count of cells continues around the ring. A region is therefore
 ``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.
 """
 
@@ -24,11 +25,14 @@ from mission_service.guidance.team.front_ring import Integers
 
 
 class Side(NamedTuple):
-    """The state of a border at one of its two vehicles; ``place`` is the first cell right of it."""
+    """The state of a border that one of its two vehicles stores.
+
+    ``place`` is the first cell to the right of the border.
+    """
 
     place: int
     version: int = 0
-    offered: int | None = None  # the place of version + 1, which is offered and not confirmed
+    offered: int | None = None  # the place in version + 1, which is offered but not confirmed
 
 
 class Border(NamedTuple):
@@ -43,7 +47,7 @@ class Border(NamedTuple):
 
 
 class BorderMessage(NamedTuple):
-    """The message of a side on its border; it is ignored in another epoch."""
+    """The message that one side of a border sends to the other; it is valid in one epoch only."""
 
     epoch: int
     place: int
@@ -52,10 +56,10 @@ class BorderMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """The team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
+    """The regions of a team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
 
-    Places ascend from border to border, by at most ``cells`` once around. ``epoch`` counts growths
-    of the ring and changes of the team, which all vehicles receive.
+    Places ascend from border to border, by at most ``cells`` in one lap. ``epoch`` counts how often
+    the ring has grown or the team has changed; all vehicles learn of these events.
     """
 
     members: tuple[int, ...]
@@ -65,9 +69,10 @@ class Regions:
 
 
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
-    """Return regions of equal size in the vehicles' order, clockwise from the first one's cell.
+    """Return regions of equal size, in the vehicles' order along the ring.
 
-    These are the initial regions of Bent (section 4.2); positions only set the order.
+    These are Bent's initial regions (section 4.2). The regions begin at the cell of the first
+    vehicle; otherwise positions only set the order.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
@@ -77,14 +82,20 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the cells [begin, end), lifted, that a vehicle serves by its sides of the borders."""
+    """Return the begin and the end (lifted, excluded) of the cells that a vehicle serves.
+
+    They follow from the vehicle's own sides of its two borders.
+    """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
     return regions.borders[index].right.place, end
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the cells that a vehicle serves and has not offered, lifted [begin, end)."""
+    """Return the begin and the end of the cells that a vehicle serves and has not offered.
+
+    Both are lifted; the end is excluded.
+    """
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
     end_place = end.place if end.offered is None else end.offered
@@ -95,7 +106,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return where each region begins, lifted: the newer of each border's sides."""
+    """Return the lifted begin of each region, by the newer side of its border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
@@ -111,13 +122,16 @@ def owners(regions: Regions) -> Integers:
 
 
 def has_turn(border: Border, *, left: bool) -> bool:
-    """Return whether this side may offer now."""
+    """Return whether one side of a border may offer cells now."""
     side = border.left if left else border.right
     return side.offered is None and (side.version % 2 == 0) == left
 
 
 def offering(border: Border, place: int, *, left: bool) -> Border:
-    """Return a border whose side offers the cells up to a place; raises ValueError."""
+    """Return a border with an offer by one side to move it to ``place``.
+
+    Raises ValueError if the side may not offer now, or if it would gain cells.
+    """
     side = border.left if left else border.right
     if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
         raise ValueError(f"a border at {side.place} cannot be offered at {place} now")
@@ -125,7 +139,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """Return the message of one side of a border: its offer, if any, or its state."""
+    """Return the message of one side of a border: its offer, or its state if it has none."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)
@@ -149,7 +163,7 @@ def with_border(regions: Regions, index: int, border: Border) -> Regions:
 
 
 def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
-    """Return the regions after one side has moved a border, with all messages exchanged."""
+    """Return the regions after one side has moved a border and all messages have arrived."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
         regions = _given(regions, index, other.place, left=not left)
@@ -164,7 +178,7 @@ def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 
 
 def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
-    """Return the regions on a new ring of ``cells`` cells: borders move with their cells."""
+    """Return the regions on a new ring of ``cells`` cells, where borders move with their cells."""
     first, before = int(place_of[0]), place_of.size
 
     def new(place: int | None) -> int | None:
@@ -181,9 +195,9 @@ def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
 
 
 def without_member(regions: Regions, member: int) -> Regions:
-    """Return the regions after a vehicle has left: its neighbours share its region.
+    """Return the regions after a vehicle has left and its neighbours have shared its region.
 
-    Offers are void. Raises ValueError for the last vehicle.
+    All offers are cancelled. Raises ValueError for the last vehicle.
     """
     index, count = regions.members.index(member), len(regions.members)
     if count == 1:
@@ -201,10 +215,10 @@ def without_member(regions: Regions, member: int) -> Regions:
 
 
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """Return the regions after a vehicle has joined at a cell, whose region is halved.
+    """Return the regions after a vehicle has joined at a cell and received half of its region.
 
-    Offers are void. ``cells_of`` are the cells of the others, clockwise; the owner of the region
-    keeps the half that it is in.
+    ``cells_of`` holds the cells of the other vehicles, clockwise. The owner of the halved region
+    keeps the half in which it is. All offers are cancelled.
     """
     begins = list(ledger(regions))
     host = int(owners(regions)[cell])

@@ -1,12 +1,12 @@
-"""A team in flight: one on-board map for all its vehicles, and a rule that directs each of them.
+"""A team in flight: one on-board map for all vehicles, and a rule that directs each of them.
 
-All cameras update the same map. The front is a ring of the map's 360 bearings; whenever a vehicle
-reaches a new bearing, the rule decides its direction. In the first lap half of the vehicles fly in
-the opposite direction; the lap ends when the map is complete.
+All cameras update the same map. The front is a ring of the map's 360 bearings. Whenever a vehicle
+reaches a new bearing, the rule decides its direction. In the first lap every second vehicle flies
+in the opposite direction. This lap ends when the map is complete or a vehicle has flown all round.
 
-A vehicle that has left (lost, recalled, on the ground) is not in the fleet given to the rule, so
-that the others close the gap at their next decision. It returns to the fleet when it flies and has
-the front in view.
+The fleet given to the rule does not contain vehicles that have left (lost, recalled, or on the
+ground), so the others close the gap at their next decision. A vehicle returns to the fleet when it
+flies and has the front in view.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ CARRIED_BACK = 30  # maximum drift of a vehicle in cells during a turn back
 
 @dataclass(frozen=True, slots=True)
 class TeamSettings:
-    """Settings of a team besides its rule."""
+    """The settings of a team in addition to its rule."""
 
     cell_m: float
     clockwise_first: bool
@@ -56,14 +56,14 @@ class TeamSettings:
 
 @dataclass(frozen=True, slots=True)
 class MemberPerformance:
-    """Speed of a vehicle, and the duration of its turn back."""
+    """The speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # in which the rule decides nothing
+    turn_s: float  # during this time the rule makes no decision
 
 
 class Team:
-    """The map, the rule and the members. Positions are float (row, col) of the landscape's grid."""
+    """A team's map, rule and members; positions are rows and columns of the landscape's grid."""
 
     def __init__(
         self,
@@ -89,21 +89,21 @@ class Team:
         return self._members[name]
 
     def add_view(self, observed: Observed) -> NDArray[np.bool_]:
-        """Update the map by a camera window; return the bearings (360) in view."""
+        """Update the map from a camera window; return which bearings are in view (360)."""
         seen = view_of(observed)
         if not self.surveyed and not self.settings.ignition_known:
             append_view(self._observations, seen)
         return self.map.observe(*seen)
 
     def end_survey(self) -> None:
-        """End the first lap; the fire's centre replaces an unknown ignition."""
+        """End the first lap; the fire's centre replaces an unknown ignition point."""
         self.surveyed = True
         if not self.settings.ignition_known:
             self.map, _ = recentred_map(self.map, self._observations)
             self._observations.clear()
 
     def ring(self) -> FrontRing:
-        """Return the front of the map as a ring with a cell for each bearing."""
+        """Return the map's front as a ring with one cell for each bearing."""
         cell_m = self.settings.cell_m
         outer, visited_at_s = self.map.filled_outer()
         north, east = outer * NORTH, outer * EAST
@@ -115,13 +115,13 @@ class Team:
 
     @property
     def flying(self) -> int:
-        """Number of vehicles that fly the front, by their last reports."""
+        """The number of vehicles that fly along the front, by their last reports."""
         return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
-        """Return the vehicles that fly the front now.
+        """Return the vehicles that fly along the front now.
 
-        A vehicle without reports is advanced by dead reckoning for ``LOST_AFTER_S``.
+        A vehicle whose reports have stopped is dead reckoned for ``LOST_AFTER_S``, then omitted.
         """
         reports = [
             ReportedPosition(
@@ -138,12 +138,12 @@ class Team:
 
 
 class TeamMember:
-    """One vehicle of a team: a ``Planner``."""
+    """The ``Planner`` of one vehicle in a team."""
 
     def __init__(self, team: Team, number: int, performance: MemberPerformance) -> None:
         self.number = number
         self.performance = performance
-        self.flies = False  # whether it is in the air and the front has been in view
+        self.flies = False  # whether it is in the air and has had the front in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the last cell of the ring that the vehicle reached
         # On the first lap successive members fly in opposite directions: half a lap is sufficient.
@@ -167,13 +167,13 @@ class TeamMember:
 
     @property
     def phase(self) -> Phase:
-        """The approach until the front is in view, then the team's first lap, then monitoring."""
+        """The phase: approach until the front is in view, then the first lap, then monitoring."""
         if not self._found:
             return "approach"
         return "monitor" if self._team.surveyed else "initial circle"
 
     def observe(self, observed: Observed) -> None:
-        """Update the team's map by a camera window."""
+        """Update the team's map from a camera window."""
         self._in_view = self._team.add_view(observed)
         self._found |= bool(self._in_view.any())
 
@@ -182,7 +182,7 @@ class TeamMember:
         self._team.map.correct(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Do nothing: the rules of teams do not use the wind."""
+        """Do nothing: team rules do not use the wind."""
 
     def left(self, at_s: float) -> None:
         """Leave the fleet until the vehicle flies and has the front in view again."""
@@ -191,10 +191,10 @@ class TeamMember:
         self._lap.bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision when it has reached a new cell.
+        """Set the vehicle's position; return a decision if it has reached a new cell.
 
-        The rule decides at every cell passed, but not during a turn back: the next new cell is then
-        the first one after the cell of the turn.
+        The rule decides at every cell passed, but not during a turn back. After a turn the rule
+        next decides at the first cell beyond the cell of the turn.
         """
         team = self._team
         self.reported_at_s = at_s
@@ -221,7 +221,7 @@ class TeamMember:
         return self._decide(passed, step, at_s)
 
     def _decide(self, passed: int, step: int, at_s: float) -> Decision:
-        """Apply the rule at each cell passed, until it turns the vehicle back."""
+        """Apply the rule at each cell passed, until it turns the vehicle; return the decision."""
         ring = self._team.ring()
         turn = False
         for _ in range(passed):
@@ -237,11 +237,11 @@ class TeamMember:
         return Decision(self.clockwise, turn, 0.0, 0.0, BEARINGS)
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the reconstructed fire: distance of the front in cells on 360 bearings."""
+        """Return the reconstructed front: distances in cells on 360 bearings."""
         return reconstructed_front(self._team.map, self._in_view, row, col, self.clockwise)
 
     def path(self, row: float, col: float) -> Floats:
-        """Return the path to fly: (n, 2) float (row, col) along the front ahead.
+        """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
         During the first lap the unseen part of the front is extrapolated.
         """

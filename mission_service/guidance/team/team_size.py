@@ -1,8 +1,8 @@
-"""The number of vehicles that a front needs, their split into laps and sweeps, and advice.
+"""Computes how many vehicles a front needs, how many of them lap and sweep, and advice.
 
-On a ring of length L, n vehicles of speed v that lap with even spacing see every point at intervals
-of L/(n v); k vehicles that sweep an arc of length l see its ends at intervals of 2 l/(k v). The
-interval times the rate of spread at a point is the unseen advance of the front.
+On a ring of length L, n vehicles with speed v that lap with even spacing see every point at
+intervals of L/(n v). If k vehicles sweep an arc of length l, they see its ends at intervals of
+2 l/(k v). The unseen advance of the front at a point is the interval times the rate of spread.
 """
 
 import math
@@ -14,11 +14,11 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
-PARTS = 64  # of the ring; arcs begin and end at their borders
+PARTS = 64  # number of parts of the ring; arcs begin and end at their borders
 
 
 class Split(NamedTuple):
-    """Numbers of vehicles that lap and sweep; the arc in metres along the ring from cell 0."""
+    """The numbers of vehicles that lap and that sweep, and the length of the arc that is swept."""
 
     lapping: int
     sweeping: int
@@ -27,14 +27,17 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:
-    """Return how many vehicles must lap to keep the maximum age T: n >= L / (v T)."""
+    """Return how many vehicles must lap to keep the age at most T: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * max_revisit_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """Return how many vehicles must lap to bound the unseen advance D: n >= ROS_max L / (v D)."""
+    """Return how many vehicles must lap to keep the unseen advance at most ``advance_m``.
+
+    With the advance D and the largest rate of spread R, n >= R L / (v D).
+    """
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
 
@@ -43,10 +46,10 @@ def _at_least(number: float) -> int:
 
 
 def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s: float) -> Split:
-    """Return the split and the arc with the smallest worst advance, from the measured spread.
+    """Return the split and the arc with the smallest worst unseen advance.
 
-    Arrays (n) are of a ring. All vehicles lap unless sweeping is better; of equal splits the result
-    is the one with the fewest sweeping vehicles.
+    ``step_m`` and ``spread_rate_m_s`` (n) have a value per cell of the ring. All vehicles lap
+    unless sweeping is better. Among equal splits the one with the fewest sweeping vehicles wins.
     """
     length_m = float(step_m.sum())
     lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
@@ -74,7 +77,7 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
 def vehicles_needed(
     step_m: Floats, spread_rate_m_s: Floats, speed_m_s: float, advance_m: float
 ) -> Split:
-    """Return the smallest team that keeps the unseen advance under a limit, and its split."""
+    """Return the split of the smallest team that keeps the unseen advance within ``advance_m``."""
     max_vehicles = vehicles_for_advance(
         float(spread_rate_m_s.max()), float(step_m.sum()), speed_m_s, advance_m
     )
@@ -87,7 +90,7 @@ def vehicles_needed(
 
 @dataclass(frozen=True, slots=True)
 class CoverageTargets:
-    """Limits of the age of any part of the front, and of its unseen advance."""
+    """The limits for the age and for the unseen advance of any part of the front."""
 
     max_revisit_s: float | None = None
     max_unseen_advance_m: float | None = None
@@ -96,9 +99,10 @@ class CoverageTargets:
 def team_size_advice(
     ring: FrontRing, speed_m_s: Floats, targets: CoverageTargets
 ) -> tuple[bool, str]:
-    """Return whether the team (speeds, k) is too small for the targets, and advice as text.
+    """Return whether a team is too small for the targets, and advice as text.
 
-    It uses the team's mean speed; without targets the text has only the team's present performance.
+    ``speed_m_s`` (k) holds the vehicles' speeds, of which the mean is used. Without targets the
+    text describes only the team's present performance.
     """
     vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
     length_m, fastest_m_s = float(ring.step_m.sum()), float(ring.spread_rate_m_s.max())
@@ -129,7 +133,10 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """Gives advice when the team or its required size has changed, checked every five minutes."""
+    """The adviser, which gives advice when the team, or whether it is too small, has changed.
+
+    It checks every five minutes.
+    """
 
     def __init__(self, targets: CoverageTargets) -> None:
         self._targets = targets
@@ -137,13 +144,13 @@ class TeamSizeAdviser:
         self._next_s = -np.inf
 
     def is_due(self, vehicles: int, at_s: float) -> bool:
-        """Return whether to check again: after five minutes, or when the team has changed."""
+        """Return whether to check again, after five minutes or when the team has changed."""
         return at_s >= self._next_s or (
             self._last_advice is not None and self._last_advice[0] != vehicles
         )
 
     def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
-        """Return (too few vehicles, text) if the advice has changed, else None."""
+        """Return whether there are too few vehicles, and advice as text; None without a change."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
         last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)

@@ -1,13 +1,13 @@
 """The way of flying along a front as a team, with one map for all vehicles and a team rule.
 
-A rule is a file of this folder and a line in ``RULES``.
+To add a rule, add a file to this folder and a line to ``RULES``.
 """
 
 from mission_service.guidance.front.way import along_front
 from mission_service.guidance.way_of_flying import later
 
 FOLDER = __package__
-# By rule: address of the function that makes it.
+# For each rule, the address of the function that makes it.
 RULES = {
     "team.balanced": "balanced:balanced",
     "team.circling": "bent_rules:bent",
