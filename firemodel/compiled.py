@@ -1,8 +1,9 @@
 """Compile inner loops with Numba, with a cache on disk that depends on all sources they may call.
 
-Numba's own cache checks only the file of a function and ignores changes of called functions in
-other files. The name of this module's cache folder is a hash of all files of this package, of the
-files in the function's folder, and of all modules of its package that compile functions.
+Numba's own cache checks only the file of the compiled function. It ignores changes to functions in
+other files that this function calls. The name of this module's cache folder is a hash of all files
+of this package, of the files in the function's folder, and of all modules of its package that
+compile functions.
 """
 
 import hashlib
@@ -21,9 +22,10 @@ PACKAGE = Path(__file__).parent
 
 @cache
 def cache_folder(home: Path) -> Path:
-    """Return the cache folder for the functions in ``home``.
+    """Return the cache folder for the functions in the folder ``home``.
 
-    It is in this package or, if the package is read-only, in the user's cache.
+    It is in Numba's configured folder, else in this package or, if the package is read-only, in the
+    user's cache.
     """
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):
@@ -66,12 +68,12 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a function; it may allocate arrays."""
+    """Compile a function that may allocate arrays."""
     return _cached(function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function for inner loops without reference counts, which takes half of the time.
+    """Compile a function without reference counts, so that inner loops take half of the time.
 
     The function must not allocate arrays; callers pass its work arrays.
     """

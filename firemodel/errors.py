@@ -1,5 +1,5 @@
-"""Error class of this package, for invalid landscapes, weather streams and ignitions."""
+"""Define the error class of this package, for invalid landscapes, weather and ignitions."""
 
 
 class FireModelError(ValueError):
-    """Base class of the errors of this package; the message names file, cell and value."""
+    """The base class of this package's errors, whose messages name the file, cell and value."""

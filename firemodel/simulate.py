@@ -35,16 +35,17 @@ def burn(
     scheme: SchemeName = "anyangle",
     **settings: Any,
 ) -> Fire:
-    """Simulate a fire on a landscape, lit at 0 s, for a given duration.
+    """Simulate a fire that is lit at 0 s on a landscape, for a given duration.
 
-    Rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30); the default scheme
-    integrates them to arrival times along straight lines at any angle (``spread/anyangle.py``).
+    The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30). The default scheme
+    integrates these rates along straight lines at any angle, which gives arrival times
+    (``spread/anyangle.py``).
 
     Args:
         landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
         weather: A stream, a single entry for the whole time, or a .raws, .wxs or .csv file (see
-            ``read_weather``). Default: dry, wind of 4 m/s from the north-east.
+            ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
         duration_s: Duration of the simulation in seconds.
@@ -52,9 +53,10 @@ def burn(
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
 
     Returns:
-        The fire. ``arrival_time_s`` is float64 (y, x), row 0 in the north: seconds after ignition,
-        infinity where unburned. ``front(time_s)`` is a shapely MultiPolygon in the
-        landscape's CRS, ``burned_ha`` the burned area; ``advance(time_s)`` continues the fire.
+        The fire. ``arrival_time_s`` is float64 (y, x) with row 0 in the north. It is in seconds
+        after ignition, and infinity in unburned cells. ``front(time_s)`` returns a shapely
+        MultiPolygon in the landscape's CRS, ``burned_ha`` is the burned area, and
+        ``advance(time_s)`` continues the fire.
 
     Raises:
         FireModelError: A file cannot be used, or an ignition is off the landscape or on ground
@@ -110,7 +112,7 @@ def _cells(
 
 
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
-    """Return the row and column of the burnable cells that the shapes of a file touch.
+    """Return the row and column of each burnable cell that the shapes in a file touch.
 
     Raises FireModelError if the file cannot be used or all its cells are non-burnable.
     """

@@ -1,4 +1,4 @@
-"""Observations computed automatically from the images of cameras and sensors."""
+"""Compute observations automatically from the images of cameras and sensors."""
 
 from collections.abc import Sequence
 
@@ -13,12 +13,12 @@ Bools = NDArray[np.bool_]
 
 
 class CameraFront:
-    """Limited number of observations from the windows of a camera.
+    """A limited number of observations that are computed from the windows of a camera.
 
     The edge between a burned cell and an unburned neighbour is observed as burning. A cell whose
-    observed state differs from the simulated one is observed as burned or unburned. For each
-    state, each square of ``apart_m`` and each interval of ``every_s`` only the newest observation
-    is kept. In total the newest ``most`` observations are kept.
+    observed state differs from the simulated one is observed as burned or unburned. For each state,
+    in each square with sides of ``apart_m`` and in each interval of ``every_s``, only the newest
+    observation is kept. Of the kept observations, only the newest ``most`` are used.
     """
 
     def __init__(
@@ -31,8 +31,9 @@ class CameraFront:
     def fold(self, row: int, col: int, cells: Sequence[str], at_s: float, fire: Simulation) -> None:
         """Add a window (``events.Observed``) whose north-west cell is (row, col).
 
-        Each string is a row, from north to south: ``b`` is burning or burned, ``u`` unburned, any
-        other character not observed. ``fire`` is the simulation without these observations.
+        Each string of ``cells`` is one row of cells; the rows run from north to south. A ``b`` is a
+        burning or burned cell and a ``u`` an unburned cell; a cell with any other character was not
+        observed. ``fire`` is the simulation without these observations.
         """
         window = np.array([list(line) for line in cells])
         if window.size == 0:
@@ -52,7 +53,7 @@ class CameraFront:
         self._keep(places[unburned[observed] & simulated], at_s, UNBURNED)
 
     def observations(self) -> Floats:
-        """Return the kept observations, (n, 4) x, y, at_s, state, in order of time."""
+        """Return the kept observations (n, 4) in order of time: x, y, at_s and state."""
         newest = sorted(self._observations.values(), key=lambda observation: observation.at_s)[
             -self.most :
         ]

@@ -1,4 +1,4 @@
-"""Arrival times of a cellular fire corrected by observations."""
+"""Correct the arrival times of a cellular fire by observations."""
 
 from collections.abc import Callable
 
@@ -17,18 +17,21 @@ Ints = NDArray[np.int64]
 
 
 class ArrivalRaster:
-    """Arrival times (y, x) of a landscape's cells, infinity if unburned: an ``AdjustableFire``.
+    """The arrival times (y, x) of a landscape's cells, as an ``AdjustableFire``.
+
+    An unburned cell has the arrival time infinity.
 
     The ignition point of each cell is found by stepping back from the cell to its earliest
-    neighbour until no neighbour is earlier. The three rates are logarithms of factors on the
-    travel time: along all paths, along paths to the east and along paths to the north.
+    neighbour until no neighbour is earlier. Each of the three rates is the logarithm of a factor on
+    travel times. The first rate applies to all paths. The second and the third are multiplied by
+    the east and the north component of a path's direction.
     """
 
     rates_sd = np.array([0.7, 0.4, 0.4])
     first_rates = np.array([[every, 0.0, 0.0] for every in (-1.0, -0.3, 0.3, 1.0)])
 
     def __init__(self, arrival_s: Floats, landscape: Landscape) -> None:
-        """Raises FireModelError if the times are not on the landscape's grid."""
+        """Raise FireModelError if the times are not on the landscape's grid."""
         check_shape(arrival_s, landscape)
         self.arrival_s, self.landscape = arrival_s, landscape
         self._origin = _origins(arrival_s)
@@ -42,7 +45,7 @@ class ArrivalRaster:
         return other
 
     def places(self) -> Floats:
-        """Return the centres of the cells where the fire was lit, (n, 2) x, y in metres."""
+        """Return the centres (n, 2) of the cells where the fire was lit, as x, y in metres."""
         cells = np.arange(self._origin.size)
         lit = (self._origin == cells) & np.isfinite(self.arrival_s.ravel())
         return self._centres(cells[lit])
@@ -76,7 +79,8 @@ class ArrivalRaster:
     def _between(self, row: Floats, col: Floats) -> Floats:
         """Interpolate arrival times bilinearly at fractional rows and columns.
 
-        Where fire does not reach all four cells around, the time is that of the nearest cell.
+        If fire does not reach all four surrounding cells, the arrival time of the nearest cell
+        holds.
         """
         rows, cols = self.landscape.shape
         top, left = (
@@ -96,9 +100,9 @@ class ArrivalRaster:
 
 
 def _origins(arrival_s: Floats) -> Ints:
-    """Return, for each cell, the index (n,) of the cell from which its fire started.
+    """Return, for each cell, the index (n,) of the cell where the fire that burns it started.
 
-    An ignition cell and a cell without fire have their own number.
+    An ignition cell has its own index, and so has a cell without fire.
     """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)
@@ -127,12 +131,15 @@ def corrected_arrival(
     observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Correct arrival times (y, x) of a cellular fire by observations (n, 4) x, y, at_s, state.
+    """Return the arrival times (y, x) of a cellular fire, corrected by observations (n, 4).
 
-    Another ``method`` is that of the paper, with its length: ``lambda fire, observations:
-    PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond the observed
-    places. An infinite cell stays infinite unless an observation marks it burned or burning; it
-    then burns from the time of that observation.
+    The columns of the observations are x, y, at_s and state.
+
+    To use the method of the paper with a length of 30 m, pass as ``method`` the function ``lambda
+    fire, observations: PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond
+    the observed places. A cell that the fire never reaches stays unburned unless an observation
+    marks it as burned or burning. The cell then burns from the time of the earliest such
+    observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)
@@ -148,7 +155,7 @@ def corrected_arrival(
 
 
 def warm_up() -> None:
-    """Compile the kernels of a correction by running a small one."""
+    """Compile the kernels that corrections use, by running a small correction."""
     from firemodel.landscape.flat import flat_landscape
 
     land = flat_landscape(8, 8, 30.0, 0.0, 3.0)

@@ -1,10 +1,10 @@
-"""A fire simulation corrected by observations, after Beachly et al. (section IV).
+"""Correct a simulated fire by observations, as in section IV of Beachly et al.
 
 The error e of an observation is the delay of the observed fire behind the simulated one
-(``observations.errors_s``). A squared exponential k of the distance weights the errors at other
-places: the correction is Σ k e / max(1, Σ k). Near many observations this is their weighted mean;
-far from all of them it is 0. The weight does not depend on the time of an observation: two
-observations at one place are averaged.
+(``observations.errors_s``). At another place, this error has a weight k, which is a squared
+exponential of the distance. The correction there is Σ k e / max(1, Σ k). Near many observations,
+this is the weighted mean of their errors; far from all observations it is 0. The weight does not
+depend on the time of an observation, so two observations at one place are averaged.
 """
 
 import math
@@ -32,14 +32,15 @@ SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in rang
 
 
 class PaperCorrected:
-    """A fire corrected by observations (n, 4) x, y, at_s, state, by weights over distance.
+    """A fire that is corrected by observations (n, 4) with weights that depend on distance.
 
-    An observation has an effect within about ``length_m``.
+    The columns of the observations are x, y, at_s and state. An observation has an effect within
+    about ``length_m``.
 
-    A burned or unburned observation that agrees with the simulation has no weight. A place that
-    the simulated fire never reaches cannot be corrected by a shift of time: it burns from the
-    time of the earliest burned or burning observation within ``length_m``, provided that the
-    simulated fire does not reach the place of that observation either.
+    A burned or unburned observation that agrees with the simulation has no weight. A place that the
+    simulated fire never reaches has no arrival time that could be shifted. It burns from the time
+    of the earliest burned or burning observation within ``length_m``, provided that the simulated
+    fire does not reach the place of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
@@ -65,7 +66,7 @@ class PaperCorrected:
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 
     def corrected_s(self, points_m: Floats, simulated_s: Floats) -> Floats:
-        """Return ``ignition_time_s`` of points, given their simulated arrival times (n,)."""
+        """Return ``ignition_time_s`` for points whose simulated arrival times (n,) are given."""
         found = simulated_s + self.shift_s(points_m)
         never = np.flatnonzero(np.isinf(simulated_s))
         for x, y, at_s in self._ignitions:
@@ -86,9 +87,10 @@ class PaperCorrected:
 
 @kernel
 def _squared_exponential(y):  # type: ignore[no-untyped-def]
-    """Compute exp(-y) with a relative error of 1e-10, and 0 where it is below ``NEGLIGIBLE``.
+    """Compute exp(-y) with a relative error of 1e-10; a result below ``NEGLIGIBLE`` becomes 0.
 
-    It has no branch and no call, so that the compiler can vectorise loops over it, unlike exp.
+    Unlike exp, this function has no branch and no call, so that the compiler can vectorise loops
+    over it.
     """
     z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]
@@ -129,7 +131,7 @@ def _add_up(box, places, error_s, part, xs, ys, total, weight):  # type: ignore[
 
 @kernel
 def _powers(values, between):  # type: ignore[no-untyped-def]
-    """Turn values at the nodes into coefficients of powers of x and y, in place."""
+    """Convert values at the nodes into coefficients of powers of x and y, in place."""
     for _ in range(2):
         for i in range(NODES):
             for j in range(NODES):
@@ -143,7 +145,10 @@ def _powers(values, between):  # type: ignore[no-untyped-def]
 
 @kernel
 def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
-    """Evaluate Σ c[i, j] y^i x^j at each place into ``found``; x and y are scaled to -1 to 1."""
+    """Write Σ c[i, j] y^i x^j at each place into ``found``.
+
+    Here x and y are scaled to the range from -1 to 1.
+    """
     for i in range(NODES - 1, -1, -1):
         row = c[i * NODES : (i + 1) * NODES]
         c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
@@ -157,7 +162,10 @@ def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ig
 
 @kernel
 def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ignore[no-untyped-def]
-    """Compute Σ k e and Σ k of each point in the order of the tiles, into arrays of zeros."""
+    """Write Σ k e into ``total`` and Σ k into ``weight`` for each point, in the order of the tiles.
+
+    Both arrays are 0 on entry.
+    """
     part = 0.5 / (length_m * length_m)
     tile_boxes = tiles.boxes[first_of(tiles.levels) :]
     node_x, node_y, node_total, node_weight, between = room[0], room[1], room[2], room[3], room[4]

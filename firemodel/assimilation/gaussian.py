@@ -1,18 +1,19 @@
-"""A fire simulation corrected by observations: Gaussian-process regression along fire's paths.
+"""Correct a simulated fire by observations, by Gaussian-process regression along fire's paths.
 
-An error in the rate of spread accumulates along the path from the source. The regression is
-therefore not of the arrival time but of the logarithm w of the slowness: a path that takes e
-seconds in the simulation takes e · mean(exp w) in the corrected fire. An observation constrains w
-along the whole path behind it and, by correlation, the path ahead. In the corrected fire no place
-burns before the ignition, and arrival times increase along each path.
+An error in the rate of spread accumulates along the path from the source. Therefore the regression
+does not estimate arrival times but w, the logarithm of the slowness. A path that takes t seconds in
+the simulation takes t · mean(exp w) in the corrected fire. An observation constrains w along the
+whole path behind it and, by correlation, along the path ahead. In the corrected fire no place burns
+before the ignition, and arrival times increase along each path.
 
-The unknowns have Gaussian priors and are estimated together (Gauss-Newton, MAP): the simulation's
-rates and wind (``paths.AdjustableFire``), and w as a field over places, for errors of fuel and
-terrain. The error of an observation is its position error times the slowness there. A burning
-observation has a Student's t likelihood, so that a few outliers have little influence; a burned or
-unburned one has the probability of its state (Laplace's method). The field's prior sd and length
-are the most likely of a few (marginal likelihood of the linearised regression). See Rasmussen &
-Williams 2006, chapters 2, 3 and 5.
+The unknowns are the rates and the wind of the simulation (``paths.AdjustableFire``), and a field of
+w over places, which represents errors in fuel and terrain. All have Gaussian priors and are
+estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
+slowness there, is a time error; it is combined with ``TIME_SD_S``. The likelihood of a burning
+observation is a Student's t, so that a few outliers have little influence. The likelihood of a
+burned or unburned observation is the probability of its state (Laplace's method). The prior sd and
+length of the field are those of a few candidates that are most likely (marginal likelihood of the
+linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
 """
 
 import math
@@ -54,7 +55,7 @@ EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
 class _Prior(NamedTuple):
-    """Prior of the parameters (rates, then the field) as L z, with z of unit variance."""
+    """The prior of the parameters (rates, then the field), as L z with z of unit variance."""
 
     sd: float
     length_m: float
@@ -68,7 +69,7 @@ class _Prior(NamedTuple):
         return np.concatenate([of_rates * self.rates_sd, place.reshape(len(place), -1)], axis=1)
 
     def colour(self, z: Floats) -> tuple[Floats, Floats]:
-        """Return the rates (k,) and the field w (rows, cols) of the unit-variance parameters z."""
+        """Return the rates (k,) and the field w (rows, cols) for the unit-variance parameters z."""
         k = len(self.rates_sd)
         place = z[k:].reshape(len(self.of_rows), len(self.of_cols))
         return z[:k] * self.rates_sd, self.sd * (self.of_rows @ place @ self.of_cols.T)
@@ -78,13 +79,13 @@ class _Prior(NamedTuple):
 def _blas() -> ThreadpoolController:
     """Return the controller that limits BLAS to one thread.
 
-    With more threads, sums depend on the machine, and are not faster for these sizes.
+    With more threads, the sums would depend on the machine and would not be faster at these sizes.
     """
     return ThreadpoolController()
 
 
 class _Evaluation(NamedTuple):
-    """Expected and observed times of the observations for given rates and a given field."""
+    """The expected and observed times of the observations, for given rates and a given field."""
 
     fire: AdjustableFire
     field: Field
@@ -95,14 +96,15 @@ class _Evaluation(NamedTuple):
 
 
 class GaussianCorrected:
-    """A fire corrected by observations (n, 4) x, y, at_s, state; unchanged if there are none.
+    """A fire that is corrected by observations (n, 4), and is unchanged without observations.
 
-    The computing time increases with n³, which limits n to some hundreds. Observations at places
-    that the simulated fire never reaches are ignored, because fire at such a place needs another
-    source.
+    The columns of the observations are x, y, at_s and state. The computing time increases with n³,
+    which limits n to some hundreds. Observations at places that the simulated fire never reaches
+    are ignored, because fire at such a place needs another source.
 
-    ``near`` is a correction of the same fire by nearly the same observations. The fit then keeps
-    its prior and begins at its result, which takes a third of the time for nearly the same result.
+    ``near`` is an earlier correction of the same fire by nearly the same observations. If it is
+    given, the fit keeps the prior of ``near`` and begins at its result. This takes a third of the
+    time and gives nearly the same result.
     """
 
     def __init__(
@@ -141,7 +143,7 @@ class GaussianCorrected:
         return paths.lit_s + paths.takes_s * found
 
     def sd_s(self, points_m: Floats) -> Floats:
-        """Return the standard deviation of ``ignition_time_s`` (n,); infinity if unburned.
+        """Return the standard deviation (n,) of ``ignition_time_s`` in s; infinity if unburned.
 
         Errors of the observations themselves are not included.
         """
@@ -159,7 +161,7 @@ class GaussianCorrected:
 
     @cached_property
     def _covariance(self) -> Floats:
-        """Posterior covariance (parameters, parameters) of the rates and the field's nodes."""
+        """The posterior covariance (parameters, parameters) of the rates and the field's nodes."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
         half: NDArray[np.floating] = a
@@ -215,7 +217,7 @@ class GaussianCorrected:
     def _start(
         self, fire: AdjustableFire, field: Field, prior: _Prior
     ) -> tuple[_Evaluation, Floats, float]:
-        """Return the rates of ``AdjustableFire.first_rates`` with the highest posterior density."""
+        """Return the result of ``_try`` for the most probable of the rates in ``first_rates``."""
         found = []
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
@@ -259,7 +261,7 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """Choose the field's sd and length under which the burning observations are most likely."""
+        """Return the prior whose sd and length make the burning observations most likely."""
         burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
         if np.count_nonzero(burning) < 3:
             return given
@@ -285,7 +287,7 @@ def _same_place(one: Field, other: Field) -> bool:
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Compute derivatives (n, k) of ln of the time along each path by each rate, numerically."""
+    """Compute the derivatives (n, k) of ln(time along each path) by each rate, numerically."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -297,7 +299,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """Return a field with w = 0 around places (k, 2), and the diagonal of their box in metres."""
+    """Return a field around places (k, 2) where w = 0, and the diagonal of their box in metres."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
@@ -315,7 +317,7 @@ def _prior(rates_sd: Floats, field: Field, sd: float, length_m: float) -> _Prior
 def _factor(count: int, apart: float) -> Floats:
     """Return the Cholesky factor of the squared exponential on ``count`` nodes.
 
-    ``apart`` is the distance between two nodes in length scales.
+    ``apart`` is the distance between neighbouring nodes as a multiple of the length scale.
     """
     at = np.arange(count) * apart
     squares = np.square(at[:, None] - at)
@@ -330,9 +332,9 @@ def _log_likelihood(state: Floats, y: Floats, sd: Floats, f: Floats) -> float:
 
 
 def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats, Floats]:
-    """Return curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
+    """Return the curvature w (n,) and w f + slope (n,) of each observation's log likelihood at f.
 
-    For Student's t, w is the curvature of the Gaussian that touches it at f.
+    For Student's t, w is the curvature of the Gaussian that touches the likelihood at f.
     """
     r = y - f
     w = (TAIL + 1.0) / (TAIL * sd * sd + r * r)
@@ -347,7 +349,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the mode (f, alpha) under the Gaussian prior k: f = k alpha with alpha = b - w f."""
+    """Return the mode f under the Gaussian prior k, and alpha = b - w f, with which f = k alpha."""
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

@@ -1,4 +1,4 @@
-"""Observations from shapes that an operator draws on a map: a point, a line or a polygon."""
+"""Make observations from the points, lines and polygons that an operator draws on a map."""
 
 from typing import Literal
 
@@ -16,12 +16,12 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Return observations (n, 4) x, y, at_s, state of a shape with corners (k, 2) in metres.
+    """Return the observations (n, 4) that a shape with corners (k, 2) in metres represents.
 
-    The observations of a line and of the outline of a polygon are its corners and points between
-    them, at most ``spacing_m`` apart. The outline of a burning polygon is the front; it has no
-    points inside. A burned or unburned polygon also has a grid of points inside, ``spacing_m``
-    apart.
+    The columns of the observations are x, y, at_s and state. A line, or the outline of a polygon,
+    is observed at its corners and at points between them, at most ``spacing_m`` apart. The outline
+    of a burning polygon is the front, so that no point inside is observed. A burned or unburned
+    polygon is also observed at a grid of points inside, ``spacing_m`` apart.
 
     Raises FireModelError for too few points, values that are not finite, an unknown state, a
     spacing that is not positive, or a polygon whose outline crosses itself.

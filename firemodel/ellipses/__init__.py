@@ -1,4 +1,5 @@
-"""Fire as ellipses from many point and line ignitions, on level ground.
+"""Compute fires that grow as ellipses from point and line ignitions on level ground.
 
-``ellipse`` computes arrival times at any place, ``observations`` their errors against observations.
+``ellipse`` computes arrival times at any place, ``observations`` computes the errors of these times
+against observations.
 """

@@ -1,15 +1,15 @@
-"""A fire as ellipses that grow from points, with a closed-form arrival time at any place.
+"""Compute arrival times, in closed form, of a fire that grows as ellipses from points.
 
-Section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and Ignitions"), with its
-eqs. 1 and 2 corrected: after a time t the ellipse of a point ignition spans from ``-back t`` to
-``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same
-everywhere and the ground is level. Lines are series of points (``line_sources``).
+The model is that of section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and
+Ignitions"), with corrections to eqs. 1 and 2. After a time t, the ellipse of a point ignition spans
+from ``-back t`` to ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind
+are the same everywhere and the ground is level. Lines are series of points (``line_sources``).
 
-If the wind changes, each point of the front starts its own ellipse (Huygens), so that the burned
-area is the Minkowski sum of the periods' ellipses. A place at d from the source is inside as soon
-as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time in period i and h_i the support
-function of its ellipse. The arrival time is therefore the maximum over n of the time at
-which both sides are equal. That time has a closed form, and only one maximum over n
+If the wind changes, each point of the front starts its own ellipse (Huygens). The burned area is
+then the Minkowski sum of the ellipses of all wind periods. A place at the vector d from the source
+is inside as soon as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time in period i
+and h_i the support function of its ellipse. The arrival time is therefore the maximum over n of the
+time at which both sides are equal. That time has a closed form and, over n, only one maximum
 (``ellipse_kernels.reach``).
 """
 
@@ -36,7 +36,7 @@ Places = NDArray[np.int32]
 
 
 class Spread(NamedTuple):
-    """Rates of spread from ``from_s`` on, in m/s: with, against and across the wind.
+    """The rates of spread in m/s with, against and across the wind, from ``from_s`` on.
 
     ``toward_rad`` is the direction the wind blows to, anticlockwise from the grid's east.
     """
@@ -51,10 +51,10 @@ class Spread(NamedTuple):
 def spreads_of(
     fuel: int, weather: WeatherStream, grid_deg: Callable[[float], float] = float
 ) -> tuple[Spread, ...]:
-    """Return Rothermel's rates of one fuel model on level ground for each change of the weather.
+    """Return Rothermel's spread rates for one fuel model on level ground, at each weather change.
 
-    As in section IV, back and flank have the no-wind rate of the head. The wind at 20 ft is
-    reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
+    As in section IV, the back and the flanks spread at the head's no-wind rate. The wind at 20 ft
+    is reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
     north to grid north (``Landscape.grid_deg``); by default the two are the same. Raises
     FireModelError for an unknown fuel.
     """
@@ -76,13 +76,14 @@ def spreads_of(
 
 
 def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
-    """Convert a line (n, 2) x, y to sources (k, 3) x, y, at_s, at most ``spacing_m`` apart.
+    """Convert a line with corners (n, 2) to sources (k, 3), at most ``spacing_m`` apart.
 
-    Corners are sources. ``at_s`` is one time for the whole line, or one for each corner (n,) of a
-    line lit on foot. With a spacing s and ellipses of half-width r (``flank_m_s`` times the time),
-    the front midway between two sources is behind that of a continuous line by about s²/(8 r):
-    3 % of r at r = 2 s. Below r = s/2 the two ellipses do not touch. Raises FireModelError for no
-    points or a spacing that is not positive.
+    A source is x, y, at_s, and each corner is a source. ``at_s`` is one time for the whole line or,
+    for a line lit on foot, one time for each corner (n,). Let s be the spacing and r the half-width
+    of the ellipses (``flank_m_s`` times the time). The front midway between two sources then lags
+    behind that of a continuous line by about s²/(8 r), which is 3 % of r at r = 2 s. Below r = s/2
+    the two ellipses do not touch. Raises FireModelError if there are no points or the spacing is
+    not positive.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0 or not spacing_m > 0.0:
@@ -99,20 +100,20 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
 
 
 class EllipseFire:
-    """A fire from point ignitions ``sources`` (m, 3) x, y, at_s, with the rates in ``spreads``.
+    """A fire that spreads from point ignitions, with the rates in ``spreads``.
 
-    m may be 0. The first spread also holds before its time. A source lit inside the burned area
-    has no effect.
+    The ignitions are ``sources`` (m, 3): x, y, at_s; there may be none. The first spread also holds
+    before its time. A source lit inside the burned area has no effect.
     """
 
     def __init__(self, spreads: Sequence[Spread], sources: Floats) -> None:
-        """Raises FireModelError for invalid rates, times or places."""
+        """Raise FireModelError for invalid rates, times or places."""
         self.spreads = tuple(spreads)
         self.sources = _checked(sources)
         self._table = _table(self.spreads)
 
     def lit(self, sources: Floats) -> "EllipseFire":
-        """Return the same fire with more sources (k, 3)."""
+        """Return the same fire with sources (k, 3) added."""
         more = EllipseFire.__new__(EllipseFire)
         more.spreads, more._table = self.spreads, self._table
         more.sources = np.concatenate([self.sources, _checked(sources)])
@@ -127,7 +128,7 @@ class EllipseFire:
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
-        """Return ``ignition_time_s`` and ``sources_of``, computed in one pass.
+        """Return the results of ``ignition_time_s`` and ``sources_of``, computed in one pass.
 
         Without ``with_sources`` the second array is empty.
         """
@@ -179,7 +180,9 @@ def _checked(sources: Floats) -> Floats:
 
 
 def _table(spreads: Sequence[Spread]) -> Floats:
-    """Return the spreads as (changes, 6): from_s, centre c (x, y) in m/s, matrix Q (xx, xy, yy).
+    """Return the spreads as a table (changes, 6).
+
+    Its columns are from_s, the centre c (x, y) in m/s and the matrix Q (xx, xy, yy).
 
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
@@ -222,14 +225,16 @@ def _bounds(table: Floats, lit_s: Floats, lit_in: NDArray[np.int64]) -> Bounds:
 
 
 def _in_order(found: Any, tiles: Tiles) -> Any:
-    """Return values in the order of the points, given in the order of the tiles."""
+    """Return values in the order of the points from values in the order of the tiles."""
     given = np.empty_like(found)
     given[tiles.order] = found
     return given
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """Return M and e such that d = (x, y) M has the travel time |d| - e d_x from a source.
+    """Return M and e such that fire travels in the time |d| - e d_x along d = (x, y) M.
+
+    The place (x, y) is relative to the source.
 
     This solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
     """

@@ -1,8 +1,8 @@
-"""The inner loops of ``ellipse``: arrival time from one source, and its minimum over all sources.
+"""Compute the arrival time from one source, and its minimum over all sources, for ``ellipse``.
 
-A point is compared only with the sources that may be first somewhere in its tile. In each level of
-the quadtree of ``tiles``, a square keeps those sources of its parent whose earliest time in the
-square is not after the latest time of another source in the square.
+A point is compared only with the sources that may be first somewhere in its tile. At each level of
+the quadtree in ``tiles``, a square keeps some of its parent's sources. It drops a source whose
+earliest arrival in the square is after the latest arrival of another source there.
 """
 
 import math
@@ -22,10 +22,11 @@ SLACK = 1e-9  # relative delay behind another source up to which a source is kep
 
 
 class Bounds(NamedTuple):
-    """Upper bounds of the distance fire covers in each of k directions.
+    """The upper bounds of the distance that fire covers in each of k directions.
 
     A reference fire that begins with the first period has covered ``begins_m`` (periods, k) at the
-    beginning of each period. The fire of a source is ``lit_m`` (sources, k) behind it at all times.
+    beginning of each period. The fire of a source is always ``lit_m`` (sources, k) behind the
+    reference fire.
     """
 
     normals: Floats  # (k, 2)
@@ -38,7 +39,7 @@ class Bounds(NamedTuple):
 
 @kernel
 def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
-    """Return the centre x, y and the half sizes in x and y of the points' box in a square."""
+    """Return the centre (x, y) and the half sizes (x, y) of the box around a square's points."""
     box = tiles.boxes[first_of(level) + square]
     return (
         0.5 * (box[0] + box[1]),
@@ -54,9 +55,10 @@ def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
 
 @kernel
 def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
-    """Write (p - origin) times the matrix of each point p into ``found``.
+    """Write the product of (p - origin) and ``matrix`` into ``found``, for each point p.
 
-    Returns the index of the first point that is not finite, or the number of points.
+    Returns the index of the first point that is not finite; if all are finite, the number of
+    points.
     """
     for k in range(points.shape[0]):
         x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
@@ -69,7 +71,7 @@ def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
-    """Keep the parent square's sources (level - 1) that may be first somewhere in a square."""
+    """Keep those sources of the parent square (level - 1) that may be first in part of a square."""
     x, y, half_x, half_y = _box_of(level, square, tiles)
     latest = np.inf
     parent = max(level - 1, 0)
@@ -93,10 +95,10 @@ def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # t
 
 @kernel
 def steady(sources, e, tiles, kept, counts, at, earliest, best, first):  # type: ignore[no-untyped-def]
-    """Compute the arrival time of each point into ``best``, and its source into ``first``.
+    """Write the arrival time at each point into ``best``, and the source into ``first``.
 
-    Points are in the order of the tiles; an empty ``first`` is not filled. On entry level 0 of
-    ``kept`` (levels + 1, sources) holds all sources, and ``at`` (levels + 1) is -1.
+    Points are in the order of the tiles; an empty ``first`` is not filled. On entry, level 0 of
+    ``kept`` (levels + 1, sources) contains all sources, and all of ``at`` (levels + 1) is -1.
     """
     for tile in range(tiles.begin.size - 2):
         begin, end = tiles.begin[tile], tiles.begin[tile + 1]
@@ -143,7 +145,10 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """Return the minimum and maximum u of the minima of h(n); Σ τ h has its minimum between."""
+    """Return the least and the greatest u at which the h(n) of a period has its minimum.
+
+    The minimum of Σ τ h lies between these two.
+    """
     low, high = math.inf, -math.inf
     for number in range(period, table.shape[0]):
         if table[number, 3] + table[number, 5] > 0.0:
@@ -154,9 +159,10 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
-    """Compute when Σ τ h(n) equals d·n: (time, h then, Σ τ h', Σ τ h''), derivatives by u.
+    """Return the time at which Σ τ h(n) equals d·n, then h, Σ τ h' and Σ τ h'' at that time.
 
-    If that time is after ``limit_s``, the time returned is any time after the limit.
+    The derivatives are by u. If the time is after ``limit_s``, any time at or after the limit is
+    returned instead.
     """
     nx, ny = dx - u * dy, dy + u * dx
     distance = dx * dx + dy * dy
@@ -185,11 +191,11 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """Compute (time, nx, ny): the arrival time at d from a source and the decisive direction.
+    """Return the arrival time at d from a source, and the decisive direction (nx, ny).
 
-    The source is lit at ``at_s``. Each u gives a lower bound of the time. The search stops when a
-    bound is at or after ``limit_s``, and returns that bound. On entry (nx, ny) is a first guess, or
-    (0, 0) for none.
+    The source is lit at ``at_s``. Each u gives a lower bound on the time. If a bound is at or after
+    ``limit_s``, the search stops and returns that bound. On entry, (nx, ny) is a first guess of the
+    direction; (0, 0) means that there is none.
     """
     if dx == 0.0 and dy == 0.0:
         return at_s, nx, ny
@@ -255,7 +261,8 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
     """Return True if the fire of a source reaches a box only after the time limit.
 
-    This is so if in at least one direction the fire does not cover the distance to the box in time.
+    This is so if there is at least one direction in which the fire does not cover the distance to
+    the box in time.
     """
     if sources[number, 2] > limit_s:
         return True
@@ -276,10 +283,10 @@ def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: 
 def _keep_changing(  # type: ignore[no-untyped-def]
     level, square, sources, periods, table, bounds, tiles, kept, counts, normals
 ):
-    """Keep sources as ``_keep_steady``, for changing wind.
+    """Keep sources as ``_keep_steady`` does, but for changing wind.
 
     The source that is first in the middle of the square is put first. The area burned from one
-    source is convex: it covers a square as soon as it covers its corners.
+    source is convex: it covers a square as soon as it covers the four corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)
@@ -322,7 +329,7 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 def changing(  # type: ignore[no-untyped-def]
     sources, periods, table, bounds, tiles, kept, counts, at, normals, best, first
 ):
-    """Compute arrival times as ``steady``, for changing wind.
+    """Compute arrival times as ``steady`` does, but for changing wind.
 
     ``periods`` (sources) are the periods in which the sources are lit; ``normals`` is 0 on entry.
     """

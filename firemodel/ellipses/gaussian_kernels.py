@@ -1,4 +1,4 @@
-"""Inner loops of ``gaussian``: the effect of a field over places on times along straight paths."""
+"""Compute for ``gaussian`` how a field over places changes the times along straight paths."""
 
 from typing import NamedTuple
 
@@ -9,9 +9,11 @@ PARTS = 8  # number of parts of a path, for the mean along it
 
 
 class Field(NamedTuple):
-    """exp w on nodes: rows are y (row 0 in the south), columns are x, ``apart_m`` apart.
+    """The values of exp w at nodes that are ``apart_m`` apart.
 
-    Values between nodes are interpolated; beyond the edge the value of the edge holds.
+    Rows are y (row 0 in the south) and columns are x.
+
+    Values between nodes are interpolated; beyond the edge, the value at the edge holds.
     """
 
     west_m: float
@@ -40,7 +42,7 @@ def _at(x, y, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Compute the mean of exp w along the path to each point, into ``found`` (n,)."""
+    """Write the mean of exp w along the path to each point into ``found`` (n,)."""
     for place in range(points.shape[0]):
         x, y = origin[place, 0], origin[place, 1]
         dx, dy = (points[place, 0] - x) / PARTS, (points[place, 1] - y) / PARTS
@@ -70,9 +72,9 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Compute the derivatives of ln of the mean in ``stretch`` by w of each node.
+    """Compute the derivatives of ln(mean of exp w along each path) by w at each node.
 
-    ``found`` (n, rows, cols) is 0 on entry.
+    They are written into ``found`` (n, rows, cols), which is 0 on entry.
     """
     cols = field.slower.shape[1]
     for place in range(points.shape[0]):
@@ -91,10 +93,10 @@ def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def variances(points, origin, of_rates, field, covariance, found):  # type: ignore[no-untyped-def]
-    """Compute the variance of ln of the time along each path, into ``found`` (n,).
+    """Write the variance of ln(time along each path) into ``found`` (n,).
 
-    ``of_rates`` (n, k) are derivatives by the rates, ``covariance`` (k + nodes, k + nodes) is that
-    of rates and nodes. The field is weighted evenly along the path.
+    ``of_rates`` (n, k) are the derivatives by the rates. ``covariance`` (k + nodes, k + nodes) is
+    the covariance of the rates and the nodes. All parts of a path have the same weight.
     """
     k = of_rates.shape[1]
     for place in range(points.shape[0]):

@@ -1,4 +1,4 @@
-"""Observations of a fire: a place, a time and the state of the place at that time."""
+"""Define observations of a fire: a place, a time and the state of the place at that time."""
 
 from typing import NamedTuple, Protocol
 
@@ -18,7 +18,11 @@ class Simulation(Protocol):
 
 
 class PointObservation(NamedTuple):
-    """State of a place at ``at_s``: BURNED before, BURNING (fire arrives then) or UNBURNED."""
+    """The state of a place at ``at_s``.
+
+    BURNED means that fire arrived earlier, BURNING that it arrives at that time, and UNBURNED that
+    it arrives later or never.
+    """
 
     x_m: float
     y_m: float
@@ -27,11 +31,13 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """Return the delay (n,) in s of the observed to the simulated fire at observations (n, 4).
+    """Return the delay (n,) in s of the observed fire behind the simulated fire.
 
-    It is negative where the fire arrived earlier than simulated, and infinite where the simulated
-    fire never arrives. A burned or unburned observation that agrees with the simulation has an
-    error of 0.
+    The observations (n, 4) are x, y, at_s and state.
+
+    The delay is negative where the fire arrived earlier than simulated, and infinite where the
+    simulated fire never arrives. A burned or unburned observation that agrees with the simulation
+    has an error of 0.
     """
     late_s: Floats = observations[:, 2] - fire.ignition_time_s(observations[:, :2])
     state = observations[:, 3]

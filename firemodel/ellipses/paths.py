@@ -1,4 +1,4 @@
-"""Paths of fire to places in simulations with adjustable rates, used by the corrections.
+"""Define the paths of fire to places, in simulations whose rates the corrections adjust.
 
 A path is a straight line from the ignition to the place.
 """
@@ -13,10 +13,12 @@ from firemodel.ellipses.ellipse import EllipseFire
 
 
 class StraightPaths(NamedTuple):
-    """Paths to n places: ignition ``origin`` (n, 2) x, y, its time ``lit_s`` (n,), and duration.
+    """The paths of fire to n places.
 
-    Where fire never arrives, the travel time ``takes_s`` (n,) is infinite, and ``origin`` and
-    ``lit_s`` are undefined.
+    Each path has the place ``origin`` (n, 2) and the time ``lit_s`` (n,) of its ignition, and a
+    travel time ``takes_s`` (n,).
+
+    Where fire never arrives, ``takes_s`` is infinite, and ``origin`` and ``lit_s`` are undefined.
     """
 
     origin: Floats
@@ -29,11 +31,11 @@ class AdjustableFire(Protocol):
 
     @property
     def rates_sd(self) -> Floats:
-        """Prior standard deviations (k,) of the rates that ``rated`` accepts."""
+        """The prior standard deviations (k,) of the rates that ``rated`` accepts."""
 
     @property
     def first_rates(self) -> Floats:
-        """Rates (m, k) from which the search begins."""
+        """The sets of rates (m, k) from which the search begins."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
         """Return the fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
@@ -45,14 +47,15 @@ class AdjustableFire(Protocol):
         """Return the places (k, 2) x, y in metres that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
 
 
 class AdjustableEllipses:
     """An ``EllipseFire`` with at least one source, as an ``AdjustableFire``.
 
-    The four rates are: logarithms of factors on all rates of spread, on the head and on the flanks
-    (the last two in addition to the first), and a turn of the wind in radians.
+    The first three of the four adjustments are logarithms of factors. The first applies to all
+    rates of spread; the second and the third apply in addition to the head and to the flanks. The
+    fourth adjustment is a turn of the wind in radians.
     """
 
     rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
@@ -71,7 +74,7 @@ class AdjustableEllipses:
         self.fire = fire
 
     def rated(self, rates: Floats) -> "AdjustableEllipses":
-        """Return the fire with the same adjustment of rates and wind in all periods of weather."""
+        """Return the fire with its rates and wind adjusted alike in all weather periods."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
             spread._replace(
@@ -95,5 +98,5 @@ class AdjustableEllipses:
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return the arrival time in seconds (n,) at each point (n, 2); infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
         return self.fire.ignition_time_s(points_m)

@@ -1,4 +1,4 @@
-"""Points sorted into the squares of a quadtree, for computations once in each square."""
+"""Sort points into the squares of a quadtree, for computations that run once for each square."""
 
 import math
 from typing import Any, NamedTuple
@@ -14,10 +14,11 @@ MAX_LEVELS = 9
 
 
 class Tiles(NamedTuple):
-    """A quadtree of ``levels`` below its root; squares are in Morton order.
+    """A quadtree with ``levels`` levels below its root and with squares in Morton order.
 
     Square k of a level contains the four squares 4 k to 4 k + 3 of the next level. The squares of
-    the last level are the tiles: tile k has the points ``begin[k]`` to ``begin[k + 1]``.
+    the last level are the tiles: tile k has the points from ``begin[k]`` up to, but without,
+    ``begin[k + 1]``.
     """
 
     levels: int
@@ -31,8 +32,8 @@ class Tiles(NamedTuple):
 def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:
     """Sort points (n, 2) into tiles of about ``points_a_tile`` points.
 
-    With ``side_m``, tiles with sides of at most this length are not divided further. Raises
-    FireModelError for a point that is not finite.
+    If ``side_m`` is given, a square whose sides are at most this long is not divided further.
+    Raises FireModelError for a point that is not finite.
     """
     points: Any = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
@@ -58,16 +59,17 @@ def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles
 
 
 def check_finite(points: Floats, wrong: int) -> None:
-    """Raise FireModelError for the point at index ``wrong`` unless that is the number of points."""
+    """Raise FireModelError for the point ``wrong``, unless ``wrong`` is the number of points."""
     if wrong < len(points):
         raise FireModelError(f"point {wrong}: x, y = {points[wrong].tolist()}; give finite numbers")
 
 
 @kernel
 def _enclose(points, box):  # type: ignore[no-untyped-def]
-    """Widen a box to all points.
+    """Widen a box until it contains all points.
 
-    Returns the index of the first point that is not finite, or the number of points.
+    Returns the index of the first point that is not finite; if all are finite, the number of
+    points.
     """
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
@@ -80,7 +82,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """Insert a 0 between each two bits of a number of up to 16 bits."""
+    """Insert a 0 between neighbouring bits of a number of up to 16 bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333
@@ -89,7 +91,7 @@ def _spread_bits(number):  # type: ignore[no-untyped-def]
 
 @kernel
 def _sort(points, west, south, per_m, tile_of, tiles):  # type: ignore[no-untyped-def]
-    """Sort the points into tiles by counting; ``begin`` has one more element for this."""
+    """Sort the points into tiles by counting sort, which needs one more element in ``begin``."""
     most = (1 << tiles.levels) - 1
     for k in range(points.shape[0]):
         column = min(np.int64((points[k, 0] - west) * per_m), most)
@@ -114,7 +116,7 @@ def first_of(level):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bound(tiles):  # type: ignore[no-untyped-def]
-    """Compute the boxes of all squares; for an empty square minima are inf and maxima -inf."""
+    """Compute the boxes of all squares; in an empty square, minima are inf and maxima -inf."""
     boxes, last = tiles.boxes, first_of(tiles.levels)
     for square in range(boxes.shape[0]):
         boxes[square, 0] = boxes[square, 2] = np.inf

@@ -1,4 +1,4 @@
-"""The default landscape: real terrain that ships with matplotlib, with fuel derived from it."""
+"""Build the default landscape: real terrain from matplotlib, with fuel derived from it."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -20,9 +20,9 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
     """Return terrain along the Jacksboro fault, Tennessee, on a UTM grid around 36.35 N, 84.16 W.
 
     The elevation (3 arc seconds) is resampled bilinearly and rounded to 0.1 m. The fuel is derived
-    from the terrain: ground with a slope under 10 % is timber grass (FM 2), steeper slopes with an
-    aspect of 135 to 315 degrees (south-east through south-west to north-west, the dry side) are
-    brush (FM 5), and the other slopes are hardwood litter (FM 9).
+    from the terrain. Ground with a slope under 10 % is timber grass (FM 2). On the dry side, where
+    the aspect is 135 to 315 degrees (from south-east through south-west to north-west), steeper
+    slopes are brush (FM 5). All other slopes are hardwood litter (FM 9).
 
     Args:
         rows: Number of cells from north to south.
@@ -30,10 +30,10 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
         cell_size_m: Side of a cell in metres.
 
     Returns:
-        The landscape, its arrays (rows, cols), in UTM zone 16 north (EPSG:32616).
+        The landscape in UTM zone 16 north (EPSG:32616), with arrays (rows, cols).
 
     Raises:
-        FireModelError: The grid reaches beyond the terrain, 7 km from the middle.
+        FireModelError: The grid reaches beyond the terrain, which ends 7 km from the middle.
     """
     west_m, north_m = _corner(rows, cols, cell_size_m)
     flat = Landscape(
@@ -48,7 +48,10 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
 
 
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
-    """Return the north-west corner x, y in metres, in whole cells, of a grid on the centre."""
+    """Return the north-west corner x, y in metres of a grid around the centre.
+
+    Both coordinates are multiples of the cell size.
+    """
     x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
     west = round(x_m / cell_size_m - cols / 2) * cell_size_m
     north = round(y_m / cell_size_m + rows / 2) * cell_size_m
@@ -88,7 +91,7 @@ def _elevation(
 
 
 def _fuel(flat: Landscape) -> NDArray[np.int16]:
-    """Return the fuel (rows, cols) by the rule of ``jacksboro``; ignore the fuel of ``flat``."""
+    """Return the fuel (rows, cols) that ``jacksboro`` describes, from the terrain of ``flat``."""
     sunny = (flat.aspect_deg >= 135.0) & (flat.aspect_deg <= 315.0)
     on_slopes = np.where(sunny, BRUSH, HARDWOOD_LITTER)
     return np.where(flat.slope_tan >= STEEP, on_slopes, GRASS).astype(np.int16)

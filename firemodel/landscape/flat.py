@@ -1,4 +1,4 @@
-"""A landscape without map data: level ground and one fuel around a place."""
+"""Build a landscape without map data: level ground with one fuel around a place."""
 
 import numpy as np
 
@@ -16,19 +16,19 @@ def flat_landscape(
     elevation_m: float = 0.0,
     fuel_model: int = 1,
 ) -> Landscape:
-    """Return level ground of one fuel around a place, on the grid of the place's UTM zone.
+    """Return level ground with one fuel around a place, on the grid of the place's UTM zone.
 
     Args:
         rows: Number of cells from north to south.
         cols: Number of cells from west to east.
         cell_size_m: Side of a cell in metres.
-        lat_deg: Latitude of the middle, WGS84 degrees.
-        lon_deg: Longitude of the middle, WGS84 degrees.
+        lat_deg: Latitude of the middle in WGS84 degrees.
+        lon_deg: Longitude of the middle in WGS84 degrees.
         elevation_m: Height of the ground above sea level in metres.
         fuel_model: Fuel code, a key of ``FUEL_MODELS``.
 
     Returns:
-        The landscape, its arrays (rows, cols).
+        The landscape, with arrays (rows, cols).
 
     Raises:
         FireModelError: The fuel code is unknown.

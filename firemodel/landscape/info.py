@@ -61,12 +61,13 @@ def describe_rasters(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> Description:
-    """Describe the rasters of a landscape, or one file; the arguments are ``read_landscape``'s.
+    """Describe the rasters of a landscape, or those in one file.
 
-    The keys are: ``file`` and ``kind``; ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's
-    unit) and ``extent`` (south, west, north, east in degrees) of the first band; ``bands``, each
-    with file, number, layer, dtype, unit, nodata, least, most, no_data_cells and, for fuel codes,
-    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct; ``problems``,
+    The arguments are those of ``read_landscape``. The result has the keys ``file`` and ``kind``.
+    The keys ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's unit) and ``extent`` (south,
+    west, north, east in degrees) describe the first band. Each entry of ``bands`` has file, number,
+    layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
+    ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
     one line for each reason for which ``read_landscape`` would reject the files.
     """
     problems: list[str] = []
@@ -85,11 +86,12 @@ def describe_rasters(
 def describe_shapes(
     path: Path, *, crs: str | None = None, landscape: Landscape | None = None
 ) -> Description:
-    """Describe a file of shapes and check it, on a landscape if one is given.
+    """Describe a file of shapes and check it; if a landscape is given, check its place too.
 
-    The keys are: ``file``, ``kind``, ``crs``, ``features`` (number), ``types`` (number of each),
-    ``extent`` (south, west, north, east in degrees) and ``problems``, one line for each reason for
-    which ``read_shapes`` would reject the file.
+    The keys of the result are ``file``, ``kind``, ``crs``, ``features`` (the number of features),
+    ``types`` (the number of each type), ``extent`` (south, west, north, east in degrees) and
+    ``problems``. The last has one line for each reason for which ``read_shapes`` would reject the
+    file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -160,7 +162,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a function, or None if it raises, with the error added to problems."""
+    """Return the result of a function; if it raises, add the error to ``problems``, return None."""
     try:
         return function(*arguments)
     except FireModelError as error:

@@ -1,4 +1,4 @@
-"""Georeferenced rasters (y, x), row 0 in the north: fuel, ground and trees."""
+"""Define landscapes: georeferenced rasters (y, x) of fuel, ground and trees."""
 
 import hashlib
 import math
@@ -53,17 +53,18 @@ def check_crs(crs: str, where: str) -> None:
 
 
 def crs_label(crs: str) -> str:
-    """Return a short label of a CRS: its code if it is given by one, else its name."""
+    """Return a short label for a CRS: ``crs`` itself if it is short, else the name of the CRS."""
     from pyproj import CRS
 
     return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
-    """Compute the rise per metre towards north and east, (2, y, x), from elevation (y, x).
+    """Compute the rise per metre (2, y, x) towards north and towards east from elevation (y, x).
 
-    Weighted differences of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47); elevations
-    beyond the edge are those of the edge. Computed in float64, in blocks of rows to save memory.
+    The rise is a weighted difference of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47).
+    Beyond the edge, the elevation at the edge holds. The computation is in float64, and in blocks
+    of rows to save memory.
     """
     rows, cols = elevation_m.shape
     padded = np.pad(elevation_m, 1, mode="edge")
@@ -79,7 +80,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Interpolate values (y, x) at float rows and columns; outside, return those of the edge."""
+    """Interpolate values (y, x) at float rows and columns; beyond the edge, its values hold."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
     if isinstance(row, float):  # one place: much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
@@ -103,12 +104,13 @@ class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
-    with row 0 in the north: fuel codes (see ``fuels``), elevation in metres above sea level and,
-    optionally, canopy cover (0 to 1), canopy height and canopy base height in metres. ``gradient``
-    (2, y, x) is the rise per metre towards north and towards east. If it is not given, it is
-    computed from the elevation (see ``horn``); if it is given, the elevation may be missing.
-    Positions in the grid are float (row, col) with integers at the centres of cells, so that
-    ``round`` returns the cell. Positions and coordinates may be scalars or arrays.
+    with row 0 in the north. They are fuel codes (see ``fuels``), elevation in metres above sea
+    level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height in
+    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If the
+    gradient is not given, it is computed from the elevation (see ``horn``); if it is given, the
+    elevation may be missing. A position in the grid is a pair of floats (row, col). The centre of a
+    cell has whole numbers, so that ``round`` of a position returns its cell. Positions and
+    coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -123,7 +125,10 @@ class Landscape:
     canopy_base_m: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        """Raises FireModelError naming the invalid value."""
+        """Check the values and compute the gradient if it is not given.
+
+        Raises FireModelError, whose message names the invalid value.
+        """
         if self.fuel_model.ndim != 2 or self.fuel_model.size == 0:
             raise FireModelError(
                 f"landscape: fuel is {self.fuel_model.shape} cells; it must be (rows, columns)"
@@ -171,27 +176,27 @@ class Landscape:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """The number of rows and the number of columns."""
         rows, cols = self.fuel_model.shape
         return rows, cols
 
     @property
     def slope_tan(self) -> Floats:
-        """Slope as rise over run (y, x); computed at each access, like ``aspect_deg``."""
+        """The slope (y, x) as rise over run; like ``aspect_deg``, it is computed at each access."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope
 
     @property
     def aspect_deg(self) -> Floats:
-        """Direction in which the ground falls, clockwise from north (y, x)."""
+        """The direction (y, x) in which the ground falls, in degrees clockwise from grid north."""
         north, east = self.gradient
         falls: Floats = np.arctan2(-east, -north, dtype=np.float64)
         return np.rad2deg(falls) % 360.0
 
     @cached_property
     def grid_convergence_deg(self) -> float:
-        """Direction of grid north at the middle of the grid, clockwise from true north."""
+        """The direction of grid north at the middle of the grid, clockwise from true north."""
         from pyproj import Proj
 
         rows, cols = self.shape
@@ -199,11 +204,14 @@ class Landscape:
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
     def grid_deg(self, true_deg: float) -> float:
-        """Convert a direction clockwise from true north to clockwise from grid north."""
+        """Convert a direction from true north to one from grid north, both clockwise."""
         return true_deg - self.grid_convergence_deg
 
     def true_deg(self, grid_deg: Any) -> Any:
-        """Convert directions clockwise from grid north to 0 to 360 clockwise from true north."""
+        """Convert directions from grid north to directions from true north, both clockwise.
+
+        The result is 0 to 360 degrees.
+        """
         return (grid_deg + self.grid_convergence_deg) % 360.0
 
     def xy_of(self, row: Any, col: Any) -> tuple[Any, Any]:
@@ -254,9 +262,10 @@ class Landscape:
         return bool(-0.5 <= row < self.shape[0] - 0.5 and -0.5 <= col < self.shape[1] - 0.5)
 
     def elevation_at(self, x_m: Any, y_m: Any) -> Any:
-        """Return elevation in metres, bilinear between cell centres; outside, that of the edge.
+        """Return the elevation in metres, interpolated bilinearly between the centres of cells.
 
-        Raises FireModelError if the landscape has no elevation.
+        Off the grid, the elevation at the edge is returned. Raises FireModelError if the landscape
+        has no elevation.
         """
         z = self.elevation_m
         if z is None:

@@ -1,4 +1,4 @@
-"""Geometries as cells: ignitions, and barriers that fire cannot cross."""
+"""Convert geometries to cells: to ignitions, or to barriers that fire cannot cross."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -18,11 +18,11 @@ SHORTEST = 1e-12  # part of a segment
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
-    """Return cells that geometries in the landscape's CRS touch, (n, 2) as (row, col), by rows.
+    """Return the cells (n, 2) that geometries in the landscape's CRS touch, sorted by rows.
 
-    A point touches its cell. A line touches all cells it crosses; consecutive cells have a common
-    side. A polygon touches the cells whose centre is inside, or one cell if it contains no centre.
-    Parts off the grid are ignored.
+    Each cell is (row, col). A point touches its cell. A line touches all cells it crosses;
+    consecutive cells have a common side. A polygon touches the cells whose centre is inside, or one
+    cell if it contains no centre. Parts off the grid are ignored.
     """
     touched = np.zeros(landscape.shape, dtype=np.bool_)
     for part in _parts(geometries):
@@ -38,7 +38,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 def burnable_cells(
     geometries: Iterable[BaseGeometry], landscape: Landscape
 ) -> list[tuple[int, int]]:
-    """Return the row and column of the burnable cells that geometries touch (``cells_of``)."""
+    """Return the (row, column) of each burnable cell that geometries touch (``cells_of``)."""
     cells = cells_of(geometries, landscape)
     burns = ~np.isin(landscape.fuel_model[tuple(cells.T)], list(NON_BURNABLE))
     return [(int(row), int(col)) for row, col in cells[burns]]
@@ -84,7 +84,10 @@ def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
 
 
 def _col_row(geometry: BaseGeometry, landscape: Landscape) -> Floats:
-    """Return vertices (n, 2) as column and row from the grid's corner; their floor is the cell."""
+    """Return the vertices (n, 2) as column and row, counted from the grid's corner.
+
+    The floor of these numbers is the cell.
+    """
     x_m, y_m = shapely.get_coordinates(geometry).T
     row, col = landscape.row_col_of(x_m, y_m)
     return np.stack([col + 0.5, row + 0.5], axis=1)
@@ -120,7 +123,7 @@ def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[
 
 
 def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
-    """Mark the cells of every segment, and a joining cell where two touch at a corner only."""
+    """Mark the cells of every segment, and a cell that joins two which touch only at a corner."""
     rows, cols = touched.shape
     near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # leaves out parts far off the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
@@ -132,7 +135,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
 
 
 def _steps(vertices: Floats) -> Floats:
-    """Return points (m, 2) along a line (n, 2), in order: one in each cell, and all vertices.
+    """Return points (m, 2) in order along a line (n, 2): one in each cell, and all vertices.
 
     The lines between columns and rows cut each segment into parts, each of which lies in one cell.
     The vertices are included so that lines with a common vertex mark a common cell, even if the

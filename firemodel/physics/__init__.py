@@ -1,1 +1,1 @@
-"""Rothermel 1972: fuels, moistures, weather, rate of spread; one function for each equation."""
+"""Define fuels and weather, and compute moistures and Rothermel's rates of spread."""

@@ -1,4 +1,7 @@
-"""Fuel models: Anderson's 13 (1982, INT-122) and Scott & Burgan's 40 (2005, RMRS-GTR-153)."""
+"""Define Anderson's 13 fuel models (INT-122) and Scott & Burgan's 40 (RMRS-GTR-153).
+
+Anderson's were published in 1982, Scott & Burgan's in 2005.
+"""
 
 from dataclasses import dataclass
 
@@ -19,12 +22,12 @@ NON_BURNABLE = {
 
 @dataclass(frozen=True, slots=True)
 class FuelModel:
-    """Loads in lb/ft², surface-area-to-volume ratios (SAV) in 1/ft, depth in ft.
+    """A fuel model: loads in lb/ft², surface-area-to-volume ratios (SAV) in 1/ft, depth in ft.
 
-    The dead classes are 1 h, 10 h and 100 h; the live ones herbaceous and woody. The 10-h and
-    100-h ratios are 109 and 30 1/ft throughout. Extinction moisture of the dead fuel is a fraction
-    of the oven-dry weight. The herbaceous fuel of a dynamic model dies as it dries
-    (``rothermel.cured_fraction``).
+    The dead classes are 1 h, 10 h and 100 h; the live classes are herbaceous and woody. In every
+    model the SAV of the 10-h class is 109 1/ft and that of the 100-h class 30 1/ft. The extinction
+    moisture of the dead fuel is a fraction of the oven-dry weight. The herbaceous fuel of a dynamic
+    model dies as it dries (``rothermel.cured_fraction``).
     """
 
     name: str
@@ -43,12 +46,12 @@ class FuelModel:
 
     @property
     def loads_lb_ft2(self) -> tuple[float, float, float, float, float]:
-        """Oven-dry loads of the five classes in lb/ft²."""
+        """The oven-dry loads of the five classes in lb/ft²."""
         return self.load_1h, self.load_10h, self.load_100h, self.load_herb, self.load_woody
 
     @property
     def savs_1_ft(self) -> tuple[float, float, float, float, float]:
-        """Surface-area-to-volume ratios of the five classes in 1/ft."""
+        """The surface-area-to-volume ratios of the five classes in 1/ft."""
         return self.sav_1h, SAV_10H, SAV_100H, self.sav_herb, self.sav_woody
 
 

@@ -1,7 +1,7 @@
-"""Moisture of dead fuel that follows the weather: equilibrium, time lag and rain.
+"""Compute the moisture of dead fuel from the weather: equilibrium, time lag and rain.
 
 The fuel is in the shade; the model ignores drying by the sun and effects of elevation. Moistures
-are percent of the oven-dry weight.
+are in percent of the oven-dry weight.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 
 
 def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float | Floats) -> Floats:
-    """Return the equilibrium moisture of wood by air temperature and relative humidity.
+    """Return the equilibrium moisture of wood from the air temperature and relative humidity.
 
-    Simard 1968 (FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985 (PSW-82), eq. 1. The
-    function has three parts, with jumps of up to one percent of moisture between them.
+    The function is Simard's (1968, FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985
+    (PSW-82), eq. 1. It has three parts, with jumps of up to one percent of moisture between them.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)
@@ -28,10 +28,11 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
 
 
 def rain_moisture_pct(rain_hours: float) -> Floats:
-    """Return the moisture (3,) that the classes approach in rain, by the hours of rain in 24 h.
+    """Return the moisture (3,) that each class approaches in rain.
 
-    Cohen & Deeming 1985: 35 % for the 1-h fuel, 41 + hours/2 for the 100-h fuel. The 10-h fuel also
-    tends to 35 %, as in the Forest Service's WIMS (TechNote 99-01).
+    ``rain_hours`` is the number of hours of rain in the last 24 h. The moisture is 35 % for the 1-h
+    fuel and (41 + hours/2) % for the 100-h fuel (Cohen & Deeming 1985). The 10-h fuel also tends to
+    35 %, as in the Forest Service's WIMS (TechNote 99-01).
     """
     return np.array([35.0, 35.0, 41.0 + 0.5 * rain_hours])
 
@@ -39,9 +40,9 @@ def rain_moisture_pct(rain_hours: float) -> Floats:
 def after_time_lag(
     moisture: Floats, tends_to: Floats, elapsed_h: float, time_lag_h: Floats
 ) -> Floats:
-    """Return the moisture after a time; one time lag leaves 1/e of the gap to ``tends_to``.
+    """Return the moisture after a time; one time lag leaves 1/e of the difference to ``tends_to``.
 
-    Byram 1963; Fosberg 1970.
+    The equation is from Byram 1963 and Fosberg 1970.
     """
     return tends_to + (moisture - tends_to) * np.exp(-elapsed_h / time_lag_h)
 
@@ -61,10 +62,10 @@ def dead_moistures_pct(
     rain_mm: Floats,
     initial_pct: tuple[float, float, float],
 ) -> Floats:
-    """Return moistures of 1-h, 10-h and 100-h fuel, (n, 3), from n records of weather.
+    """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n records of weather.
 
-    Times increase. Each record holds until the next; rain counts by its duration, not its amount.
-    The moistures at the first time are ``initial_pct``.
+    The times increase. Each record holds until the next; rain counts by its duration, not its
+    amount. The moistures at the first time are ``initial_pct``.
     """
     equilibrium = equilibrium_moisture_pct(temperature_c, humidity_pct)
     rained_h = rain_hours(at_s, rain_mm)

@@ -1,7 +1,7 @@
-"""Rothermel's surface fire spread model, one function per equation.
+"""Compute surface fire spread with Rothermel's model, with one function for each equation.
 
-Rothermel 1972 (INT-115), with Albini's 1976 revisions, as described by Andrews 2018
-(RMRS-GTR-371). Where these allow alternatives, the implementation is that of the Forest Service's
+The model is from Rothermel 1972 (INT-115), with Albini's revisions of 1976, as described by Andrews
+2018 (RMRS-GTR-371). Where these allow alternatives, this module follows the Forest Service's
 `behave`. The equations are in their published units (feet, minutes, pounds, Btu); the functions at
 the end return metres and seconds.
 """
@@ -31,7 +31,7 @@ MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
 @dataclass(frozen=True, slots=True)
 class Moisture:
-    """Fuel moisture as fractions of the oven-dry weight."""
+    """The fuel moisture as fractions of the oven-dry weight."""
 
     dead_1h: float
     dead_10h: float
@@ -41,13 +41,13 @@ class Moisture:
 
     @property
     def classes(self) -> tuple[float, float, float, float, float]:
-        """Moistures in the order of a fuel model's classes."""
+        """The moistures in the order of a fuel model's classes."""
         return self.dead_1h, self.dead_10h, self.dead_100h, self.live_herb, self.live_woody
 
 
 @dataclass(frozen=True, slots=True)
 class FuelBed:
-    """Coefficients of the spread equations for one fuel model at one moisture.
+    """The coefficients of the spread equations for one fuel model at one moisture.
 
     ``no_wind_rate_ft_min`` is R0. The wind factor is ``wind_c * U**wind_b`` with U in ft/min
     (``wind_c`` includes the term of the packing ratio). The slope factor is ``slope_k *
@@ -84,9 +84,9 @@ def optimum_packing_ratio(sav_1_ft: float) -> float:
 
 
 def optimum_reaction_velocity_1_min(sav_1_ft: float, relative_packing: float) -> float:
-    """Return Γ' in 1/min from σ in 1/ft and β/β_op (Rothermel 1972, eqs. 36, 38).
+    """Return the optimum reaction velocity Γ' in 1/min from σ in 1/ft and β/β_op.
 
-    The exponent A is that of Albini 1976.
+    Rothermel 1972, eqs. 36 and 38, with the exponent A from Albini 1976.
     """
     largest = 1.0 / (0.0594 + 495.0 * math.pow(sav_1_ft, -1.5))
     a = 133.0 * math.pow(sav_1_ft, -0.7913)
@@ -101,7 +101,10 @@ def propagating_flux_ratio(sav_1_ft: float, packing: float) -> float:
 
 
 def heat_of_preignition_btu_lb(moisture: float) -> float:
-    """Return Q_ig in Btu/lb from the moisture as a fraction (Rothermel 1972, eq. 12)."""
+    """Return the heat of preignition Q_ig in Btu/lb (Rothermel 1972, eq. 12).
+
+    The moisture is a fraction.
+    """
     return 250.0 + 1116.0 * moisture
 
 
@@ -111,7 +114,10 @@ def effective_heating_number(sav_1_ft: float) -> float:
 
 
 def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, float]:
-    """Return B and C·(β/β_op)^-E of the wind factor in ft/min (Rothermel 1972, eqs. 47-50)."""
+    """Return B and C·(β/β_op)^-E of the wind factor (Rothermel 1972, eqs. 47-50).
+
+    They are for wind speeds in ft/min.
+    """
     c = 7.47 * math.exp(-0.133 * math.pow(sav_1_ft, 0.55))
     b = 0.02526 * math.pow(sav_1_ft, 0.54)
     e = 0.715 * math.exp(-3.59e-4 * sav_1_ft)
@@ -119,15 +125,16 @@ def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, 
 
 
 def slope_coefficient(packing: float) -> float:
-    """Return 5.275 β^-0.3 of the slope factor (Rothermel 1972, eq. 51)."""
+    """Return the coefficient 5.275 β^-0.3 of the slope factor (Rothermel 1972, eq. 51)."""
     return 5.275 * math.pow(packing, -0.3)
 
 
 def cured_fraction(live_herb_moisture: float) -> float:
-    """Return the dead fraction of a dynamic model's herbaceous load; moisture is a fraction.
+    """Return the fraction of a dynamic model's herbaceous load that is dead.
 
-    It is 1 below 30 % and 0 above 120 % (Scott & Burgan 2005), with a line between as rounded in
-    `behave`: at exactly 120 % it is 0.001.
+    ``live_herb_moisture`` is a fraction. The result is 1 below 30 % moisture and 0 above 120 %
+    (Scott & Burgan 2005). Between these moistures it is linear, with the rounded numbers of
+    `behave`, so that at exactly 120 % it is 0.001.
     """
     if live_herb_moisture < 0.30:
         return 1.0
@@ -135,7 +142,7 @@ def cured_fraction(live_herb_moisture: float) -> float:
 
 
 def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, Floats]:
-    """Return loads (lb/ft²), SAVs (1/ft) and moistures of the six classes, dead before live.
+    """Return the loads (lb/ft²), SAVs (1/ft) and moistures of six classes, dead before live.
 
     Cured herbaceous fuel is a separate dead class with the SAV of the live herbaceous fuel and the
     moisture of the 1-h fuel (Andrews 2018; Burgan 1979, INT-226).
@@ -149,9 +156,10 @@ def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, F
 
 
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
-    """Return M_x of the live fuel as a fraction (Albini 1976, p. 16; Andrews 2018).
+    """Return the extinction moisture M_x of the live fuel (Albini 1976, p. 16; Andrews 2018).
 
-    It decreases with the moisture of the dead fuel and is at least M_x of the dead fuel.
+    It is a fraction. It decreases as the moisture of the dead fuel increases, and it is at least
+    M_x of the dead fuel.
     """
     loads, savs, moistures = size_classes(fuel, moisture)
     dead = loads[DEAD] * np.exp(-138.0 / savs[DEAD])
@@ -165,10 +173,10 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """Return g_ij: the weight of a class is the area of all classes of its size.
+    """Return the weight g_ij of each class: the surface area of all classes of its size.
 
-    ``shares`` are the classes' fractions of the surface area of the dead, or of the live, fuel
-    (Albini 1976, p. 15).
+    The classes are all dead or all live (Albini 1976, p. 15). ``shares`` are their fractions of the
+    common surface area.
     """
     sizes = (savs_1_ft[:, None] < SIZE_CLASS_SAV_1_FT).sum(axis=1)
     return np.array(
@@ -179,9 +187,10 @@ def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
 def reaction_part_lb_ft2(
     loads_lb_ft2: Floats, savs_1_ft: Floats, shares: Floats, moistures: Floats, extinction: float
 ) -> float:
-    """Return w_n η_M η_s of the dead, or of the live, fuel in lb/ft² (Albini 1976, p. 15).
+    """Return w_n η_M η_s in lb/ft² for either the dead or the live fuel (Albini 1976, p. 15).
 
-    Multiplied by Γ' and the heat content this is that fuel's part of the reaction intensity.
+    The product of this number, Γ' and the heat content is that fuel's part of the reaction
+    intensity.
     """
     net_load = (net_load_weights(shares, savs_1_ft) * loads_lb_ft2).sum() * (1.0 - MINERAL_CONTENT)
     damping = moisture_damping(float((shares * moistures).sum()), extinction) * mineral_damping()
@@ -236,15 +245,15 @@ def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
     """Return the slope factor φ_s (Rothermel 1972, eq. 51).
 
-    It is at most the number of the wind limit in ft/min, as in `behave`. This matters only on steep
-    slopes with fuel near its extinction moisture.
+    As in `behave`, the factor is not greater than the wind limit expressed in ft/min. This matters
+    only on steep slopes with fuel near its extinction moisture.
     """
     limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
     return np.minimum(bed.slope_k * np.square(slope_tan), limit)
 
 
 def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
-    """Return the wind without slope with a given combined factor (Albini 1976, p. 88)."""
+    """Return the wind in m/s whose wind factor is a given combined factor (Albini 1976, p. 88)."""
     return np.power(np.asarray(factor) / bed.wind_c, 1.0 / bed.wind_b) / FT_MIN_PER_M_S
 
 
@@ -264,7 +273,7 @@ def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
 
 
 def heat_per_area_btu_ft2(bed: FuelBed) -> float:
-    """Return reaction intensity times residence time 384/σ (Anderson 1969)."""
+    """Return the heat per area: reaction intensity times residence time 384/σ (Anderson 1969)."""
     return bed.reaction_intensity_btu_ft2_min * 384.0 / bed.sav_1_ft
 
 
@@ -287,11 +296,12 @@ def fastest_spread(
     upslope_deg: Floats,
     wind_limit: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the fastest spread, with wind and slope added as vectors (Andrews 2018).
+    """Return the rate, direction and effective wind of the fastest spread (Andrews 2018).
 
-    Arrays have one shape (the wind may be a scalar); directions are clockwise from north. With
-    ``wind_limit`` the effective wind, and thereby the rate, is limited to ``wind_limit_ft_min``.
-    Returns (rate along the slope in m/s, direction in degrees, effective wind in m/s).
+    Wind and slope are added as vectors. All arrays have the same shape (the wind may be a scalar).
+    Directions are in degrees clockwise from north. The rate is along the slope; the rate and the
+    effective wind are in m/s. ``wind_limit`` limits the effective wind to ``wind_limit_ft_min`` and
+    thereby limits the rate.
     """
     still = bed.no_wind_rate_ft_min
     by_wind = np.asarray(wind_factor(bed, np.asarray(midflame_wind_m_s) * FT_MIN_PER_M_S))

@@ -1,4 +1,4 @@
-"""Weather in steps: each entry holds from its time until the time of the next entry."""
+"""Define weather streams, in which an entry holds from its time until that of the next entry."""
 
 import bisect
 import math
@@ -18,10 +18,10 @@ Numbers = float | NDArray[np.floating]
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Conditions from ``at_s`` on.
+    """The weather from ``at_s`` on.
 
     The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
-    blows, in degrees clockwise from north. Moistures are percent of the oven-dry weight.
+    blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
     """
 
     at_s: float
@@ -49,7 +49,7 @@ class WeatherStream:
     """Weather entries in order of time, the first at 0 s or earlier."""
 
     def __init__(self, entries: Sequence[Weather]) -> None:
-        """Raises FireModelError naming the entry and its invalid value."""
+        """Raise FireModelError for an invalid entry; the message names the entry and the value."""
         if not entries:
             raise FireModelError("weather: no entries; give at least one, at 0 s")
         for number, entry in enumerate(entries):
@@ -76,7 +76,7 @@ class WeatherStream:
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
-        """Return the stream with this wind from ``at_s`` on, without later entries."""
+        """Return the stream with a new wind from ``at_s`` on, and without later entries."""
         entry = replace(
             self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
         )
@@ -117,7 +117,7 @@ def _check(number: int, entry: Weather) -> None:
 def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
     """Convert wind 10 m above the vegetation to wind 20 ft (6.1 m) above it, in the same unit.
 
-    Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
+    The ratio is from Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
     """
     return wind_10m / WIND_10M_OVER_20FT
 
@@ -143,7 +143,7 @@ def unsheltered_factor(depth_ft: Floats) -> Floats:
 def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
     """Return the wind adjustment factor below a canopy (Andrews 2012).
 
-    After Albini & Baughman 1979.
+    The factor is after Albini & Baughman 1979.
 
     ``crown_fill`` is the fraction of the volume below the tree tops that is filled by crowns.
     """
@@ -159,10 +159,11 @@ def wind_adjustment_factor(
 ) -> float | Floats:
     """Return the ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
-    Fuel depth in ft; canopy cover and crown ratio are fractions. Numbers, or arrays of one shape.
-    Fuel is sheltered where crowns (cones: cover times crown ratio over 3) fill at least 5 % of the
-    volume and, as in `behave`, the canopy is at least 6 ft high.
-    See RMRS-GTR-266. Raises FireModelError for a cover or ratio outside 0 to 1.
+    The fuel depth is in ft; canopy cover and crown ratio are fractions. All arguments are numbers
+    or arrays of one shape. Crowns are cones, so that they fill cover times crown ratio / 3 of the
+    volume. Fuel is sheltered where crowns fill at least 5 % of the volume and, as in `behave`, the
+    canopy is at least 6 ft high. See RMRS-GTR-266. Raises FireModelError for a cover or ratio
+    outside 0 to 1.
     """
     for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
         wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))

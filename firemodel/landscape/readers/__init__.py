@@ -1,1 +1,1 @@
-"""Readers of files: rasters of landscapes and arrival times, shapes, weather."""
+"""Read files: rasters of landscapes and of arrival times, shapes, and weather."""

@@ -1,4 +1,4 @@
-"""One band of a raster file: its header, its values, and checks of both."""
+"""Read the header and the values of one band of a raster file, and check both."""
 
 import math
 import warnings
@@ -32,7 +32,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Describe how another grid differs; empty if it does not (to 1/1000 of a cell)."""
+        """Return text on how another grid differs, empty if both agree to 1/1000 of a cell."""
         if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
             return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -71,7 +71,7 @@ class Band:
 
     @property
     def name(self) -> str:
-        """Name of the band in errors."""
+        """The name of the band in error messages."""
         return f"{self.path}" if self.count == 1 else f"{self.path} band {self.number}"
 
 
@@ -83,7 +83,7 @@ def check_file(path: Path) -> None:
 
 
 def bands_of(path: Path) -> tuple[Band, ...]:
-    """Return the bands of a raster file. Raises FireModelError if it is not a raster."""
+    """Return the bands of a raster file. Raises FireModelError if the file is not a raster."""
     from rasterio.enums import MaskFlags
     from rasterio.errors import NotGeoreferencedWarning
 
@@ -133,13 +133,13 @@ def _nodata(driver: str, declared: float | None) -> float | None:
 
 
 def _unit(declared: str | None, tags: dict[str, str]) -> str:
-    """Return the band's unit: the one declared to GDAL, or the one in the header of an .lcp."""
+    """Return the unit that the file declares to GDAL, or else the unit in an .lcp's header."""
     named = (value for key, value in tags.items() if key.endswith("_UNIT_NAME"))
     return declared or next(named, "")
 
 
 def band_of(source: Path | tuple[Path, int]) -> Band:
-    """Return the band of a file with one band, or of (file, number from 1).
+    """Return the band that ``source`` names: the only band of a file, or (file, number from 1).
 
     Raises FireModelError if there is no such band.
     """
@@ -155,14 +155,17 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Read the values (y, x) of a band, in its type. Raises FireModelError for a damaged file."""
+    """Return a band's values (y, x) in its type. Raises FireModelError if the file is damaged."""
     with _opened(band.path, band.driver) as file:
         values: NDArray[Any] = file.read(band.number)
     return values
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
-    """Return the mask (y, x) of cells with NaN, the file's nodata value or mask, or ``nodata``."""
+    """Return a mask (y, x) that is True for each cell without a value.
+
+    Such a cell is not finite, has the file's nodata value or ``nodata``, or is masked in the file.
+    """
     if np.issubdtype(values.dtype, np.floating):
         missing: Mask = ~np.isfinite(values)
     else:
@@ -177,7 +180,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
 
 
 def _fits(value: float, values: NDArray[Any]) -> bool:
-    """Return True if the array's type can hold a value, with rounding if it is a float type."""
+    """Return True if the array's type can hold a value; a float type may round it."""
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)
@@ -185,7 +188,7 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Return text with value, row and column of the first bad cell, and the number of bad cells."""
+    """Return text on the first bad cell (value, row, column) and on the number of bad cells."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 

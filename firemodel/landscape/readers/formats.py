@@ -1,8 +1,8 @@
 """Detect a file's format by its content before GDAL opens it.
 
 GDAL also detects formats by content. Some of its formats (VRT, OGR-VRT, GDALG, web services)
-contain names of files and URLs, which GDAL opens for any extension of the file. Therefore only the
-few formats that this module checks are accepted.
+contain names of files and URLs, which GDAL opens whatever the extension of the file is. Therefore
+only the few formats that this module checks are accepted.
 """
 
 import json
@@ -40,7 +40,7 @@ OFFLINE = {  # GDAL's options against network access, in case an accepted file c
 
 
 def raster_driver(path: Path) -> str:
-    """Return GDAL's name of a raster's format. Raises FireModelError for other formats."""
+    """Return GDAL's name for a raster's format. Raises FireModelError if it is not accepted."""
     start = _start(path)
     if start.startswith(TIFF):
         return "GTiff"

@@ -1,4 +1,4 @@
-"""Names and units of a landscape's layers in files."""
+"""Find the names and units of layers in files, and check and convert their values."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -66,7 +66,7 @@ _LANDFIRE_NAME = re.compile(rf"(?:^|_)(?:\d{{3}})?({'|'.join(_LANDFIRE)})(?:_|$)
 
 
 def layer_of(description: str) -> tuple[str, str]:
-    """Return the (layer, unit) in a band's description, each empty if it is not named.
+    """Return the layer and the unit that a band's description names; either may be empty.
 
     The function recognises the names in .lcp files, those of this package, and LANDFIRE's layer
     names (``LC20_SlpD_220``), which imply a unit.
@@ -80,9 +80,9 @@ def layer_of(description: str) -> tuple[str, str]:
 
 
 def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
-    """Return the (file, band) of each layer in a file, by the bands' descriptions.
+    """Return the (file, band) of each layer that a band description in a file names.
 
-    Raises FireModelError if no description names a layer, or two name the same layer.
+    Raises FireModelError if no description names a layer, or if two name the same layer.
     """
     bands = bands_of(path)
     found: dict[str, tuple[Path, int]] = {}
@@ -104,7 +104,7 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
 
 
 def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield an error for each unit given for an unknown or missing layer, or one without units."""
+    """Yield a problem for each unit whose layer is unknown, is missing or has no units."""
     for layer in units:
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
@@ -115,9 +115,9 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """Return the unit of a layer: as given, else as in the file, else one of ``USUAL_UNITS``.
+    """Return the unit of a layer: the given one, else the file's, else that of ``USUAL_UNITS``.
 
-    Raises FireModelError if the unit is unknown or not one of ``UNITS``.
+    Raises FireModelError if no unit is found, or if it is not one of ``UNITS``.
     """
     choices = UNITS[layer]
     if not choices:
@@ -134,7 +134,7 @@ def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
 
 
 def limits(layer: str, unit: str) -> tuple[float, float]:
-    """Return the minimum and maximum of valid values, in the unit of the file."""
+    """Return the least and the greatest valid value, in the unit of the file."""
     if unit == "degrees":
         return (-1.0, 360.0) if layer == "aspect" else (0.0, 89.9)
     if unit == "class":
@@ -193,7 +193,7 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
 
 
 def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:
-    """Convert a file's values (y, x) to metres, degrees or fractions; 0 where missing.
+    """Convert a file's values (y, x) to metres, degrees or fractions; missing values become 0.
 
     Slope in any unit becomes rise over run.
     """
@@ -211,10 +211,10 @@ def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDAr
 def to_gradient(
     slope_tan: NDArray[np.float32], aspect_deg: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Compute the rise per metre towards north and east, (2, y, x), from slope and aspect (y, x).
+    """Compute the rise per metre (2, y, x) towards north and east from slope and aspect (y, x).
 
-    Aspect is the direction in which the ground falls, clockwise from north; -1 is level ground (as
-    in LANDFIRE).
+    Aspect is the direction in which the ground falls, clockwise from north; as in LANDFIRE, -1 is
+    level ground.
     """
     gradient = np.empty((2, *slope_tan.shape), dtype=np.float32)
     falls = np.deg2rad(aspect_deg)

@@ -1,4 +1,4 @@
-"""Landscapes and arrival times from rasters: GeoTIFF, FARSITE .lcp, ESRI ASCII grid."""
+"""Read landscapes and arrival times from GeoTIFF, FARSITE .lcp, ESRI ASCII grid and .img."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -48,23 +48,26 @@ def read_landscape(
 ) -> Landscape:
     """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
 
-    Required are fuel and either elevation or slope with aspect (or all three); the canopy is
-    optional. The gradient is computed from slope and aspect if given, else from the elevation.
+    Fuel is required. The ground is given by elevation, by slope and aspect, or by all three. The
+    canopy is optional. The gradient is computed from slope and aspect if they are given, else from
+    the elevation.
 
     Args:
         files: One file whose bands name their layers (an .lcp, or a GeoTIFF with band
-            descriptions), or a file or (file, band from 1) for each layer: fuel, elevation, slope,
-            aspect, canopy_cover, canopy_height, canopy_base.
-        units: The unit of a layer (``layers.UNITS``), instead of the one in the file. Without
-            either, elevation is in metres, aspect in degrees clockwise from north, and slope and
-            canopy are refused.
-        missing: Cells without a value in a layer are rejected ("refuse"), or become bare ground
-            (99) without slope and trees; a missing elevation becomes that of the nearest cell.
+            descriptions). Otherwise a mapping from each layer to its file, or to (file, band from
+            1). The layers are fuel, elevation, slope, aspect, canopy_cover, canopy_height and
+            canopy_base.
+        units: The units of layers (``layers.UNITS``), instead of those in the files. If a layer has
+            neither, elevation is in metres, aspect is in degrees clockwise from north, and slope
+            and canopy are rejected.
+        missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
+            they become bare ground (99) without slope and trees, and a missing elevation becomes
+            that of the nearest cell.
         crs: The CRS of files that have none.
         nodata: A value that means no data, in addition to those that the files declare.
 
     Returns:
-        The landscape, its arrays (rows, columns).
+        The landscape, with arrays (rows, columns).
 
     Raises:
         FireModelError: A file cannot be used; the message names file, band, cell and value.
@@ -116,9 +119,9 @@ def read_landscape(
 
 
 def bands_for(files: Sources) -> dict[str, Band]:
-    """Return the band of each layer, in the order of ``layers.LAYERS``.
+    """Return the band of each layer, in the order of ``LAYERS``.
 
-    Raises FireModelError if a layer is unknown or a required one is missing.
+    Raises FireModelError if a layer is unknown or a required layer is missing.
     """
     sources = layers_of(files) if isinstance(files, Path) else files
     where = str(files) if isinstance(files, Path) else "landscape"
@@ -172,12 +175,12 @@ def read_arrival(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> NDArray[np.float64]:
-    """Read arrival times of a fire: seconds, float64 (y, x), infinity for unburned cells.
+    """Read the arrival times (y, x) of a fire in seconds; unburned cells have infinity.
 
     The raster must lie on the landscape's grid; cells without a value are unburned. ``unit`` is the
     unit of its values; ``crs`` and ``nodata`` are as in ``read_landscape``.
 
-    Raises FireModelError naming file, cell and value.
+    Raises FireModelError, whose message names file, cell and value.
     """
     if unit not in SECONDS:
         raise FireModelError(f"arrival: unit {unit!r} must be one of {', '.join(SECONDS)}")

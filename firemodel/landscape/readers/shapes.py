@@ -1,4 +1,4 @@
-"""Points, lines and polygons from GeoJSON, KML and Shapefiles, in a landscape's CRS."""
+"""Read points, lines and polygons from GeoJSON, KML and Shapefiles into a landscape's CRS."""
 
 import math
 import warnings
@@ -23,22 +23,22 @@ Record = dict[str, Any]
 
 
 def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
-    """Read the geometries of a file's features, in its order, in the landscape's CRS, without z.
+    """Read the geometries of a file's features into the landscape's CRS, without z.
 
-    The file is GeoJSON, KML, KMZ or a Shapefile (zipped or not). GeoJSON is longitude and latitude
-    (RFC 7946) unless it has a ``crs`` member, as older files do.
+    The file is GeoJSON, KML, KMZ or a Shapefile (zipped or not). Coordinates in GeoJSON are
+    longitude and latitude (RFC 7946), unless the file has a ``crs`` member, as older files do.
 
     Args:
         path: The file.
         landscape: The geometries are projected to its CRS; each must touch its grid.
-        crs: The CRS of files that have none.
+        crs: The CRS of a file that has none.
 
     Returns:
-        A shapely geometry for each feature.
+        A shapely geometry for each feature, in the order of the file.
 
     Raises:
-        FireModelError: No CRS or an unknown one, no features, or a feature that is empty, invalid
-            or off the landscape; the message names file and feature (from 1).
+        FireModelError: The CRS is missing or unknown, there are no features, or a feature is empty,
+            invalid or off the landscape. The message names the file and the feature (from 1).
     """
     shapes, found = features_of(path)
     refuse(crs_problems(path, found, crs))
@@ -56,8 +56,8 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     """Read the geometries of all layers of a file, unchanged, and their CRS.
 
-    A feature without geometry has an empty one. Raises FireModelError if the file cannot be read
-    as shapes.
+    A feature without geometry yields an empty geometry. Raises FireModelError if the file cannot be
+    read as shapes.
     """
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
@@ -92,7 +92,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
 
 
 def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Read geometries, CRS and attributes of a zipped Shapefile in memory.
+    """Read the geometries, CRS and attributes of a zipped Shapefile in memory.
 
     Each feature has a geometry and a record of attributes; dates are numpy.datetime64.
     Raises FireModelError if the file cannot be read.

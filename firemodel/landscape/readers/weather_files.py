@@ -1,4 +1,4 @@
-"""Weather streams from files: FARSITE's .raws and .wxs, and CSV with named columns."""
+"""Read weather streams from FARSITE's .raws and .wxs files and from CSV with named columns."""
 
 import csv
 from collections.abc import Iterable
@@ -19,7 +19,9 @@ Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file; the value of the field it ``gives`` is ``value * scale + offset``.
+    """A column of a file whose values become the field ``gives``.
+
+    The field is ``value * scale + offset``.
 
     Values in the file must be from ``low`` to ``high``.
     """
@@ -74,25 +76,27 @@ def read_weather(
 ) -> WeatherStream:
     """Read a .raws, .wxs or .csv file; each record holds from its time until the next.
 
-    .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH (°F, inches,
-    wind 20 ft above the vegetation in mph) or METRIC (°C, mm, wind at 10 m in km/h).
+    .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH or METRIC.
+    ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm and
+    wind in km/h at 10 m.
 
-    CSV has one header line that names the columns, in any order: ``time`` (ISO 8601) or ``at_s``
-    (then without ``start``); a wind speed, ``wind_speed_`` (20 ft) or ``wind_10m_`` with ``m_s``,
-    ``mph`` or ``kmh``; ``wind_from_deg`` or ``wind_toward_deg``, clockwise from north; and,
-    optionally, others of ``COLUMNS``. The rain of a record falls between it and the next one.
+    CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
+    or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
+    ``wind_10m_``, followed by ``m_s``, ``mph`` or ``kmh``. The wind direction is ``wind_from_deg``
+    or ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
+    record falls between it and the next one.
 
     Args:
         path: The file.
-        start: The time of the stream's 0 s, by default that of the first record. It must lie within
-            the file; records that end before it are ignored. For .raws and .wxs it has no UTC
-            offset.
-        moisture: Fuel moistures (fractions) for classes that have no column in the file.
-        conditioned: The dead moistures begin with ``moisture`` at the file's first record and then
-            follow temperature, humidity and rain (``physics/moisture.py``).
+        start: The time of the stream's 0 s, by default the time of the first record. It must lie
+            within the file; records that end before it are ignored. For .raws and .wxs it has no
+            UTC offset.
+        moisture: Fuel moistures (fractions) of the classes that have no column in the file.
+        conditioned: True if the dead moistures begin with ``moisture`` at the file's first record
+            and then follow temperature, humidity and rain (``physics/moisture.py``).
 
     Returns:
-        The weather, wind at 20 ft in m/s.
+        The weather, with the wind at 20 ft in m/s.
 
     Raises:
         FireModelError: The file cannot be used; the message names file, line, field and value.
@@ -152,9 +156,9 @@ def _csv_rows(path: Path) -> Rows:
 
 
 def _raws_rows(path: Path) -> Rows:
-    """Return the records, with the column names of the CSV format.
+    """Return the records with the column names of the CSV format.
 
-    The count in the line RAWS: is often wrong and is not used.
+    The count in the ``RAWS:`` line is often wrong and is not used.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
@@ -197,7 +201,7 @@ def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) 
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> None:
-    """Reject unknown columns, two columns of one quantity, and a missing time or wind."""
+    """Reject unknown columns, two columns for one quantity, and a missing time or wind."""
     given: dict[str, str] = {}
     for name in names:
         if name not in COLUMNS and name not in TIMES:
@@ -239,7 +243,10 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 
 
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
-    """Return the times of the records in s after the start, which must increase and enclose 0."""
+    """Return the times of the records in seconds after the start.
+
+    The times must increase, and 0 must lie between the first and the last.
+    """
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
         if start is not None:
@@ -288,7 +295,7 @@ def _moistures_pct(
     moisture: Moisture | None,
     conditioned: bool,
 ) -> Floats:
-    """Return moistures of the five classes in percent, (n, 5), as given or conditioned."""
+    """Return the moistures (n, 5) of the five classes in percent, as given or conditioned."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
