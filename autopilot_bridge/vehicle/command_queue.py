@@ -118,7 +118,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._active = False
 
     def release_mode(self, why: str, now_us: int) -> list[Message]:
-        """End commands that arm or change the mode, because the autopilot or a pilot did so."""
+        """End commands that arm or change the mode, after a failsafe or a pilot's takeover."""
         remaining = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:

@@ -7,8 +7,8 @@ message was recorded).
 or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
 no effect. A time is not used if it is ahead of the line by more than ``AHEAD_US`` (in simulations,
 what the vehicle's clock advances in ten seconds). Nor is it used if it is behind the latest time by
-more than ``BACK_US`` (five seconds). Delayed messages and bursts are behind the line and are
-accepted.
+more than ``BACK_US`` (likewise five seconds). Delayed messages and bursts are behind the line and
+are accepted.
 
 Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
 new series of times is therefore a *restart* only if its first time since boot does not exceed the
@@ -83,7 +83,7 @@ class BootClock:
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
-        self._since: list[tuple[int, int]] = []  # times since the last point, for the next one
+        self._since: list[tuple[int, int]] = []  # times since the last point
         self._latest_us: int | None = None  # time since boot
         self._received_us = 0
         self._rates: deque[float] = deque(maxlen=FITS)
