@@ -1,4 +1,4 @@
-"""The expected read-back of an item that was sent to an autopilot (see ``stacks/rules.py``)."""
+"""Computes which item an autopilot returns when an item is read back (see ``stacks/rules.py``)."""
 
 import math
 import struct

@@ -50,7 +50,7 @@ class Address:
     mission_type: int = 0
 
     def concerns(self, message: Message) -> bool:
-        """Return whether the target sent a message about this type of mission to this station."""
+        """Return whether the target sent a message about this type of list to this station."""
         return (
             (message.get_srcSystem(), message.get_srcComponent()) == self.target
             and is_for(message, self.own)

@@ -43,9 +43,9 @@ class MissionUpload(Exchange):
     ) -> None:
         """Create the upload of ``items``; ``first`` is the index of the first item to fly.
 
-        Up to ``ahead`` items are sent before they are requested. ``plan_id`` is the expected id of
-        the plan (see ``plan_id.py``). A report of this id proves the upload if the acknowledgement
-        is lost.
+        The items are sent unchanged, up to ``ahead`` of them before they are requested. ``plan_id``
+        is the expected id of the plan (see ``plan_id.py``). A report of this id proves the upload
+        if the acknowledgement is lost.
         """
         super().__init__(address, timing)
         self.items = items

@@ -26,7 +26,7 @@ class RemoteBinding:
     """The remote of one vehicle; its owner removes new alarms from ``alarms`` and reports them."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
-        """``called`` is the remote that the link connects to; "" if it listens."""
+        """Create it; ``called`` is the remote to which the link connects, "" if it listens."""
         self.remote: str | None = None  # None: not bound yet
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us
@@ -51,7 +51,7 @@ class RemoteBinding:
                 return False
             self._bind(remote, now_us)
         self._received_us = now_us
-        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both send
+        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both
             self._raise(SameSystemId(now_us, remote, self._other[0]))
             self._alarm_until_us = self._other[1] + ENDED_AFTER_US
         return True

@@ -181,7 +181,7 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle without late and repeated messages; states on change."""
+    """The telemetry of one vehicle, without late or repeated messages and unchanged states."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}

@@ -143,7 +143,7 @@ class Job:
         return self.history[-1]
 
     def enter(self, phase: Phase, exchange: Transfer | None = None) -> None:
-        """Enter a phase; raises InvalidTransitionError if it may not follow."""
+        """Enter a phase. Raises InvalidTransitionError if this phase may not follow now."""
         enter(self.history, phase, TRANSITIONS[self.action], self._of)
         self.exchange = exchange
 
