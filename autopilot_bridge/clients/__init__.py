@@ -1,5 +1,5 @@
-"""Clients for one vehicle, which are peers of a link: native MAVLink (``native``) and MAVSDK.
+"""Contains the clients of a vehicle: native MAVLink (``native``) and MAVSDK (``mavsdk``).
 
-``client_protocol`` is their common interface; ``shared_link`` decodes the messages of a link once
-for all its vehicles.
+``client_protocol`` is their common interface. ``shared_link`` decodes the messages of a link once
+for all vehicles on the link.
 """

@@ -1,4 +1,4 @@
-"""The interface of all vehicle clients."""
+"""Defines the interface of all vehicle clients."""
 
 from typing import Protocol
 
@@ -12,8 +12,8 @@ from autopilot_bridge.vehicle.transfer_states import StartItem
 class VehicleClient(Protocol):
     """The client of one vehicle: ``NativeClient`` or ``MavsdkClient``.
 
-    ``now_us`` is the link's time in microseconds. Each request returns an id; the event with its
-    outcome has the same id.
+    ``now_us`` is the link's time in microseconds. Each request returns an id, and the event that
+    reports its outcome has the same id.
     """
 
     @property
@@ -28,23 +28,23 @@ class VehicleClient(Protocol):
         Args:
             items: The items without ArduPilot's home.
             now_us: Time in microseconds.
-            begin: The item to fly next: ``restart`` the first, ``keep`` the present number, or a
-                number from 0.
-            holds_first: Hold during the upload if the autopilot would fly a partly overwritten
-                list.
+            begin: The item to fly next: ``restart`` means the first item, ``keep`` the item with
+                the present number. A number (from 0) names another item.
+            holds_first: Hold during the upload if the autopilot would otherwise fly a partly
+                overwritten list.
 
         Returns:
             The ``transfer_id`` of TransferFinished.
         """
 
     def download(self, now_us: int) -> int:
-        """Read the mission; TransferFinished with the returned ``transfer_id`` has the items."""
+        """Read the mission; the TransferFinished with the returned id contains the items."""
 
     def clear(self, now_us: int) -> int:
-        """Remove the mission; returns the ``transfer_id`` of TransferFinished."""
+        """Remove the mission, and return the ``transfer_id`` of TransferFinished."""
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Execute a command of the table ``vehicle/orders.py``.
+        """Execute a command from the table in ``vehicle/orders.py``.
 
         Args:
             name: Its key in ``ORDERS``, such as "hold" or "orbit".
@@ -55,12 +55,12 @@ class VehicleClient(Protocol):
             The ``command_id`` of CommandFinished.
 
         Raises:
-            BridgeError: No autopilot has connected, the stack does not have the command, or an
-                argument is out of range.
+            BridgeError: No autopilot has connected, the stack has no such command, or an argument
+                is out of range.
         """
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Release one object now, without retries; returns the ``drop_id`` of DropFinished."""
+        """Release one object now, without retries, and return the ``drop_id`` of DropFinished."""
 
     def next_event(self) -> ClientEvent | None:
         """Remove and return the oldest pending event; None if there is none."""

@@ -1,12 +1,12 @@
-"""A vehicle client that uses MAVSDK; it replaces ``NativeClient`` and its ``Connection``.
+"""Implements a vehicle client with MAVSDK, to replace ``NativeClient`` and its ``Connection``.
 
-MAVSDK (a C library in this process) receives the bytes of our link; it detects the vehicle,
-transfers missions and repeats commands. This module adds three steps that real autopilots require:
-a mission is checked before its upload (after a rejected item ArduPilot has a truncated mission),
-read back after it (MAVSDK's result alone does not prove the upload), and then started by its item
-number (ArduPlane flies to its old target until commanded). MAVSDK's ``set_current_mission_item`` is
-not used: if the autopilot reports another number, it repeats its request without end and without
-delay.
+MAVSDK (a C library in this process) receives the bytes from our link. It detects the vehicle,
+transfers missions and repeats commands. This module adds three steps that real autopilots require.
+A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
+item. It is read back after its upload, because MAVSDK's result alone does not prove the upload. It
+is then started by an item number, because ArduPlane flies to its old target until an item is
+commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports another
+number, the function repeats its request without end and without delay.
 """
 
 import asyncio
@@ -63,16 +63,16 @@ POLL_INTERVAL_S = 0.05
 REPLY_TIMEOUT_S = 1.5
 DETECTION_TIMEOUT_S = 10.0
 NOT_FOUND = "MAVSDK has not detected the vehicle"
-CALL_TIMEOUT_S = 120.0  # the transfer of the longest mission on a slow radio takes less
+CALL_TIMEOUT_S = 120.0  # transferring the longest mission by a slow radio takes less
 NO_ANSWER = "NO_ANSWER"  # used instead of MAVSDK's result if a call does not return
 NOT_SUPPORTED = "MAVSDK supports only missions; use backend native"
-CLOSE_TIMEOUT_S = 5.0  # at the end of the service, active transfers may end within this time
+CLOSE_TIMEOUT_S = 5.0  # when the service ends, active transfers have this time to end
 Result = TypeVar("Result")
 
 
 @dataclass
 class Job:
-    """A requested transfer."""
+    """A transfer that was requested."""
 
     transfer_id: int
     action: Literal["upload", "download", "clear"]
@@ -89,9 +89,9 @@ class MavsdkClient:
         system_id: The vehicle's MAVLink system id.
         clock: Returns the link's time in microseconds.
         tlog: Records the frames sent and received; the caller closes it.
-        signing: Signs all sent frames; received frames that do not verify are dropped.
+        signing: Signs all sent frames; received frames without a valid signature are dropped.
         link_id: The link id of signatures, 0 to 255.
-        max_speed_m_s: Positions that imply a higher speed are discarded; None: no limit.
+        max_speed_m_s: Positions that imply a higher speed are discarded; None means no limit.
 
     Raises:
         BridgeError: The link is not valid, or cannot be opened (on entering the context).
@@ -107,7 +107,7 @@ class MavsdkClient:
         link_id: int = 0,
         max_speed_m_s: float | None = None,
     ) -> None:
-        self.called = ""  # the remote that the link connects to
+        self.called = ""  # the remote to which the link connects
         self._signed = signing is not None
         self._source: RemoteBinding | None = None
         self._connection = Connection(
@@ -125,7 +125,7 @@ class MavsdkClient:
         self._last_command = 0
         self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
-        self._begin: MissionActivation | None = None  # the active one
+        self._begin: MissionActivation | None = None  # the active start
         self._commanded_modes = CommandedModes()
         self._overrides: list[str] = []  # mode changes by the autopilot or a pilot
         self._heartbeats = 0
@@ -144,12 +144,12 @@ class MavsdkClient:
 
     @property
     def counts(self) -> Counts:
-        """Counts of the link's received frames by outcome; see ``Connection``."""
+        """The numbers of received frames on the link, by outcome; see ``Connection``."""
         return self._connection.counts
 
     @property
     def receives_signed(self) -> bool:
-        """Whether received frames are signed although signatures are not checked."""
+        """Whether received frames are signed while signatures are not checked."""
         return self._connection.receives_signed
 
     def upload(
@@ -171,9 +171,9 @@ class MavsdkClient:
         return self._add(Job(0, "clear"))
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Execute a command of ``orders.ORDERS``; CommandFinished has the outcome.
+        """Execute a command from ``orders.ORDERS``; CommandFinished reports the outcome.
 
-        A command that MAVSDK cannot send finishes as not accepted.
+        A command that MAVSDK cannot send is reported as not accepted.
         """
         steps = order_named(name).through_mavsdk
         self._last_command += 1
@@ -186,7 +186,7 @@ class MavsdkClient:
         return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Reject the drop by a DropFinished: MAVSDK cannot send it."""
+        """Refuse the drop by a DropFinished, because MAVSDK cannot send drops."""
         self._report(DropFinished(now_us, 0, "refused", NOT_SUPPORTED))
         return 0
 
@@ -214,7 +214,7 @@ class MavsdkClient:
         station = core.ComponentType.GROUND_STATION
         await self._connection.__aenter__()
         self._mavsdk = core.Mavsdk(core.Configuration.create_with_component_type(station))
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(  # called in a thread of MAVSDK's
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(  # called in one of MAVSDK's threads
             lambda data: loop.call_soon_threadsafe(self._send, data)
         )
         self._mavsdk.add_any_connection("raw://")
@@ -255,14 +255,14 @@ class MavsdkClient:
         self._connection.flush()
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process frames of a link that has one remote."""
+        """Process frames from a link that has one remote."""
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Process frames of the vehicle's remote, in MAVSDK and in our own monitor.
+        """Pass frames from the vehicle's remote to MAVSDK and to our own monitor.
 
-        MAVSDK receives no frame before a HEARTBEAT identifies the remote, and no frame with a value
-        out of bounds.
+        MAVSDK receives frames only after a HEARTBEAT has identified the remote. It receives no
+        frame that has a value out of bounds.
         """
         if self._source is None:
             self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)
@@ -299,7 +299,7 @@ class MavsdkClient:
                 self._outgoing.append(self._codec.encode(request))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
-        """Process a mode change; one that was not commanded ends the start of a mission."""
+        """Process a mode change; a change that was not commanded ends the start of a mission."""
         if self.stack is not None and not self._commanded_modes.has(mode, now_us):
             self._overrides.append(changed_meanwhile(self.stack, mode))
             if self._begin is not None:
@@ -317,13 +317,13 @@ class MavsdkClient:
         return [(remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
-        """Return the time of the next ``handle_timer`` call: for a lost link or an ended alarm."""
+        """Return the time at which ``handle_timer`` may report a lost link or an ended alarm."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
         timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
         return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Report a lost link, and alarms that have ended."""
+        """Report a lost link and the alarms that have ended."""
         self._events.extend(self._monitor.handle_timer(now_us))
         self._events.extend(self._monitor.end_alarms(now_us))
         if self._source is not None:
@@ -338,7 +338,7 @@ class MavsdkClient:
     # MAVSDK -----------------------------------------------------------------------------------
 
     async def _detected(self) -> bool:
-        """Wait until MAVSDK detects the vehicle, and create its plugins; returns whether it did."""
+        """Return whether MAVSDK has detected the vehicle; wait for this, and create the plugins."""
         modules = library()
 
         def detect() -> bool:
@@ -352,9 +352,9 @@ class MavsdkClient:
         return await self._until(detect, DETECTION_TIMEOUT_S)
 
     async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
-        """Await a call to MAVSDK; if the wait is cancelled, the call continues.
+        """Return the result of a call to MAVSDK; if the wait is cancelled, the call continues.
 
-        Raises TimeoutError if the call outlasts all of MAVSDK's own timeouts.
+        Raises TimeoutError if the call takes longer than all of MAVSDK's own timeouts.
         """
         task = asyncio.ensure_future(call)
         self._calls.add(task)
@@ -363,10 +363,10 @@ class MavsdkClient:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # retrieved, because no task may wait for it
+        task.cancelled() or task.exception()  # read here, because perhaps no task waits for it
 
     async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Wait until ``condition()`` is true, ``within_s`` at most; returns whether it is."""
+        """Return whether ``condition()`` is true; wait up to ``within_s`` for this."""
         ends_us = self._clock() + round(within_s * 1e6)
         while not condition():
             if self._clock() > ends_us:
@@ -385,9 +385,9 @@ class MavsdkClient:
             self._report(CommandFinished(self._clock(), name, accepted, reason, command_id))
 
     async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
-        """Send commands in sequence until one is refused; MAVSDK retries each.
+        """Send commands in sequence until one is refused; MAVSDK retries each of them.
 
-        No command is sent after a failsafe or a pilot has taken control.
+        No command is sent after a failsafe or after a pilot has taken control.
         """
         overrides = len(self._overrides)
         for step in steps:
@@ -455,7 +455,7 @@ class MavsdkClient:
             lambda: not self._monitor.in_mission, REPLY_TIMEOUT_S
         )
         if not idle:
-            # MAVSDK would truncate the list and report success; the vehicle would continue.
+            # MAVSDK would truncate the list and report success, and the vehicle would fly on.
             reason = "the vehicle flies its mission and would continue without it; hold first"
             return TransferResult("rejected", reason, holds="the old one")
         verdict = await self._send_request(self._missions.clear_mission())
@@ -508,7 +508,7 @@ class MavsdkClient:
         return ended
 
     def _first(self, job: Job) -> int:
-        """Return the transmitted number of the item to fly next."""
+        """Return the number of the item to fly next, as it is transmitted."""
         hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden
@@ -538,7 +538,7 @@ class MavsdkClient:
             self._begin = None
 
     async def _send_request(self, call: Coroutine[Any, Any, Any]) -> str:
-        """Send a transfer request; returns the name of MAVSDK's result."""
+        """Send a transfer request, and return the name of MAVSDK's result."""
         try:
             await self._call(call)
         except library().missions.MissionRawError as error:
@@ -548,7 +548,7 @@ class MavsdkClient:
         return "SUCCESS"
 
     async def _read(self) -> tuple[Items | None, str]:
-        """Read the items as transmitted; (None, MAVSDK's result) if the download fails."""
+        """Return the items as transmitted, or None if the download fails, and MAVSDK's result."""
         try:
             read = await self._call(self._missions.download_mission())
         except library().missions.MissionRawError as error:

@@ -1,4 +1,4 @@
-"""Import of MAVSDK's modules, and conversion between its types and ours."""
+"""Imports MAVSDK's modules, and converts between its types and ours."""
 
 import functools
 import json
@@ -11,7 +11,7 @@ from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 
-MAVSDK_IDS = (245, 190)  # system and component id of its ground stations
+MAVSDK_IDS = (245, 190)  # system and component ids of its ground stations
 ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
 
 
@@ -26,7 +26,7 @@ class Library(NamedTuple):
 
 @functools.cache
 def library() -> Library:
-    """Import MAVSDK and redirect its log to Python's logging."""
+    """Return the MAVSDK modules; import them, and redirect their log to Python's logging."""
     import mavsdk
     import mavsdk.asyncio
     import mavsdk.asyncio.plugins.mavlink_direct as direct
@@ -36,14 +36,14 @@ def library() -> Library:
     def log(level: int, message: str, file: str | None, line: int) -> bool:
         if level >= LogLevel.ERROR:
             logging.getLogger("mavsdk").error("%s", message)
-        return True  # otherwise MAVSDK writes it to standard output
+        return True  # otherwise MAVSDK writes the line to standard output
 
     log_subscribe(log)
     return Library(mavsdk, mavsdk.asyncio, missions, direct)
 
 
 def raw_message(message: Message, target: tuple[int, int]) -> Any:
-    """Convert a message to MAVSDK's raw type."""
+    """Return a message in MAVSDK's raw type."""
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return library().direct.MavlinkMessage(
         message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Convert items to MAVSDK's raw type; MAVSDK requires that item ``first`` is current."""
+    """Return items in MAVSDK's raw type; MAVSDK requires that item ``first`` is current."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(
@@ -68,9 +68,10 @@ def raw_items(items: Items, first: int) -> list[Any]:
 def upload_result(
     stack: Stack, hidden: int, sent: Items, verdict: str, read: Items | None
 ) -> TransferResult:
-    """Determine the result of an upload from MAVSDK's result and the read-back (None: failed).
+    """Return the result of an upload, given MAVSDK's ``verdict`` and the items that were ``read``.
 
-    After a TIMEOUT the upload may be complete: only the last reply may be lost.
+    ``read`` is None if the read-back failed. After a TIMEOUT the upload may still be complete,
+    because perhaps only the last reply was lost.
     """
     reason = f"MAVSDK: {verdict}"
     may_be_complete = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")

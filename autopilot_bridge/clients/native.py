@@ -1,8 +1,8 @@
-"""The native client of one vehicle on one link, sans-IO.
+"""Implements the native client of one vehicle on one link, without input or output.
 
-It receives bytes (``receive_data``) and returns datagrams (``data_to_send``) and events
-(``next_event``); it needs one timer (``next_timer``, ``handle_timer``). The time is an argument in
-microseconds of any clock. On a link with several vehicles ``shared_link.py`` decodes each message
+The client receives bytes (``receive_data``), and returns datagrams (``data_to_send``) and events
+(``next_event``). It needs one timer (``next_timer``, ``handle_timer``). The time is an argument, in
+microseconds of any clock. On a link with several vehicles, ``shared_link.py`` decodes each message
 once and calls ``receive_message``.
 """
 
@@ -40,18 +40,18 @@ NEVER_US = 1 << 62
 
 
 class NativeClient:
-    """The native ``VehicleClient`` of one vehicle; a peer for a ``Connection``.
+    """The native ``VehicleClient`` of one vehicle, which is the peer of a ``Connection``.
 
     Args:
         system_id: This station's MAVLink system id.
         component_id: This station's component id.
-        target_system: The vehicle's system id; None: the first autopilot that sends.
-        heartbeat_timeout_us: The link is lost after this time without a HEARTBEAT.
+        target_system: The vehicle's system id; None means the first autopilot that sends.
+        heartbeat_timeout_us: The link counts as lost after this time without a HEARTBEAT.
         timing: Timeouts and retries of transfers and commands.
         rates_hz: Message rates to request when the vehicle connects, by message id.
-        shared: The outgoing messages of all clients of one link, whose owner also sends the
-            heartbeats; None: the client is alone on its link.
-        max_speed_m_s: Positions that imply a higher speed are discarded; None: no limit.
+        shared: The outgoing messages of all clients on one link; the owner of the link also sends
+            the heartbeats. None means that the client is alone on its link.
+        max_speed_m_s: Positions that imply a higher speed are discarded; None means no limit.
     """
 
     def __init__(
@@ -124,17 +124,17 @@ class NativeClient:
         """Replace the mission, fence or rally points; TransferFinished with the id has the result.
 
         ``begin`` is the item of the new mission to fly next: ``restart`` the first, ``keep`` the
-        current number, or a number from 0. ``check`` reads the list back after it was accepted.
-        With ``holds_first`` a vehicle that flies its mission holds during the upload if its
-        autopilot would fly a partly overwritten list; after a failed upload it continues to hold.
-        ``by_file`` uses MAVFTP if the autopilot supports it. An upload replaces a queued upload of
-        the same kind.
+        current number, or a number from 0. With ``check`` the list is read back after it was
+        accepted. With ``holds_first`` a vehicle in its mission holds during the upload if its
+        autopilot would otherwise fly a partly overwritten list. After a failed upload the vehicle
+        continues to hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An
+        upload replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
 
     def download(self, now_us: int, kind: Kind = "mission", by_file: bool = True) -> int:
-        """Read the mission, fence or rally points; TransferFinished has the items."""
+        """Read the mission, fence or rally points; TransferFinished contains the items."""
         return self._add(Job(0, "download", kind, by_file=by_file), now_us)
 
     def clear(self, now_us: int, kind: Kind = "mission") -> int:
@@ -142,7 +142,7 @@ class NativeClient:
         return self._add(Job(0, "clear", kind), now_us)
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
-        """Cancel a transfer; TransferFinished follows when the autopilot has ended it too."""
+        """Cancel a transfer; TransferFinished follows when the autopilot has also ended it."""
         self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
         self._advance(now_us)
 
@@ -166,7 +166,7 @@ class NativeClient:
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
-        """Release one object now; DropFinished with the id has the outcome.
+        """Release one object now; the DropFinished with the id reports the outcome.
 
         The command is sent once, before queued commands, and never repeated. A drop that cannot be
         sent at once is refused. Raises BridgeError if the stack does not support the dropper.
@@ -178,7 +178,7 @@ class NativeClient:
         self._send(*messages)
         return drop_id
 
-    # Parameters; ParametersFinished with the id has the outcome.
+    # Parameters; the ParametersFinished with the id reports the outcome.
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
@@ -193,7 +193,7 @@ class NativeClient:
         )
 
     def set_parameter(self, name: str, value: float, now_us: int) -> int:
-        """Set a parameter; accepted when the autopilot reports the new value."""
+        """Set a parameter; the result is "accepted" when the autopilot reports the new value."""
         stack = self._connected_stack()
         return self._send_request(self._parameters.set(name, value, self._target(), stack), now_us)
 
@@ -264,7 +264,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _commands_timer(self) -> int | None:
-        """Return the time of the next retry, which waits while a restart may be detected."""
+        """Return the time of the next retry; no retry is made while a restart may be detected."""
         due_us = self._commands.next_timer()
         return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 
@@ -295,7 +295,7 @@ class NativeClient:
             return
         self._drops.receive(message, now_us)
         self._send(*self._rates.receive(message, now_us))
-        if now_us >= monitor.undecided_until_us:  # else a restart may undo the command
+        if now_us >= monitor.undecided_until_us:  # otherwise a restart may undo the command
             self._send(*self._commands.receive(message, now_us))
         self._send(*self._parameters.receive(message, now_us))
         if self._jobs.next_timer() is not None:  # a transfer is active
@@ -305,7 +305,7 @@ class NativeClient:
             self._advance(now_us)
 
     def _mode_changed(self, before: int, was_armed: bool, now_us: int) -> None:
-        """Stop transfers and commands if a failsafe or a pilot has changed the mode."""
+        """Stop transfers and commands if the autopilot or a pilot has changed the mode."""
         mode, stack = self.custom_mode, self._connected_stack()
         if mode != before and not self._commanded_modes.has(mode, now_us):
             why = changed_meanwhile(stack, mode)
@@ -338,7 +338,7 @@ class NativeClient:
         self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:
-        """Check the client's invariants between two events, for tests; raises AssertionError."""
+        """Raise AssertionError if an invariant does not hold between two events; for tests."""
         self._jobs.validate_state()
 
     def _report(self, job: Job, result: TransferResult, now_us: int) -> None:

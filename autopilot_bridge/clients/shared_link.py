@@ -1,8 +1,9 @@
-"""Several vehicles on one link, sans-IO: each is detected by its heartbeat and has its own client.
+"""Handles several vehicles on one link; each is detected by its heartbeat and has its own client.
 
-The shared link is a peer of a connection; it decodes each message once and passes it to the client
-of the sending system. A link and a system id identify a vehicle: the same id on two links is used
-by two vehicles. ``remote_binding.py`` selects the remote whose messages a client accepts.
+The shared link is a peer of a connection. It decodes each message once and passes it to the client
+of the sending system. A link and a system id together identify a vehicle: the same id on another
+link belongs to another vehicle. ``remote_binding.py`` selects the remote whose messages a client
+accepts.
 """
 
 import heapq
@@ -24,7 +25,7 @@ HEARTBEAT_TIMEOUT_US = 3_000_000
 
 
 class VehicleKey(NamedTuple):
-    """The key of a vehicle: its link and its system id."""
+    """The key that identifies a vehicle: its link and its system id."""
 
     link: str
     system_id: int
@@ -34,17 +35,17 @@ class VehicleKey(NamedTuple):
 
 
 class FleetEvent(NamedTuple):
-    """An event of a vehicle's client, with the vehicle's key."""
+    """An event from a vehicle's client, with the vehicle's key."""
 
     vehicle: VehicleKey
     event: ClientEvent
 
 
 class SharedLink:
-    """One link and its vehicles: a peer for a ``Connection``.
+    """One link with its vehicles, which is the peer of a ``Connection``.
 
-    Vehicles are detected by their heartbeats and report through ``next_event``, or they are
-    registered by ``expect``, and each returned client reports its own events.
+    A vehicle that is detected by its heartbeat reports its events through ``next_event``. A vehicle
+    that is registered by ``expect`` reports them through the returned client.
     """
 
     def __init__(
@@ -60,10 +61,10 @@ class SharedLink:
     ) -> None:
         """Create the link; with ``expects`` only vehicles registered by ``expect`` are accepted.
 
-        ``signed``: the signatures of received frames are verified.
+        ``signed`` tells whether the signatures of received frames are verified.
         """
         self.name = name
-        self.called = ""  # the remote that the link connects to; "" if it listens
+        self.called = ""  # the remote to which the link connects; "" if it listens
         self.clients: dict[int, NativeClient] = {}
         self._own = (system_id, component_id)
         self._heartbeat_timeout_us = heartbeat_timeout_us
@@ -86,7 +87,7 @@ class SharedLink:
         return self._client(system, max_speed_m_s)
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process a datagram of a link that has one remote."""
+        """Process a datagram from a link that has one remote."""
         self._receive("", self._codec.decode(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
@@ -102,13 +103,13 @@ class SharedLink:
             client = self.clients.get(system) or self._detected(message, system)
             if client is not None and self._is_accepted(remote, system, message, now_us):
                 client.receive_message(message, now_us)
-                # Telemetry changes no timer unless it causes a message to be sent.
+                # Telemetry changes no timer, unless a message must be sent because of it.
                 touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
         for system, timer in touched.items():
             self._refresh(system, timer)
 
     def _detected(self, message: Message, system: int) -> NativeClient | None:
-        """Create the client of a new autopilot; None if the sender is not an autopilot."""
+        """Return the new client of an autopilot; None if the sender is not an autopilot."""
         if self._expects or not is_of_autopilot(message):
             return None
         return self._client(system)
@@ -127,7 +128,7 @@ class SharedLink:
         return client
 
     def _is_accepted(self, remote: str, system: int, message: Message, now_us: int) -> bool:
-        """Return whether a system's messages are accepted from this remote."""
+        """Return whether to accept a message of this system from this remote."""
         source = self._sources.get(system)
         if source is None:
             timeout_us = self._heartbeat_timeout_us
@@ -160,7 +161,7 @@ class SharedLink:
         return [datagram for _, datagram in self.addressed_to_send()]
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the datagrams to send with their remotes; "" is all remotes."""
+        """Return the datagrams to send, each with its remote; "" means all remotes."""
         if not self._outgoing:
             return []
         for system in {getattr(message, "target_system", 0) for message in self._outgoing}:
@@ -180,7 +181,7 @@ class SharedLink:
         return min(self._heartbeat_due_us, *(due_us for due_us, _ in self._timers[:1]), 1 << 62)
 
     def handle_timer(self, now_us: int) -> None:
-        """Send this station's heartbeat and run the due timers of the clients."""
+        """Send this station's heartbeat, and run the timers of the clients that are due."""
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._outgoing.append(gcs_heartbeat())
@@ -190,7 +191,7 @@ class SharedLink:
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
-            if self._due_us.get(system) == due_us:  # else outdated or a duplicate
+            if self._due_us.get(system) == due_us:  # otherwise outdated or a duplicate
                 del self._due_us[system]
                 due.append(system)
         for system in due:

@@ -1,1 +1,1 @@
-"""Links: addresses, transports, framing, codec, signing, recordings (``.tlog``)."""
+"""Contains the parts of links: addresses, transports, framing, codec, signing, recording."""

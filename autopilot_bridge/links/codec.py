@@ -1,4 +1,4 @@
-"""Encoding and decoding of MAVLink 2 messages (pymavlink's generated codec)."""
+"""Encodes and decodes MAVLink 2 messages with pymavlink's generated codec."""
 
 import struct
 from dataclasses import asdict, fields
@@ -18,7 +18,8 @@ from autopilot_bridge.links.framing import (
 
 Message = Any  # pymavlink's messages have no type annotations
 
-# Extension fields (all uint32) after the other fields; some releases of pymavlink lack them.
+# Extension fields (all uint32), which follow the other fields. Some releases of pymavlink do not
+# have them.
 _EXTENSIONS = {
     mavlink.MAVLink_mission_count_message: ("opaque_id",),
     mavlink.MAVLink_mission_ack_message: ("opaque_id",),
@@ -29,7 +30,7 @@ _MISSING_EXTENSIONS = {
     for message_class, names in _EXTENSIONS.items()
     if names[0] not in message_class.fieldnames
 }
-# Messages of scalar numbers only.
+# Messages that contain only scalar numbers.
 _NUMERIC = {
     message_id: message_class
     for message_id, message_class in mavlink.mavlink_map.items()
@@ -39,10 +40,11 @@ _HEADER_V2 = struct.Struct("<BBBBBBBHB")
 
 
 class Codec:
-    """Encoder and parser for one end of one link.
+    """The encoder and parser for one end of one link.
 
-    A decoded MISSION_CURRENT has ``mission_id``, ``fence_id`` and ``rally_points_id``, MISSION_ACK
-    and MISSION_COUNT have ``opaque_id``; each is 0 if the autopilot does not send it.
+    A decoded MISSION_CURRENT has the fields ``mission_id``, ``fence_id`` and ``rally_points_id``.
+    MISSION_ACK and MISSION_COUNT have ``opaque_id``. Each of these fields is 0 if the autopilot
+    does not send it.
     """
 
     def __init__(self, system_id: int, component_id: int) -> None:
@@ -52,7 +54,8 @@ class Codec:
     def encode(self, message: Message) -> bytes:
         """Return the frame of a message, with the next sequence number.
 
-        Its source is the component of this end, or the message's ``from_component`` if set.
+        The frame's source is the component of this end, or the message's ``from_component`` if that
+        is set.
         """
         mav = self._mav
         mav.srcComponent = getattr(message, "from_component", self._component_id)
@@ -87,7 +90,10 @@ class Codec:
 
 
 def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
-    """Encode a numeric message faster than pymavlink; ``sent``: sequence, system, component."""
+    """Return the frame of a numeric message; ``sent`` is (sequence, system, component).
+
+    This function is faster than pymavlink.
+    """
     values = [getattr(message, name) for name in message.ordered_fieldnames]
     payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
     message_id = message.get_msgId()  # not ``id``: some messages have a field of that name
@@ -98,7 +104,7 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
 
 
 def _decode_numeric(frame: bytes, message_class: Any) -> Message:
-    """Decode a verified frame of a numeric message faster than pymavlink."""
+    """Return the numeric message in a verified frame; this is faster than pymavlink."""
     payload, size = payload_of(frame), message_class.unpacker.size
     values = message_class.unpacker.unpack(payload.ljust(size, b"\0")[:size])
     message = message_class(*[values[index] for index in message_class.orders])

@@ -1,4 +1,7 @@
-"""The asyncio adapter: it moves frames between a link and a sans-IO peer and sets one timer."""
+"""Connects a link to a peer in asyncio: moves frames between them and sets the peer's timer.
+
+A *peer* is a protocol endpoint that does no input or output of its own.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -17,7 +20,7 @@ class Peer(Protocol):
     """A sans-IO protocol endpoint: the ground station's client or the mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
-        """Process complete frames, all from one remote."""
+        """Process complete frames that all come from one remote."""
 
     def data_to_send(self) -> list[bytes]:
         """Return the frames to send."""
@@ -33,13 +36,13 @@ class Peer(Protocol):
 class RemotesPeer(Protocol):
     """A peer that distinguishes the remotes of a link by their names."""
 
-    called: str  # the remote that the link connects to; "" if it listens
+    called: str  # the remote to which the link connects; "" if it listens
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
         """Process complete frames from a remote."""
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send with their remotes; "" is all remotes."""
+        """Return the frames to send, each with its remote; "" means all remotes."""
 
 
 class Connection:
@@ -47,15 +50,15 @@ class Connection:
 
     Args:
         link: The address of the link: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
-        peer: The sans-IO client or mock at this end.
+        peer: The client or mock at this end.
         clock: Returns the peer's time in microseconds.
-        rate: Speed of ``clock`` relative to real time.
+        rate: The speed of ``clock`` relative to real time.
         tlog: Records the frames sent and received; the caller closes it.
-        signing: Signs all sent frames; received frames that do not verify are dropped.
+        signing: Signs all sent frames; received frames without a valid signature are dropped.
         link_id: The link id of signatures, 0 to 255.
 
     Raises:
-        BridgeError: The address is not valid, or (on entering the context) cannot be opened.
+        BridgeError: The address is not valid, or cannot be opened when the context is entered.
     """
 
     def __init__(
@@ -76,12 +79,12 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
-        self.counts = Counts()  # for this link; ``signing`` has the counts of all its links
+        self.counts = Counts()  # of this link; ``signing`` counts over all its links
         self.receives_signed = False  # without ``signing``: whether the last frame was signed
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
-        self._armed_us = 0  # due time of the timer
+        self._armed_us = 0  # time at which the timer expires
         self._failure: Exception | None = None
 
     async def __aenter__(self) -> Self:
@@ -99,10 +102,10 @@ class Connection:
         await self._transport.close()
 
     async def wait(self) -> None:
-        """Return when frames have arrived or the timer has expired since the last call.
+        """Wait until frames have arrived or the timer has expired since the last call.
 
-        Re-raises the peer's exceptions, so that a defect ends the program and is not only logged.
-        A lost connection raises no exception: the peer then receives no frames.
+        The peer's exceptions are raised again here, so that a defect ends the program and is not
+        only logged. A lost connection raises no exception; the peer merely receives no frames.
         """
         await self._activity.wait()
         self._activity.clear()
@@ -119,7 +122,7 @@ class Connection:
         self._arm()
 
     def notify(self) -> None:
-        """Flush and let ``wait`` return: for a peer that creates events without input."""
+        """Flush and let ``wait`` return; for a peer that creates events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(
@@ -130,7 +133,7 @@ class Connection:
         wall_us: int,
         signing: Signing | None,
     ) -> None:
-        """Send the key to a vehicle (None: stop signing), then continue with ``signing``.
+        """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
 
         The key is sent in clear text and is not recorded. It is sent twice because vehicles do not
         acknowledge it. A vehicle that already signs accepts only frames signed with its old key.
@@ -141,7 +144,7 @@ class Connection:
         self.change_signing(signing)
 
     def change_signing(self, signing: Signing | None) -> None:
-        """Sign and verify with another key from now on; None: neither sign nor verify."""
+        """Sign and verify with another key from now on; with None, neither sign nor verify."""
         self._signing = signing
         self.receives_signed = False
 

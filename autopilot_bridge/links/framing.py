@@ -1,10 +1,10 @@
-"""Framing: complete MAVLink frames from the bytes of one remote; noise is skipped (sans-IO).
+"""Cuts the bytes from one remote into complete MAVLink frames, and skips noise.
 
-After a false start marker pymavlink's parser discards as many bytes as the false header states,
-valid frames included. This parser consumes the bytes of a frame only if its checksum is right;
-otherwise it skips one byte and searches again. Therefore a frame is lost only if noise before it
-has a right checksum by chance (1 in 65536). On a stream, the bytes after a false start marker are
-buffered until the length in the false header has arrived: 280 bytes at most.
+After a false start marker, pymavlink's parser discards as many bytes as the false header states,
+even valid frames among them. This parser consumes the bytes of a frame only if its checksum is
+right; otherwise it skips one byte and searches again. Therefore a frame is lost only if the noise
+before it has a right checksum by chance (1 in 65536). On a stream, bytes after a false start marker
+are buffered until as many have arrived as the false header states, at most 280 bytes.
 """
 
 import re
@@ -19,7 +19,7 @@ _START = re.compile(b"[" + re.escape(STARTS) + b"]")
 SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
 V2 = mavlink.PROTOCOL_MARKER_V2
-# For each message of the dialect: its longest payload and its CRC extra byte.
+# The longest payload and the CRC extra byte of each message in the dialect.
 _DIALECT = {
     message_id: (message_class.unpacker.size, bytes((message_class.crc_extra,)))
     for message_id, message_class in mavlink.mavlink_map.items()
@@ -27,21 +27,21 @@ _DIALECT = {
 
 
 class Framer:
-    """The frame parser of one remote; it buffers an incomplete frame (280 bytes at most)."""
+    """The frame parser of one remote, which buffers an incomplete frame (at most 280 bytes)."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._next_at = 0  # offset in ``_rest`` at which the next frame should begin
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the frames completed by ``data``, in order; for streams: TCP, serial lines."""
+        """Return the frames that ``data`` completes, in order; for streams (TCP, serial lines)."""
         return self._scan(self._rest + data, complete=False)
 
     def feed_datagram(self, data: bytes) -> list[bytes]:
-        """Return completed frames; a datagram that begins with a frame ends an incomplete one.
+        """Return completed frames; a datagram that begins with a frame ends an incomplete frame.
 
-        The rest of an incomplete frame may be in a lost datagram; waiting for its full length would
-        delay later frames.
+        The rest of the incomplete frame may have been in a lost datagram. Waiting for its full
+        length would delay later frames.
         """
         before: list[bytes] = []
         if self._rest and data[:1] in (STARTS[:1], STARTS[1:]) and frame_length(data, 0, True):
@@ -75,7 +75,8 @@ def _scan(data: bytes, next_at: int, complete: bool) -> tuple[list[bytes], int, 
         if length:
             frames.append(data[at : at + length])
             next_at = at + length
-        # A frame with an unknown checksum may be noise around valid frames: search inside it too.
+        # A frame whose checksum is unknown may be noise around valid frames, so search inside it
+        # too.
         at = next_at if length and message_id_of(frames[-1]) in _DIALECT else at + 1
     else:
         at = len(data)
@@ -90,7 +91,7 @@ def message_id_of(frame: bytes) -> int:
 
 
 def source_of(frame: bytes) -> tuple[int, int]:
-    """Return source system and component of a frame."""
+    """Return the source system and component of a frame."""
     return (frame[5], frame[6]) if frame[0] == V2 else (frame[3], frame[4])
 
 
@@ -112,7 +113,7 @@ def field_at(message_id: int, name: str) -> int | None:
 
 
 def target_system_of(frame: bytes) -> int:
-    """Return the target system of a frame; 0 (all) also for a message without a target."""
+    """Return the target system of a frame; 0 means all systems or a message without a target."""
     at = field_at(message_id_of(frame), "target_system")
     payload = payload_of(frame)
     return payload[at] if at is not None and at < len(payload) else 0
@@ -124,19 +125,19 @@ def in_dialect(message_id: int) -> bool:
 
 
 def checksum(data: bytes, message_id: int) -> int:
-    """Return the X.25 checksum of a frame of the dialect; ``data``: from its length to payload."""
+    """Return the X.25 checksum of a frame; ``data`` is the frame from its length to its payload."""
     return mcrf4xx(_DIALECT[message_id][1], mcrf4xx(data))
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Return the length of the frame at ``at``; 0: no frame, None: more bytes are needed."""
+    """Return the length of the frame at ``at``; 0 if there is none, None if bytes are missing."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6
     if have < 3:
         return None
     payload = data[at + 1]
-    end = header + payload  # of the bytes covered by the checksum
+    end = header + payload  # end of the bytes that the checksum covers
     length = end + 2
     if header == 10:
         flags = data[at + 2]
@@ -148,7 +149,7 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     message_id = message_id_of(data[at : at + header])
     definition = _DIALECT.get(message_id)
     if definition is not None and header == 6 and payload > definition[0]:
-        return 0  # MAVLink 1 has no longer payloads; avoids most checksums of noise
+        return 0  # MAVLink 1 payloads are not longer; this avoids most checksums of noise
     if have < length:
         return None
     if definition is None:  # another dialect, checksum unknown: accepted only right after a frame

@@ -1,4 +1,4 @@
-"""Link addresses, and an in-memory link with loss, delay, reordering and duplication."""
+"""Parses link addresses, and simulates a link with loss, delay, reordering and duplication."""
 
 import heapq
 import random
@@ -8,7 +8,7 @@ from typing import Literal, cast
 from autopilot_bridge.errors import BridgeError
 
 NetworkKind = Literal["udpin", "udpout", "tcp", "tcpin"]
-# The kind of link of the program at the other end.
+# For each kind of link, the kind that the program at the other end uses.
 _OTHER_END = {"udpin": "udpout", "udpout": "udpin", "tcp": "tcpin", "tcpin": "tcp"}
 FIRST_WAIT_S = 0.25
 LONGEST_WAIT_S = 5.0
@@ -70,7 +70,10 @@ def reconnect_wait_s(failures: int) -> float:
 
 
 class MemoryLink:
-    """One direction of a link in memory; the same seed and traffic cause the same faults."""
+    """One direction of a link in memory.
+
+    The same seed and the same traffic cause the same faults.
+    """
 
     def __init__(
         self,

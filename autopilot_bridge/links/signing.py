@@ -1,24 +1,23 @@
-"""MAVLink 2 signing: frames are authenticated by a shared key and protected against replay.
+"""Signs MAVLink 2 frames and verifies signatures, with a shared key and against replay.
 
-Spec: https://mavlink.io/en/guide/message_signing.html. The signature is the first 48 bits of
-SHA-256 over the key, the frame, a link id and a timestamp; timestamps count 10 us since 2015 and
-increase with every frame of a stream (the sender's system, component and link id).
+The specification is https://mavlink.io/en/guide/message_signing.html. A signature is the first 48
+bits of SHA-256 over the key, the frame, a link id and a timestamp. A *stream* is the frames with
+the same system, component and link id. Timestamps count units of 10 us since 2015 and increase with
+every frame of a stream.
 
-Reasons against pymavlink 2.4.50's implementation (``MAVLink.check_signature``, ``decode``):
-- it stores a stream's timestamp before it checks the hash, so after one forged frame with a
-timestamp far in the future every later genuine frame fails;
-- its own timestamp becomes the greatest one received, even from a sender with a wrong clock: after
-our next frames each vehicle rejects every other station;
-- frames with a *wrong* signature are passed to the callback that allows unsigned ones;
-- frames of unknown messages are not verified, and signatures are compared with ``!=``.
-This module stores a timestamp only if the hash is right, received timestamps do not change our
-own, a stream may be ahead of our clock by a bounded time only, and a wrong signature is rejected
-for every message.
+The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults: - it
+stores a stream's timestamp before it checks the hash; after one forged frame with a timestamp far
+in the future every genuine frame fails; - it adopts the greatest timestamp received, even from a
+sender with a wrong clock; after our next frames each vehicle rejects every other station; - frames
+with a *wrong* signature are passed to the callback that allows unsigned ones; - frames of unknown
+messages are not verified, and signatures are compared with ``!=``. This module stores a timestamp
+only if the hash is right, and received timestamps do not change our own. A stream may be ahead of
+our clock only by a bounded time. A wrong signature is rejected for every message.
 
-ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its saved timestamp plus 60 s at every boot
-and new key, sets it to UTC when GPS provides it, and accepts unsigned frames on its first port
-(USB; SERIAL0 of the simulator). It rejects a stream that begins more than a minute behind it. PX4
-signs from 1.18.
+At every boot and with every new key, ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its
+saved timestamp plus 60 s. It uses UTC as soon as GPS provides it. It accepts unsigned frames on its
+first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a minute
+behind its own timestamp. PX4 signs frames from version 1.18.
 """
 
 import base64
@@ -47,12 +46,12 @@ from autopilot_bridge.links.framing import (
 EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
-# ArduPilot adds a minute at every boot without GPS, so a small lead is no fault.
+# ArduPilot adds a minute at every boot without GPS, so a small lead is not a fault.
 MAX_AHEAD_S = 300
-# Telemetry radios send their own status and have no keys.
+# Telemetry radios send their own status unsigned, because they have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
-# Timestamps are reserved on disk for this time; some receivers allow a lead of only 6 s.
+# Timestamps are reserved on disk for this long; some receivers allow a lead of only 6 s.
 RESERVED_S = 5
 _HASH_BYTES = 6
 
@@ -62,16 +61,16 @@ _HASH_BYTES = 6
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A secret of 32 bytes, which ``repr`` omits."""
+    """A secret key of 32 bytes, which ``repr`` does not show."""
 
     secret: bytes = field(repr=False)
 
 
 def key_of(text: str) -> Key:
-    """Parse a key: ``hex:`` or ``base64:`` and 32 bytes, 64 hex digits, or a passphrase.
+    """Return the key in a text: 32 bytes after ``hex:`` or ``base64:``, or 64 hex digits.
 
-    A passphrase becomes a key by SHA-256 over its UTF-8, as in QGroundControl and MAVProxy.
-    Raises BridgeError, whose text does not contain the key.
+    Any other text is a passphrase; the key is the SHA-256 of its UTF-8, as in QGroundControl and
+    MAVProxy. Raises a BridgeError whose text does not contain the key.
     """
     kind, colon, rest = text.partition(":")
     if colon and kind in ("hex", "base64"):
@@ -93,14 +92,14 @@ def key_of(text: str) -> Key:
 
 
 def read_key(source: str) -> Key:
-    """Read a key from ``file:PATH`` (its first line) or ``env:NAME``. Raises BridgeError."""
+    """Return the key from ``file:PATH`` (its first line) or ``env:NAME``. Raises BridgeError."""
     return key_of(held(source, "signing key"))
 
 
 def held(source: str, what: str) -> str:
-    """Read a secret from ``file:PATH`` (its first line) or ``env:NAME``.
+    """Return the secret from ``file:PATH`` (its first line) or ``env:NAME``.
 
-    Raises BridgeError, which begins with ``what`` and does not contain the secret.
+    Raises a BridgeError whose text begins with ``what`` and does not contain the secret.
     """
     kind, _, name = source.partition(":")
     if kind == "env":
@@ -120,7 +119,7 @@ def held(source: str, what: str) -> str:
 
 
 def key_warning(source: str, what: str = "signing key") -> str | None:
-    """Return a warning if the source of a key is insecure; None otherwise."""
+    """Return a warning if the source of a key is insecure, otherwise None."""
     kind, _, name = source.partition(":")
     if kind != "file" or os.name != "posix":
         return None
@@ -133,8 +132,8 @@ def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Mes
     """Return the SETUP_SIGNING that sets a vehicle's key; None turns its signing off.
 
     The key is in clear text: send it only over a link without eavesdroppers, and do not log it. The
-    timestamp is a minute in the past because ArduPilot adds one; ArduPilot rejects the message
-    while armed.
+    timestamp is a minute in the past because ArduPilot adds a minute. ArduPilot rejects the message
+    while it is armed.
     """
     if key is None:
         return mavlink.MAVLink_setup_signing_message(*target, bytes(32), 0)
@@ -146,15 +145,15 @@ def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Mes
 
 
 def ticks_of(wall_us: int) -> int:
-    """Convert microseconds since 1970 to a signing timestamp (10 us since 2015)."""
+    """Return the signing timestamp (units of 10 us since 2015) for microseconds since 1970."""
     return max(wall_us - EPOCH_US, 0) // 10
 
 
 class Timestamps:
-    """The timestamps of sent frames: from the clock, strictly increasing, also after restarts.
+    """The timestamps of sent frames: from the clock, and strictly increasing even after restarts.
 
-    ``wall_us`` returns microseconds since 1970. With a ``file`` no timestamp is used twice even if
-    the clock is set back while the program is not running; several links may share one file.
+    ``wall_us`` returns microseconds since 1970. With a ``file``, no timestamp is used twice even if
+    the clock is set back while the program is not running. Several links may share one file.
     """
 
     def __init__(self, wall_us: Callable[[], int], file: Path | None = None) -> None:
@@ -182,7 +181,7 @@ class Timestamps:
 
     def _store(self, ticks: int) -> None:
         assert self._file is not None
-        # Another process may store at the same moment.
+        # Another process may write the file at the same moment.
         new = self._file.with_name(f"{self._file.name}.{os.getpid()}.new")
         try:
             new.write_text(f"{ticks}\n", encoding="ascii")
@@ -208,11 +207,11 @@ def _stored(file: Path) -> int:
 
 @dataclass(slots=True)
 class Counts:
-    """Counts of received frames by outcome."""
+    """The numbers of received frames, by outcome."""
 
     good: int = 0
     unsigned_allowed: int = 0
-    unsigned: int = 0  # rejected, as are all frames counted in the fields below
+    unsigned: int = 0  # rejected, like all frames that the fields below count
     wrong: int = 0  # signed with another key, or altered in transit
     repeated: int = 0  # not later than the last frame of the stream: replayed or reordered
     old: int = 0  # first frame of a stream, too far in the past
@@ -220,9 +219,9 @@ class Counts:
 
 
 class Signing:
-    """Signing and verification of the frames on the links that share a key.
+    """The signing and verification of frames on all links that share a key.
 
-    All these links use one object, so that a frame of one link is not accepted on another.
+    All these links use the same object, so that a frame from one link is not accepted on another.
     """
 
     def __init__(
@@ -231,7 +230,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """Use a key; messages with the ids ``allow_unsigned`` need no signature."""
+        """Create it for a key; messages with the ids ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
@@ -254,9 +253,9 @@ class Signing:
         return stamped + self._hash(stamped)
 
     def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
-        """Return whether a frame with a right checksum is accepted, and count it.
+        """Return whether a frame with a right checksum is accepted.
 
-        It is counted in ``counts`` and in ``of_link``.
+        The frame is counted in ``counts`` and in ``of_link``.
         """
         verdict = self._verdict(frame)
         for counts in (self.counts, of_link):
@@ -265,11 +264,11 @@ class Signing:
         return verdict in ("good", "unsigned_allowed")
 
     def lead_s(self, system_id: int | None = None) -> float:
-        """Return the maximum lead of the streams over our clock in seconds.
+        """Return by how many seconds the streams are ahead of our clock at most.
 
-        ``system_id``: only streams of this system. If the lead is above 60, the sender may reject
-        our frames. Observed on ArduPilot 4.6: if our clock is two minutes slow, its frames verify,
-        but it does not reply to messages.
+        With ``system_id``, only streams from this system count. If the lead is above 60, the sender
+        may reject our frames. Observed on ArduPilot 4.6: if our clock is two minutes slow, its
+        frames are valid, but it does not reply to messages.
         """
         present = self._timestamps.present()
         leads = (

@@ -1,4 +1,4 @@
-"""Sockets for links: creation, binding and error messages (asyncio)."""
+"""Creates and binds the sockets of links, and words their errors."""
 
 import asyncio
 import os
@@ -9,12 +9,12 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import LinkAddress
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
-# A TCP connection without acknowledgements for this time is lost.
+# A TCP connection counts as lost after this time without acknowledgements.
 ACK_TIMEOUT_MS = 10_000
 
 
 def socket_of(kind: socket.SocketKind) -> socket.socket:
-    """Create a non-blocking socket with a buffer for bursts from many vehicles."""
+    """Return a new non-blocking socket with a buffer for bursts from many vehicles."""
     sock = socket.socket(socket.AF_INET, kind)
     sock.setblocking(False)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -24,7 +24,7 @@ def socket_of(kind: socket.SocketKind) -> socket.socket:
 
 
 def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> None:
-    """Bind a socket; on failure close it and raise BridgeError."""
+    """Bind a socket; if that fails, close the socket and raise BridgeError."""
     try:
         sock.bind(where)
     except (OSError, UnicodeError) as error:
@@ -36,7 +36,7 @@ def bind(sock: socket.socket, address: LinkAddress, where: tuple[str, int]) -> N
 
 
 async def look_up(address: LinkAddress) -> tuple[str, int]:
-    """Resolve a host name; raises BridgeError if that fails."""
+    """Return the IP address and port of a host name. Raises BridgeError if that fails."""
     loop = asyncio.get_running_loop()
     try:
         addresses = await loop.getaddrinfo(address.host, address.port, family=socket.AF_INET)

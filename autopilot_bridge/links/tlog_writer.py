@@ -1,7 +1,7 @@
-"""Recording of a link's frames in a .tlog file, which MAVProxy, QGroundControl and pymavlink read.
+"""Records a link's frames in a .tlog file (for MAVProxy, QGroundControl and pymavlink).
 
-A record is a big-endian uint64, microseconds since 1970, and one frame as sent or received. One
-file contains both directions.
+A record is a time (microseconds since 1970 as a big-endian uint64) and one frame as it was sent or
+received. One file contains both directions.
 """
 
 import os
@@ -19,8 +19,8 @@ _LINK_BITS = 3
 class Tlog:
     """A .tlog file, open while its context is; ``wall_us`` returns microseconds since 1970.
 
-    Records are appended to an existing file. Each is passed to the operating system at once, so
-    that a crash of the program loses no record.
+    Records are appended to an existing file. Each record is passed to the operating system at once,
+    so that no record is lost if the program crashes.
     """
 
     def __init__(self, path: Path, wall_us: Callable[[], int]) -> None:
@@ -32,7 +32,7 @@ class Tlog:
             raise BridgeError(f"{path}: cannot be recorded to: {error.strerror}") from None
 
     def record(self, frames: list[bytes]) -> None:
-        """Append frames that were sent or received now; raises BridgeError if the disk is full."""
+        """Append frames that were just sent or received. Raises BridgeError if the disk is full."""
         stamp = struct.pack(">Q", self._wall_us() & ~_LINK_BITS)
         data = b"".join(stamp + frame for frame in frames)
         try:
@@ -50,5 +50,5 @@ class Tlog:
 
 
 def _private(path: str, flags: int) -> int:
-    """Open a file with access for the user only; a symbolic link is an error."""
+    """Open a file that only the user can access; a symbolic link is an error."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o600)

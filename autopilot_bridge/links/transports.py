@@ -1,7 +1,7 @@
-"""Transports, which send and receive the frames of a link: one class for each kind of link.
+"""Sends and receives the frames of a link, with one transport class for each kind of link.
 
 A lost connection is not an error: the peers have timeouts, and ``tcp`` and ``serial`` reconnect
-with delays that increase to five seconds.
+with delays that grow to five seconds.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ from autopilot_bridge.links.framing import Framer, source_of, target_system_of
 from autopilot_bridge.links.link import LinkAddress, SerialAddress, reconnect_wait_s
 from autopilot_bridge.links.sockets import bind, look_up, reason_of, socket_of
 
-# If a remote does not read, frames beyond this buffer size are dropped, as on a radio.
+# If a remote does not read, frames beyond this buffer size are dropped, like on a radio.
 MAX_UNSENT_BYTES = 256 * 1024
 MAX_REMOTES = 1024
 MAX_AT_ONCE = 256  # datagrams read before other tasks run
@@ -32,7 +32,7 @@ SILENCE = {
 }
 
 
-Batch = list[tuple[str, list[bytes]]]  # remotes and the frames from each, in order
+Batch = list[tuple[str, list[bytes]]]  # each remote with its frames, in order
 
 
 class Listener(Protocol):
@@ -46,15 +46,15 @@ class Listener(Protocol):
 
 
 class Transport(Protocol):
-    """An open link; ``called`` is the remote that it connects to, "" if it listens."""
+    """An open link; ``called`` is the remote to which it connects, "" if it listens."""
 
     called: str
 
     async def open(self) -> None:
-        """Open the socket or device; raises BridgeError if the link's address cannot be used."""
+        """Open the socket or device. Raises BridgeError if the link's address cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send frames to a remote, or to all (""); returns whether they had a recipient."""
+        """Send frames to a remote, or to all (""), and return whether there was a recipient."""
 
     async def close(self) -> None:
         """Close the socket or device."""
@@ -90,16 +90,16 @@ class _Remote:
 class Udp(asyncio.DatagramProtocol):
     """A UDP socket.
 
-    ``udpout`` sends to its address; ``udpin`` to all remotes of the last ten seconds, or to the
-    last remote if there was none. Frames with a target system are sent to the remote of that
-    system.
+    ``udpout`` sends to its address. ``udpin`` sends to all remotes that sent frames in the last ten
+    seconds; if there were none, it sends to the last remote. Frames with a target system are sent
+    to the remote of that system.
     """
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
         self.called = ""
         self._address = address
         self._listener = listener
-        self._remotes: dict[Where, _Remote] = {}  # in order of their last frame
+        self._remotes: dict[Where, _Remote] = {}  # in the order of their last frames
         self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._socket: socket.socket | None = None
@@ -119,7 +119,7 @@ class Udp(asyncio.DatagramProtocol):
         self._transport, self._socket = transport, sock
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send one datagram for each frame and remote."""
+        """Send each frame to each remote, as one datagram."""
         targets = self._targets(remote)
         if self._transport is None or not frames:
             return bool(targets)
@@ -133,7 +133,7 @@ class Udp(asyncio.DatagramProtocol):
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         host, _, port = remote.rpartition(":")
-        if remote:  # also one that was removed from ``_remotes``
+        if remote:  # even one that was removed from ``_remotes``
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, entry in self._remotes.items() if entry.received_s >= since_s]
@@ -154,11 +154,11 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Pass the frames of this datagram, and of further ones in the socket, to the listener.
+        """Pass the frames of this datagram, and of others in the socket, to the listener.
 
-        asyncio reads one datagram in each turn of its loop. Further datagrams are read here only if
-        they are likely (several remotes, short intervals): a read without result costs as much as a
-        datagram.
+        asyncio reads one datagram in each turn of its loop. More datagrams are read here only if
+        they are likely (several remotes, short intervals), because a read that finds none costs as
+        much as a datagram.
         """
         now_s = asyncio.get_running_loop().time()
         more_expected = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S
@@ -182,7 +182,7 @@ class Udp(asyncio.DatagramProtocol):
         return None
 
     def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
-        """Return the frames of a datagram, parsed by the framer of its remote."""
+        """Return the remote of a datagram and the frames that its framer finds."""
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MAX_REMOTES:
@@ -196,7 +196,7 @@ class Udp(asyncio.DatagramProtocol):
         return remote.name, frames
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore ICMP errors: no program listens at the address, or the network is unreachable."""
+        """Ignore ICMP errors: the address has no listener, or the network is unreachable."""
         if not isinstance(exc, OSError) or exc.errno not in SILENCE:
             self._listener.failed(exc)
 
@@ -221,7 +221,7 @@ class Stream(asyncio.Protocol):
         self.remote = ""
 
     def send(self, frames: list[bytes]) -> bool:
-        """Send frames, unless the remote has stopped reading; returns whether they were sent."""
+        """Send frames unless the remote has stopped reading; return whether they were sent."""
         if self.lost.is_set() or self.out is None:
             return False
         if self.out.get_write_buffer_size() > MAX_UNSENT_BYTES:
@@ -230,7 +230,7 @@ class Stream(asyncio.Protocol):
         return True
 
     async def close(self) -> None:
-        """Close after the buffered data is sent, within one second at most."""
+        """Close when the buffered data is sent, but after one second at the latest."""
         if self.out is not None:
             self.out.close()
         try:
@@ -242,7 +242,7 @@ class Stream(asyncio.Protocol):
             await self.lost.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Record the open connection."""
+        """Record that the connection is open."""
         self._read_transport = transport
         host_and_port = transport.get_extra_info("peername") or ()
         self.remote = ":".join(str(part) for part in host_and_port[:2])
@@ -250,7 +250,7 @@ class Stream(asyncio.Protocol):
             self.out = transport
 
     def data_received(self, data: bytes) -> None:
-        """Process received bytes, which may contain parts of frames."""
+        """Pass the frames in received bytes to the listener; frames may be in parts."""
         frames = self._framer.feed(data)
         if frames:
             self.received_frames = True
@@ -325,7 +325,7 @@ class StreamClient:
             self._listener.failed(error)
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send if connected."""
+        """Send frames if there is a connection, and return whether they were sent."""
         return self._stream is not None and self._stream.send(frames)
 
     async def close(self) -> None:
@@ -360,7 +360,7 @@ class TcpServer:
         return stream
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send to all connections, or to one remote."""
+        """Send frames to all connections or to one remote; return whether any were sent."""
         addressed = [stream for stream in self._streams if remote == stream.remote]
         sent = [stream.send(frames) for stream in addressed or self._streams]
         return any(sent)
@@ -374,7 +374,7 @@ class TcpServer:
 
 
 async def _call(address: LinkAddress, listener: Listener) -> Stream:
-    """Connect to a TCP server; raises OSError."""
+    """Return a new connection to a TCP server. Raises OSError."""
     loop = asyncio.get_running_loop()
     sock = socket_of(socket.SOCK_STREAM)
     try:
@@ -387,7 +387,7 @@ async def _call(address: LinkAddress, listener: Listener) -> Stream:
 
 
 async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
-    """Open a serial line (POSIX); raises OSError."""
+    """Return a newly opened serial line (POSIX). Raises OSError."""
     try:
         import serial
     except ImportError:
@@ -399,7 +399,8 @@ async def _open_serial(address: SerialAddress, listener: Listener) -> Stream:
         port = serial.Serial(address.device, address.baud, timeout=0, exclusive=True)
     except ValueError as error:
         raise BridgeError(f"link {address}: {error}") from None
-    # asyncio's pipes work on any character device; each closes its file, so each needs its own.
+    # asyncio's pipes work on any character device. Each pipe closes its file, so each needs its
+    # own.
     _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
     writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
     try:

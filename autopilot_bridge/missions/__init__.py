@@ -1,1 +1,1 @@
-"""Missions, fences and rally points: files, checks, and transfers as state machines."""
+"""Reads, writes, checks and transfers missions, fences and rally points."""

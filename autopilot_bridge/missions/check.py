@@ -1,7 +1,7 @@
-"""Checks of missions before upload: items that the autopilot would reject, change or fly wrongly.
+"""Finds items of a mission that the autopilot would reject, change or fly wrongly.
 
-Pure functions of the data in ``stacks/rules.py``. The items are those of a user: without
-ArduPilot's home, and DO_JUMP targets are indexes from 0.
+The functions apply the data in ``stacks/rules.py``. The items are those of a user: they do not
+contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
 """
 
 import math
@@ -36,21 +36,21 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Changes by these rules are not reported: see ``stacks/rules.py``.
+# Changes by these rules are not reported (see ``stacks/rules.py``).
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MAXIMA = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
 
 def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSION) -> list[Problem]:
-    """Find items of a mission, fence or rally list that a stack rejects, changes or never flies.
+    """Return the problems of items that a stack rejects, changes, misinterprets or never flies.
 
     Args:
-        items: The items, without ArduPilot's home.
+        items: The items of a mission, a fence or a rally list, without ArduPilot's home.
         stack: The autopilot and the kind of vehicle.
-        mission_type: MAV_MISSION_TYPE: 0 mission, 1 fence, 2 rally points.
+        mission_type: The MAV_MISSION_TYPE: 0 for a mission, 1 for a fence, 2 for rally points.
 
     Returns:
-        The problems, first those of single items; ``str`` of a problem is a line for users.
+        The problems, those of single items first; ``str`` of a problem is a line for users.
 
     Source: see ``stacks/rules.py``.
     """
@@ -153,7 +153,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
 
 
 def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Yield items after an endless loiter, and last items that an ArduPlane does not execute."""
+    """Yield problems of items after an endless loiter, and of last items that ArduPlane ignores."""
     jumps = [item.param1 for item in items if item.command == _JUMP]
     ends = [index for index, item in enumerate(items) if item.command == ENDLESS]
     reported = set[int]()
@@ -185,7 +185,7 @@ def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
 
 
 def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
-    """Return the mission with items replaced that have an exact equivalent on the stack.
+    """Return the mission, in which each item that has an exact equivalent on the stack is replaced.
 
     Args:
         items: The items of a mission.
@@ -196,8 +196,9 @@ def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
 
     Deprecated INT frames become the equivalent frames, and items without a position get
     MAV_FRAME_MISSION if the stack requires it. NAV_ROI becomes DO_SET_ROI. NaN becomes 0 where the
-    stack rejects NaN and its default is 0. Drop commands are not changed: the output of
-    DO_SET_SERVO or DO_SET_ACTUATOR is configured on the vehicle; all stacks accept DO_GRIPPER.
+    stack rejects NaN and has the default 0. Drop commands are not changed: the output of a
+    DO_SET_SERVO or a DO_SET_ACTUATOR is configured on the vehicle, and all stacks accept
+    DO_GRIPPER.
     """
     rules = rules_of(stack)
     return tuple(_adapted(item, rules) for item in items)
@@ -211,7 +212,7 @@ def _adapted(item: MissionItem, rules: Rules) -> MissionItem:
     if rules.bare_frame is None:
         return replace(item, frame=TWIN.get(item.frame, item.frame))
     if item.command in rules.bare and item.command not in rules.position:
-        # The position of DO_LAND_START is not used, that of DO_SET_HOME is.
+        # The autopilot does not use the position of DO_LAND_START, but it uses that of DO_SET_HOME.
         if item.frame == rules.bare_frame or item.command == mavlink.MAV_CMD_DO_SET_HOME:
             return item
         placed = has_position(item.command)

@@ -1,4 +1,4 @@
-"""Checks of positions, fences and rally points that an autopilot would reject or misinterpret."""
+"""Finds positions, fences and rally points that an autopilot would reject or misinterpret."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ _FRAME = "frames 0 (above sea level) and 3 (above home) are accepted"
 
 
 def bad_place(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]:
-    """Yield problems of frame, latitude, longitude and altitude of an item with a position."""
+    """Yield the problems of an item's frame, latitude, longitude and altitude."""
     yield from _bad_frame(index, item, rules)
     kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
     for field, maximum, name in (("x", 900_000_000, "latitude"), ("y", 1_800_000_000, "longitude")):
@@ -46,7 +46,7 @@ def _bad_frame(index: int, item: MissionItem, rules: Rules) -> Iterator[Problem]
 
 
 def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Yield problems of rally points."""
+    """Yield the problems of rally points."""
     for index, item in enumerate(points):
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             reason = "it is not a rally point"
@@ -59,7 +59,7 @@ def bad_rally(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
 
 
 def bad_fence(points: Sequence[MissionItem], rules: Rules) -> Iterator[Problem]:
-    """Yield problems of the items of a fence."""
+    """Yield the problems of the items of a fence."""
     returns = 0
     kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
     for index, item in enumerate(points):

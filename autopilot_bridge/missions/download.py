@@ -1,4 +1,4 @@
-"""Download and clearing of missions, sans-IO (MAVLink mission protocol).
+"""Downloads and clears missions by the MAVLink mission protocol.
 
 list requested --MISSION_COUNT--> item requested --item--> item requested
 item requested --last item--> ended (MISSION_ACK sent)
@@ -17,13 +17,13 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-# More retries for each item: with 20 % loss in each direction a request and its reply succeed with
-# probability 0.64, so downloads of fifty items would sometimes fail without them.
+# More retries for each item. With 20 % loss in each direction a request and its reply arrive with
+# probability 0.64, so some downloads of fifty items would fail without these retries.
 MORE_RETRIES = 2
 
 
 class RequestRepeater(Exchange):
-    """An exchange that repeats its last request until the reply or the last retry."""
+    """An exchange that repeats its last request until a reply arrives or no retry is left."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)
@@ -67,7 +67,7 @@ class MissionDownload(RequestRepeater):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a count or an item; returns the next request."""
+        """Process a count or an item, and return the next request."""
         kind = message.get_type()
         if kind not in ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"):
             return []

@@ -1,8 +1,8 @@
-"""Conversion of the geofence and rally points in a .plan file to mission items and back.
+"""Converts the geofence and rally points of a .plan file to mission items and back.
 
-The items are as QGroundControl sends them: fence points in frame GLOBAL at altitude 0, each vertex
-of a polygon with the number of vertices, rally points above home, autocontinue 0.
-All functions raise ValueError, which names the wrong point.
+The items are those that QGroundControl sends. Fence points are in frame GLOBAL at altitude 0, and
+each vertex of a polygon contains the number of its vertices. Rally altitudes are above home;
+autocontinue is 0. If a point is wrong, the functions raise a ValueError that names the point.
 """
 
 from typing import Any
@@ -35,7 +35,7 @@ def _point(command: int, frame: int, place: list[Any], name: str, value: float) 
 
 
 def fence_of(fence: Any) -> Items:
-    """Return the items of ``geoFence``: polygons, circles, then the return point."""
+    """Return the items of ``geoFence``: the polygons, the circles, then the return point."""
     if fence is None:
         return ()
     if not isinstance(fence, dict):

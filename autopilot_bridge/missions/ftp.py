@@ -1,18 +1,19 @@
-"""Upload and download of ArduPilot's mission files over MAVFTP, sans-IO.
+"""Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: repeated on timeout with the same number, so that the autopilot repeats its reply;
+opening: repeated on timeout with the same number, so that the autopilot sends its reply again;
          while another session is open, requested again after three seconds and after six
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
-If the link is lost at any time, the mission on board is the old or the new one: writes end between
-items, so the data missing when a session is closed (by us or another station) are whole items,
-which are zeros in the autopilot's buffer. ArduPilot rejects a file with an item of zeros before it
-changes the old mission. Only a session that is certainly ours is closed. The caller must read back
-after every upload: the applied mission can differ from the file although the closing is
-acknowledged (a rejected command, or a shorter mission in flight: ``leaves_old_tail``).
-``FtpDownload`` reads back, and its opening ends an open session.
+Whenever the link is lost, the mission on board is the old one or the new one, never a part. Each
+write ends between two items. If a session is closed too early (by us or by another station), whole
+items are missing, and they are zeros in the autopilot's buffer. ArduPilot rejects a file with an
+item of zeros before it changes the old mission. Only a session that is certainly ours is closed.
+The caller must read back after every upload, because the applied mission can differ from the file
+although the autopilot acknowledged the closing. This happens if a command is rejected, or if the
+mission in flight was longer (``leaves_old_tail``). ``FtpDownload`` reads back; when it opens its
+file, an open session ends.
 """
 
 from collections import deque
@@ -37,7 +38,7 @@ from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, is_for
 from autopilot_bridge.missions.value_bounds import list_out_of_bounds
 
-MAX_PENDING = 5  # the autopilot drops a sixth without a reply
+MAX_PENDING = 5  # the autopilot discards a sixth without a reply
 FIRST_BLOCK_BYTES = HEADER.size + 6 * ITEM.size  # 238
 BLOCK_BYTES = 6 * ITEM.size  # 228; a write may have 239
 # An open session can be replaced if the autopilot sent no FTP reply for 3 s.
@@ -48,15 +49,15 @@ MAX_BACK_OFF = 4
 
 
 def next_session(session: int) -> int:
-    """Return a different session id for the next transfer: late packets then have no effect."""
+    """Return another session id for the next transfer, so that late packets have no effect."""
     return session % 255 + 1
 
 
 def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bool:
     """Return whether old items would remain on board after the items of a new file.
 
-    ArduPilot does not clear a mission in flight. Both counts include home; ``held_items`` is
-    MISSION_CURRENT.total + 1.
+    They may remain because ArduPilot does not clear a mission in flight. ``held_items``
+    (MISSION_CURRENT.total + 1) and ``new_items`` include home.
     """
     return flying_mission and new_items < held_items
 
@@ -72,7 +73,7 @@ class _PendingRequest:
 
 
 class _FtpTransfer:
-    """One session for one file; ``result`` is set when it has ended."""
+    """One session for one file; ``result`` is set when the session has ended."""
 
     def __init__(
         self, address: Address, open_opcode: int, session: int, timing: TransferTiming
@@ -88,7 +89,7 @@ class _FtpTransfer:
         self._waiting: deque[Packet] = deque()
         self._openings = 0
         self._open_again_us: int | None = None
-        self._abort_reason: str | None = None  # set if the session is closed before its end
+        self._abort_reason: str | None = None  # set if the session is closed early
         self._progress_us = 0
         self._round_trip_us: float | None = None
         self._deviation_us = 0.0
@@ -100,11 +101,11 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _answered(self, request: Packet, reply: Packet) -> None:
-        """Process the reply to a read or write. Raises BridgeError for an invalid reply."""
+        """Process the reply to a read or a write. Raises BridgeError for an invalid reply."""
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result when all blocks are acknowledged; ``closed``: the closing too."""
+        """Return the result after all blocks, and if ``closed`` the closing, were acknowledged."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
@@ -118,7 +119,8 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # Differs from the number of a previous program, whose reply the autopilot may still repeat.
+        # The number differs from those of an earlier program: the autopilot may still repeat a
+        # reply to one of them.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 
@@ -138,14 +140,14 @@ class _FtpTransfer:
         return packet.message(self._address.target)
 
     def _reply_timeout_us(self) -> int:
-        """Compute the timeout of a reply in microseconds from the round-trip times (RFC 6298)."""
+        """Return the timeout for a reply in microseconds, from the round-trip times (RFC 6298)."""
         if self._round_trip_us is None:
             return self._timing.timeout_us
         usual_us = round(self._round_trip_us + 4.0 * self._deviation_us)
         return min(max(usual_us, SHORTEST_WAIT_US), self._timing.timeout_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a reply; returns the next requests."""
+        """Process a reply, and return the next requests."""
         if message.get_type() != "FILE_TRANSFER_PROTOCOL" or self.result is not None:
             return []
         source = (message.get_srcSystem(), message.get_srcComponent())
@@ -217,13 +219,14 @@ class _FtpTransfer:
                 # Another station has a session, active or idle. ArduPilot closes an idle session
                 # only for a new id. We do not close it: it may be in use.
                 self.session = next_session(self.session)
-                # The delay increases: two stations with equal delays would block each other.
+                # The delay increases, because two stations with equal delays would block each
+                # other.
                 self._open_again_us = now_us + BUSY_WAIT_US * self._openings
                 return []
             path = PATHS[self._address.mission_type]
             self.result = TransferResult("rejected", f"the autopilot did not open {path}: {words}")
         elif code in (ftp.INVALID_SESSION, ftp.NOT_FOUND):
-            # The session is no longer ours: to close it could abort another station's transfer.
+            # The session is no longer ours: closing it could abort another station's transfer.
             self.result = self._aborted(f"the autopilot closed the file: {words}")
         else:
             return self._close(f"the autopilot rejected byte {request.offset}: {words}", now_us)
@@ -248,7 +251,7 @@ class _FtpTransfer:
         return self._progress_us + (self._timing.retries + 1) * self._timing.timeout_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat requests without a timely reply, or fail after the last retry."""
+        """Repeat the requests whose reply is late, or fail after the last retry."""
         if self.result is not None or now_us < self.next_timer():
             return []
         if self._open_again_us is not None:
@@ -277,11 +280,11 @@ class _FtpTransfer:
 
 
 class FtpUpload(_FtpTransfer):
-    """Upload of a whole list of items; a read-back must follow, whatever the result.
+    """The upload of a whole list of items; the caller must read back, whatever the result.
 
-    ``accepted``: the file was closed. ``unknown``: all data was sent; the autopilot applies it now,
-    or when a station next opens a file. ``failed``: the old mission is on board. ``rejected``: no
-    data was sent; the item protocol may work.
+    ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies it
+    now or when a station next opens a file. ``failed``: the old mission is on board. ``rejected``:
+    no data was sent; an upload item by item may work.
     """
 
     kind = "upload"
@@ -294,7 +297,7 @@ class FtpUpload(_FtpTransfer):
         session: int,
         timing: TransferTiming,
     ) -> None:
-        """Upload ``items`` unchanged, home first; ``session`` must differ from the last one."""
+        """Create the upload of ``items``, home first; ``session`` must differ from the last one."""
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""
@@ -313,7 +316,7 @@ class FtpUpload(_FtpTransfer):
             self._waiting.append(Packet(0, 0, ftp.WRITE, len(block), offset=begin, data=block))
 
     def _answered(self, request: Packet, reply: Packet) -> None:
-        pass  # after an ACK the whole block is in the autopilot's buffer
+        pass  # an ACK means that the whole block is in the autopilot's buffer
 
     def _ended(self, closed: bool) -> TransferResult:
         if closed:
@@ -327,7 +330,7 @@ class FtpUpload(_FtpTransfer):
 
 
 class FtpDownload(_FtpTransfer):
-    """Download of a whole list of items; the result contains them."""
+    """The download of a whole list of items; the result contains the items."""
 
     kind = "download"
 
@@ -337,7 +340,7 @@ class FtpDownload(_FtpTransfer):
         self._blocks: dict[int, bytes] = {}
 
     def _opened(self) -> None:
-        # The reported length is a placeholder (1 MiB): the header of the file has the count.
+        # The reported length is a placeholder (1 MiB); the header of the file contains the count.
         self._waiting.append(Packet(0, 0, ftp.READ, FIRST_BLOCK_BYTES))
 
     def _answered(self, request: Packet, reply: Packet) -> None:

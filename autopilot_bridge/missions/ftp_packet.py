@@ -1,4 +1,4 @@
-"""The payload of FILE_TRANSFER_PROTOCOL (mavlink.io/en/services/ftp.html)."""
+"""Packs and unpacks the payload of FILE_TRANSFER_PROTOCOL (mavlink.io/en/services/ftp.html)."""
 
 import struct
 from dataclasses import dataclass
@@ -32,9 +32,10 @@ ERRORS = {
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or a reply; ``asked`` is the opcode of the request in a reply.
+    """A request or a reply.
 
-    ``size`` is the number of requested bytes in a read request, else the length of ``data``.
+    In a reply, ``asked`` is the opcode of the request. In a read request, ``size`` is the number of
+    requested bytes; otherwise it is the length of ``data``.
     """
 
     seq: int
@@ -55,7 +56,7 @@ class Packet:
 
 
 def packet_of(message: Message) -> Packet:
-    """Return the packet in a FILE_TRANSFER_PROTOCOL message, without data beyond its size."""
+    """Return the packet in a FILE_TRANSFER_PROTOCOL message; data beyond its size is cut off."""
     payload = bytes(message.payload)
     seq, session, opcode, size, asked, _, offset = _HEAD.unpack_from(payload)
     return Packet(
@@ -64,7 +65,7 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """Return the error of a NAK in words."""
+    """Return the words for the error in a NAK."""
     code = packet.data[0] if packet.data else 0
     words = ERRORS.get(code, "it rejected the request")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""

@@ -1,7 +1,8 @@
-"""Encoding and decoding of ArduPilot's mission, fence and rally files (``@MISSION/mission.dat``).
+"""Encodes and decodes ArduPilot's mission, fence and rally files (``@MISSION/mission.dat``).
 
-The format: a header of five little-endian uint16 (magic, mission type, options, start, count), then
-one MISSION_ITEM_INT payload of full length for each item (AP_Filesystem_Mission.cpp).
+A file begins with a header of five little-endian uint16: magic, mission type, options, start,
+count. One MISSION_ITEM_INT payload of full length follows for each item
+(AP_Filesystem_Mission.cpp).
 """
 
 import math
@@ -21,9 +22,9 @@ PATHS = {
     mavlink.MAV_MISSION_TYPE_FENCE: "@MISSION/fence.dat",
     mavlink.MAV_MISSION_TYPE_RALLY: "@MISSION/rally.dat",
 }
-MAX_ITEMS = 0xFFFE  # with 65535 the autopilot does not check the length
+MAX_ITEMS = 0xFFFE  # if the count is 65535, the autopilot does not check the length
 
-# Commands that ArduPilot 4.6 accepts (AP_Mission.cpp), with and without a position.
+# Commands that ArduPilot 4.6 accepts (AP_Mission.cpp): those with a position, then the others.
 _WITH_PLACE = frozenset(
     (*(16, 17, 18, 19, 21, 22, 30, 31, 82, 84, 85, 92), *(179, 188, 189, 191, 195, 201))
 )
@@ -40,10 +41,10 @@ _ALTITUDE_LIMIT_M = 83_000.0
 
 
 def first_bad_item(items: Sequence[MissionItem], max_items: int) -> tuple[int, str] | None:
-    """Return index and defect of the first item that ArduPilot would reject; None if all are good.
+    """Return the index and the defect of the first item that ArduPilot would reject, or None.
 
-    Must be called before a file is sent: ArduPilot clears the old mission, applies the file item by
-    item, and stops without a report at a rejected item.
+    This function must be called before a file is sent. ArduPilot clears the old mission, applies
+    the file item by item, and stops at a rejected item without a report.
     """
     for seq, item in enumerate(items):
         if seq >= max_items:
@@ -78,7 +79,7 @@ def _defect(item: MissionItem, count: int) -> str | None:
 def encode_mission_file(
     items: Sequence[MissionItem], mission_type: int, target: tuple[int, int]
 ) -> bytes:
-    """Return the file that replaces a whole list; raises BridgeError if an item does not fit."""
+    """Return the file that replaces a whole list. Raises BridgeError if an item does not fit."""
     if len(items) > MAX_ITEMS:
         raise BridgeError(f"mission file: {len(items)} items, the maximum is {MAX_ITEMS}")
     parts = [HEADER.pack(MAGIC, mission_type, 0, 0, len(items))]
@@ -93,7 +94,7 @@ def encode_mission_file(
 
 
 def file_length(start: bytes, mission_type: int) -> int:
-    """Return the file's length from its first bytes; raises BridgeError for a damaged header."""
+    """Return the length that a file's header states. Raises BridgeError if it is damaged."""
     if len(start) < HEADER.size:
         raise BridgeError(
             f"mission file: {len(start)} bytes, but the header has {HEADER.size}; read it again"
@@ -111,7 +112,7 @@ def file_length(start: bytes, mission_type: int) -> int:
 
 
 def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ...]:
-    """Return the items of a whole file. Raises BridgeError when it is damaged."""
+    """Return the items of a whole file. Raises BridgeError if the file is damaged."""
     length = file_length(data, mission_type)
     if len(data) != length:
         raise BridgeError(
@@ -123,7 +124,7 @@ def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ..
 
 
 def unpack_item(data: bytes, index: int) -> tuple[int, MissionItem]:
-    """Return the number and the contents of an item in a file, without a check."""
+    """Return the number and the content of an item in a file; the item is not checked."""
     values = ITEM.unpack_from(data, HEADER.size + index * ITEM.size)
     param1, param2, param3, param4, x, y, z, seq, command, _, _, frame, _, auto, _ = values
     return seq, MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)
@@ -133,7 +134,7 @@ def _item(data: bytes, index: int, mission_type: int) -> MissionItem:
     seq, item = unpack_item(data, index)
     if item.command == 0:
         raise BridgeError(f"mission file: item {index} is empty; read the file again")
-    # ArduPilot writes numbers only for the items of missions.
+    # ArduPilot writes item numbers only in mission files.
     if mission_type == mavlink.MAV_MISSION_TYPE_MISSION and seq != index:
         raise BridgeError(f"mission file: item {index} has the number {seq}; read the file again")
     return item

@@ -1,13 +1,13 @@
-"""The opaque id that an autopilot assigns to a list of items, computed from the items.
+"""Computes the opaque id that an autopilot assigns to a list of items.
 
 PX4 1.17 (source: ``mavlink_mission.cpp``, ``crc32_for_mission_item``; observed in simulation)
-computes a CRC-32 without inversions, from 0, over frame, command, autocontinue, params 1 to 4, x, y
-and z of every item as received in its MISSION_ITEM_INT, 32 bytes each. It includes neither
-``current`` nor the mission type, so plans that differ only in the first item to fly have the same
-id. A list without items has id 0. PX4 sends the id in MISSION_ACK.opaque_id, in
+computes a CRC-32 that begins with 0 and has no inversions. The CRC covers 32 bytes of each
+MISSION_ITEM_INT as received: frame, command, autocontinue, params 1 to 4, x, y and z. It does not
+cover ``current`` and the mission type, so two plans that differ only in the first item to fly have
+the same id. A list without items has id 0. PX4 sends the id in MISSION_ACK.opaque_id, in
 MISSION_COUNT.opaque_id when a list is read, and in MISSION_CURRENT (once a second, and at once
-after a change); the id survives a reboot. The id of a fence loaded from a file on the vehicle is
-computed differently. ArduPilot 4.6 has no ids.
+after a change). The id remains the same after a reboot. PX4 computes the id of a fence differently
+if it loads the fence from a file on the vehicle. ArduPilot 4.6 has no ids.
 """
 
 import binascii
@@ -18,15 +18,15 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 
 _ITEM = struct.Struct("<BHB4fiif")
-_INVERTED = 0xFFFFFFFF  # binascii inverts before and after, PX4 does not
+_INVERTED = 0xFFFFFFFF  # binascii inverts before and after, but PX4 does not
 
 
 def mission_id_of(items: Sequence[MissionItem], stack: Stack) -> int | None:
-    """Compute the id of a list uploaded by MISSION_ITEM_INT; None if the stack has no ids.
+    """Return the id of a list uploaded by MISSION_ITEM_INT; None if the stack has no ids.
 
-    ``items`` are the sent items (a mission, a fence or rally points). The result can be compared
-    with the id in a message; there 0 is also the value without an id, so it does not prove that the
-    list is empty.
+    ``items`` are the items that were sent: a mission, a fence or rally points. The result can be
+    compared with the id in a message. An id of 0 in a message does not prove that the list is
+    empty, because it can also mean that there is no id.
     """
     if stack.name != "px4":
         return None

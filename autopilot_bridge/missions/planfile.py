@@ -1,7 +1,7 @@
-"""QGroundControl .plan files: mission (simple items), geofence and rally points.
+"""Reads and writes QGroundControl .plan files: mission (simple items), geofence, rally points.
 
-The format is described in QGroundControl's developer guide ("Plan File Format"); conversion to
-mission items is as in QGroundControl and MAVSDK.
+QGroundControl's developer guide describes the format ("Plan File Format"). The conversion to
+mission items is the same as in QGroundControl and MAVSDK.
 """
 
 import json
@@ -27,14 +27,14 @@ from autopilot_bridge.missions.numbers import array, null_or_number, number, who
 from autopilot_bridge.missions.textfile import read_text, write_text
 from autopilot_bridge.stacks.stacks import Stack
 
-# QGroundControl's AltitudeMode for each frame. Its numbers differ between versions, so the reader
-# uses only the frame.
+# QGroundControl's AltitudeMode for each frame. The numbers of the modes differ between versions, so
+# the reader uses only the frame.
 _ALTITUDE_MODES = {3: 1, 6: 1, 0: 2, 5: 2, 10: 4, 11: 4}
 WPL_SUFFIXES = (".waypoints", ".txt")
 
 
 def read_any(path: Path) -> Plan:
-    """Read a plan file, .plan or QGC WPL by its content.
+    """Read a plan file; its content shows whether it is a .plan or a QGC WPL file.
 
     Args:
         path: The file.
@@ -43,7 +43,7 @@ def read_any(path: Path) -> Plan:
         Mission, fence, rally points and home.
 
     Raises:
-        BridgeError: The file cannot be read or an item is not valid; the text names the item.
+        BridgeError: The file cannot be read, or an item is not valid and is named.
     """
     text = read_text(path)
     return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
@@ -55,7 +55,7 @@ def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
     Args:
         path: The file; .waypoints and .txt become QGC WPL 110, anything else .plan.
         plan: Mission, fence, rally points and home.
-        stack: The stack that a .plan file names; None: a generic one.
+        stack: The stack that a .plan file names; None means a generic one.
 
     Raises:
         BridgeError: The file cannot be written, or the format cannot hold an item.
@@ -69,8 +69,9 @@ def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
 def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
     """Write a .plan file.
 
-    In this format polygons precede circles, rally altitudes are above home, and fence and rally
-    points have no ``autocontinue``. Raises BridgeError, which names an item that does not fit.
+    In this format polygons come before circles, rally altitudes are above home, and fence points
+    and rally points have no ``autocontinue``. If an item does not fit, the function raises a
+    BridgeError that names the item.
     """
     try:
         content = {
@@ -118,10 +119,10 @@ def _simple(item: MissionItem, index: int) -> dict[str, Any]:
 
 
 def _parse(path: Path, text: str) -> Plan:
-    """Return the plan in the text of a .plan file; ``path`` is named in errors.
+    """Return the plan in the text of a .plan file; errors name ``path``.
 
-    ``null`` parameters become NaN. Frame and params are used, not the values that QGroundControl
-    displays.
+    Parameters that are ``null`` become NaN. The frame and params of an item are used, not the
+    values that QGroundControl displays.
     """
     content = _json(path, text)
     mission = content.get("mission")

@@ -1,4 +1,4 @@
-"""Problems of a mission, as text for users."""
+"""Describes the problems of a mission for users."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,9 +12,9 @@ Kind = Literal["refused", "dangerous", "dropped", "changed"]
 class Problem:
     """One problem of a mission for one stack.
 
-    ``refused``: the autopilot rejects the item. ``dangerous``: it accepts the item and executes
-    another action. ``dropped``: it accepts the item and never executes it. ``changed``: it stores
-    another value. ``index`` is None for a problem of the whole mission.
+    The kind tells what the autopilot does. ``refused``: it rejects the item. ``dangerous``: it
+    accepts the item and does something else. ``dropped``: it accepts the item and never executes
+    it. ``changed``: it stores another value. ``index`` is None for a problem of the whole mission.
     """
 
     kind: Kind
@@ -33,6 +33,6 @@ class Problem:
 def problem(
     kind: Kind, index: int, item: MissionItem, field: str, reason: str, remedy: str
 ) -> Problem:
-    """Return a problem of one field of an item."""
+    """Return the problem of one field of an item."""
     value: float = getattr(item, field)
     return Problem(kind, index, command_name(item.command), field, value, reason, remedy)

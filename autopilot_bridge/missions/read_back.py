@@ -1,4 +1,4 @@
-"""The expected read-back of an item that was sent to an autopilot (see ``stacks/rules.py``)."""
+"""Computes which item an autopilot returns when an item is read back (see ``stacks/rules.py``)."""
 
 import math
 import struct
@@ -21,7 +21,7 @@ _IN_FILES = rules_of(stack_named("ardupilot", "plane"))  # only ArduPilot has mi
 
 
 def single(value: float) -> float:
-    """Return a number in single precision, as MAVLink carries it."""
+    """Return a number rounded to single precision, as MAVLink transmits it."""
     if not math.isfinite(value):
         return value
     try:
@@ -72,14 +72,14 @@ KEEP: dict[str, Callable[[float], float]] = {
 
 
 def words_of(item: MissionItem, rules: Rules) -> list[str]:
-    """Return the words of ``Rules`` for params 1 to 4; "keep" for unknown commands."""
+    """Return the words that ``Rules`` has for params 1 to 4; "keep" for unknown commands."""
     with_position = takes_position(item, rules)
     kept = (rules.position if with_position else rules.bare).get(item.command)
     return (kept or "keep keep keep keep").split()
 
 
 def takes_position(item: MissionItem, rules: Rules) -> bool:
-    """Return whether the stack reads x, y, z of an item as a position."""
+    """Return whether the stack uses x, y and z of an item as a position."""
     if rules.bare_frame is not None and item.frame == rules.bare_frame:
         return False
     if item.command in rules.position:
@@ -88,16 +88,16 @@ def takes_position(item: MissionItem, rules: Rules) -> bool:
 
 
 def kept_param(word: str, value: float) -> float:
-    """Return the stored value of a param; NaN remains NaN only with "keep" and "yaw"."""
+    """Return the value that is stored for a param; NaN remains NaN only with "keep" and "yaw"."""
     if not math.isfinite(value):
         return value if word in ("keep", "yaw") else 0.0
     return KEEP[word](single(value))
 
 
 def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -> MissionItem:
-    """Return the expected read-back of an item that was sent and accepted.
+    """Return the item that is read back after ``item`` was sent and accepted.
 
-    Not valid for ArduPilot's item 0, which is always its home.
+    The result is not valid for ArduPilot's item 0, which is always its home.
     """
     rules = rules_of(stack)
     if mission_type == FENCE:
@@ -125,9 +125,9 @@ def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -
 def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> MissionItem:
     """Return an item of ArduPilot's mission file with x, y and z replaced where they are not used.
 
-    In a file the unused fields contain old values of the autopilot's memory (source: 4.6.2,
-    ``AP_Mission::get_item`` does not initialise the item; observed: the position of home in a
-    DO_CHANGE_SPEED).
+    In a file the unused fields contain old values from the autopilot's memory, because
+    ``AP_Mission::get_item`` does not initialise the item (source: 4.6.2). Observed was the position
+    of home in a DO_CHANGE_SPEED.
     """
     if takes_position(item, _IN_FILES):
         return item
@@ -143,7 +143,7 @@ def _altitude(z: float, rules: Rules) -> float:
 
 
 def _fence_point(item: MissionItem, rules: Rules) -> MissionItem:
-    """Return the read-back of a fence point: without its frame; only PX4 stores the altitude."""
+    """Return a fence point as it is read back: without its frame; only PX4 stores the altitude."""
     bare = replace(item, param2=0.0, param3=0.0, param4=0.0, autocontinue=0)
     circle = item.command in (5003, 5004)
     param1 = single(item.param1) if circle else kept_param("u16", item.param1)
@@ -165,9 +165,10 @@ def _rally_point(item: MissionItem, rules: Rules) -> MissionItem:
 def same_as_sent(
     sent: MissionItem, read: MissionItem, stack: Stack, mission_type: int = MISSION
 ) -> bool:
-    """Return whether an item read back equals the stack's expected read-back of the item sent.
+    """Return whether an item was read back as expected after ``sent`` was sent.
 
-    Tolerated: single precision, the equivalent INT frame, any number instead of NaN.
+    Three differences are tolerated: rounding to single precision, the equivalent INT frame, and any
+    number instead of NaN.
     """
     expected = as_read_back(sent, stack, mission_type)
     frames = {TWIN.get(frame, frame) for frame in (expected.frame, read.frame)}
@@ -191,9 +192,9 @@ def same_mission(
     stack: Stack,
     mission_type: int = MISSION,
 ) -> bool:
-    """Return whether a list read back equals the stack's expected read-back of the list sent.
+    """Return whether a list was read back as expected after ``sent`` was sent.
 
-    Both lists are as transmitted; item 0 of ArduPilot's mission is its home and is not compared.
+    Both lists are as transmitted. Item 0 of ArduPilot's mission is its home, which is not compared.
     """
     first = 1 if stack.item_0_is_home and mission_type == MISSION else 0
     return len(sent) == len(read) and all(

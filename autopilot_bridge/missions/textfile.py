@@ -1,4 +1,4 @@
-"""Reading and writing of text files, with one-line errors."""
+"""Reads and writes text files; an error is one line."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from autopilot_bridge.errors import BridgeError
 
 
 def read_text(path: Path) -> str:
-    """Return a file's text. Raises BridgeError, which names the file."""
+    """Return the text of a file. Raises a BridgeError that names the file if reading fails."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -16,7 +16,7 @@ def read_text(path: Path) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file's text. Raises BridgeError, which names the file."""
+    """Write the text of a file. Raises a BridgeError that names the file if writing fails."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Common parts of mission transfers: timing, results, matching of messages."""
+"""Contains the common parts of mission transfers: timing, results, and matching of messages."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +9,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 
 Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded", "cancelled"]
-# The mission on board after a transfer, in words that programs can compare.
+# Which mission is on board after a transfer, in words that programs can compare.
 Holds = Literal["the new one", "the old one", "a mixture", "one of both", "not known"]
 Kind = Literal["mission", "fence", "rally"]
 MISSION_TYPES: dict[Kind, int] = {
@@ -35,7 +35,7 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class TransferTiming:
-    """Timeout of a reply, and number of retries."""
+    """The timeout for a reply, and the number of retries."""
 
     timeout_us: int = 1_500_000
     retries: int = 5
@@ -43,14 +43,14 @@ class TransferTiming:
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The two ends of a transfer and the type of its list."""
+    """The two ends of a transfer, and the type of the list that is transferred."""
 
     own: tuple[int, int]
     target: tuple[int, int]
     mission_type: int = 0
 
     def concerns(self, message: Message) -> bool:
-        """Return whether the target sent a message about this type of mission to this station."""
+        """Return whether the target sent a message about this type of list to this station."""
         return (
             (message.get_srcSystem(), message.get_srcComponent()) == self.target
             and is_for(message, self.own)
@@ -68,10 +68,10 @@ def is_for(message: Message, own: tuple[int, int]) -> bool:
 class TransferResult:
     """The result of a transfer.
 
-    ``rejected``: the autopilot rejected it (``code`` is its MAV_MISSION_RESULT, ``seq`` the last
-    item that it requested). ``unknown``: all items were sent, but no final reply arrived.
-    ``failed``: the transfer was aborted. ``cancelled``: it was cancelled on request. ``holds`` is
-    the mission that is now on board, and ``items`` are its items if they were read.
+    ``rejected``: the autopilot rejected the transfer; ``code`` is its MAV_MISSION_RESULT, and
+    ``seq`` is the last item that it requested. ``unknown``: all items were sent, but no final reply
+    arrived. ``failed``: the transfer was aborted. ``cancelled``: it was cancelled on request.
+    ``holds`` tells which mission is now on board, and ``items`` are its items if they were read.
     """
 
     outcome: Outcome
@@ -83,14 +83,14 @@ class TransferResult:
 
 
 def rejected(code: int, seq: int | None) -> TransferResult:
-    """Return the result for a MISSION_ACK with an error code."""
+    """Return the result of a transfer that a MISSION_ACK with an error code has ended."""
     words = REASONS.get(code, "the autopilot rejected the transfer")
     where = "" if seq is None else f" at item {seq}"
     return TransferResult("rejected", f"{words}{where} (MAV_MISSION_RESULT {code})", code, seq)
 
 
 class Exchange:
-    """One part of a transfer; ``result`` is set when it has ended."""
+    """One part of a transfer; ``result`` is set when this part has ended."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         self.result: TransferResult | None = None

@@ -1,4 +1,4 @@
-"""Removal of the last items of a mission in flight, sans-IO; for ArduPilot.
+"""Removes the last items of a mission in flight, on ArduPilot.
 
 counted --request for item 0--> invalid item sent --any MISSION_ACK but "busy"--> ended
 MISSION_COUNT truncates the list at once. The reply to the request for item 0 contains an unknown
@@ -17,7 +17,7 @@ UNKNOWN_COMMAND = MissionItem(65535, mavlink.MAV_FRAME_GLOBAL, 0, 0, 0.0)
 
 
 class Truncate(RequestRepeater):
-    """The removal of all items but the first ``count``, home included."""
+    """The removal of all items except the first ``count``, where home counts as an item."""
 
     def __init__(self, address: Address, count: int, timing: TransferTiming) -> None:
         super().__init__(address, timing)

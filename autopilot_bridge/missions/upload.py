@@ -1,4 +1,4 @@
-"""Upload of a mission, sans-IO (MAVLink mission protocol, "Upload a Mission to the Vehicle").
+"""Uploads a mission (MAVLink mission protocol, "Upload a Mission to the Vehicle").
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
@@ -41,10 +41,11 @@ class MissionUpload(Exchange):
         ahead: int = 0,
         plan_id: int | None = None,
     ) -> None:
-        """Upload ``items`` unchanged; ``first`` is the index of the first item to fly.
+        """Create the upload of ``items``; ``first`` is the index of the first item to fly.
 
-        Up to ``ahead`` items are sent before they are requested. ``plan_id`` is the expected id of
-        the plan (see ``plan_id.py``), which proves the upload if the acknowledgement is lost.
+        The items are sent unchanged, up to ``ahead`` of them before they are requested. ``plan_id``
+        is the expected id of the plan (see ``plan_id.py``). A report of this id proves the upload
+        if the acknowledgement is lost.
         """
         super().__init__(address, timing)
         self.items = items
@@ -56,7 +57,7 @@ class MissionUpload(Exchange):
         self._sent = -1  # the last item sent
         self._ahead = ahead
         self._plan_id = plan_id
-        self._reported_id: int | None = None  # by MISSION_CURRENT since all items were sent
+        self._reported_id: int | None = None  # id in MISSION_CURRENT since all items were sent
         self._all_sent = False
         self._possible_refusal: TransferResult | None = None  # maybe the reply to a duplicate
 
@@ -71,7 +72,7 @@ class MissionUpload(Exchange):
         )
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a message from the autopilot; returns the replies."""
+        """Process a message from the autopilot, and return the replies."""
         kind = message.get_type()
         if kind == "MISSION_CURRENT" and self._all_sent:
             if self._is_from_target(message):
@@ -113,7 +114,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel at once, or after the autopilot's own timeout if it ignores cancellations."""
+        """Cancel at once, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -127,7 +128,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot sends this for a duplicate and continues
+            return  # ArduPilot replies so to a duplicate, and continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return

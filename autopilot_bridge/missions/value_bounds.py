@@ -1,13 +1,14 @@
-"""Bounds of message fields: values that are not finite or not plausible are discarded.
+"""Checks the values of message fields against bounds, to discard values that are not plausible.
 
-One table covers all messages from which the bridge reads a vehicle's state. A message with any
-value out of bounds is discarded as a whole. ``also`` is the integer for "unknown" of a field;
-``UNKNOWN`` has the float fields that are NaN if unknown.
+One table covers all messages from which the bridge reads a vehicle's state. If any value of a
+message is not finite or is out of bounds, the whole message is discarded. ``also`` is the integer
+that means "unknown" in a field. ``UNKNOWN`` contains the float fields that are NaN if unknown.
 
-Sources: common.xml of MAVLink for units and unknown values; definitions for latitude, longitude and
-angles; heights from the Dead Sea (-430 m) to twice the ceiling of any supported aircraft; wind
-speeds from the fastest measured gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds below half
-of the speed of sound; numbers of items from the longest list of a stack (``stacks/stacks.py``).
+Units and unknown values are those of MAVLink's common.xml. Heights range from the Dead Sea (-430 m)
+to twice the ceiling of any supported aircraft. The limit of wind speeds is the fastest measured
+gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds are below half of the speed of sound. The
+limit of item numbers is the longest list of a stack (``stacks/stacks.py``). Latitude, longitude and
+angles are bounded by their definitions.
 """
 
 import math
@@ -22,11 +23,11 @@ GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MAX_PARAM = 1e12  # of an item; the values of all commands are far below it
+MAX_PARAM = 1e12  # maximum of an item's params; the values of all commands are far below it
 
 
 class Bound(NamedTuple):
-    """Minimum and maximum of a field; ``also`` is a value outside them for "unknown"."""
+    """The minimum and maximum of a field; ``also`` is a value outside them that means "unknown"."""
 
     field: str
     least: float
@@ -61,13 +62,13 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
 }
 # Fields that are NaN if unknown.
 UNKNOWN: Final = {
-    "VFR_HUD": ("airspeed",),  # of PX4 multirotors
+    "VFR_HUD": ("airspeed",),  # NaN on PX4 multirotors
     "WIND_COV": ("wind_x", "wind_y"),
 }
 
 
 def out_of_bounds(message: Message) -> str | None:
-    """Describe the first value of a message that is out of bounds; None if all are within."""
+    """Return a text about the first value of a message that is out of bounds; None if none is."""
     kind = message.get_type()
     for field, minimum, maximum, also in BOUNDS.get(kind, ()):
         value = getattr(message, field)
@@ -83,7 +84,7 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
 
 
 def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
-    """Describe the first value of the items that is out of bounds; None if all are within."""
+    """Return a text about the first value of the items that is out of bounds; None if none is."""
     found = (
         f"item {n}: {words}" for n, item in enumerate(items) if (words := _item_out_of_bounds(item))
     )
@@ -91,7 +92,7 @@ def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
 
 
 def _item_out_of_bounds(item: MissionItem | Message) -> str | None:
-    """Describe the first value of an item that is out of bounds; parameters may be NaN."""
+    """Return a text about the first value of an item that is out of bounds; params may be NaN."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MAX_PARAM or math.isnan(value)):

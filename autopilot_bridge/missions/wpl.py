@@ -1,9 +1,9 @@
-"""QGC WPL text files, the format of MAVProxy, Mission Planner and older QGroundControl.
+"""Reads and writes QGC WPL text files (MAVProxy, Mission Planner, older QGroundControl).
 
-A line has, separated by tabs: index, current, frame, command, params 1 to 4, latitude, longitude,
-altitude, autocontinue (mavlink.io, "Mission Plain-Text File Format"). In version 110 item 0 is the
-home position, version 120 has no home (as QGroundControl reads them). The format has no fence and
-no rally points.
+The columns of a line are separated by tabs: index, current, frame, command, params 1 to 4,
+latitude, longitude, altitude, autocontinue (mavlink.io, "Mission Plain-Text File Format"). In
+version 110, item 0 is the home position. Version 120 has no home. (QGroundControl reads the
+versions in this way.) The format has no fence and no rally points.
 """
 
 import math
@@ -28,7 +28,7 @@ _AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 
 
 def parse(path: Path, text: str) -> Plan:
-    """Return the plan in a file's text. Raises BridgeError, which names ``path`` and the line."""
+    """Return the plan in a file's text. Raises a BridgeError that names ``path`` and the line."""
     lines = [(at, line.strip()) for at, line in enumerate(text.splitlines(), 1)]
     version = lines[0][1] if lines else ""
     if version not in _HOME_ITEMS:
@@ -60,7 +60,7 @@ def _item(line: str, index: int) -> MissionItem:
 
 
 def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
-    # Without this check the first item of a file without home would be lost. Mission Planner writes
+    # This check prevents the loss of the first item of a file without home. Mission Planner writes
     # home as command 0.
     if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in _AMSL:
         raise BridgeError(
@@ -74,7 +74,7 @@ def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
 def write_wpl(path: Path, plan: Plan) -> None:
     """Write a QGC WPL 110 file; without a home, item 0 is all zeros.
 
-    Raises BridgeError for a fence or rally points, which the format does not have.
+    Raises BridgeError if the plan has a fence or rally points, which the format cannot contain.
     """
     if plan.fence or plan.rally:
         raise BridgeError(

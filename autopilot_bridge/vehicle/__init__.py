@@ -1,5 +1,5 @@
-"""The parts of a client: the table of commands, transfers, telemetry, parameters, monitoring.
+"""Contains the parts of a client: the command table, transfers, telemetry, parameters, monitoring.
 
-Sans-IO: the time is an argument in microseconds. Functions receive messages and return messages and
-events.
+These parts do no input or output. Functions receive messages and the time in microseconds, and
+return messages and events.
 """

@@ -1,4 +1,4 @@
-"""The events of a vehicle's client; ``at_us`` is the time of detection by the link's clock."""
+"""Defines the events of a vehicle's client; ``at_us`` is the detection time by the link's clock."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -42,7 +42,7 @@ class Rebooted:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """GLOBAL_POSITION_INT in degrees, metres and m/s."""
+    """The position and velocity from a GLOBAL_POSITION_INT, in degrees, metres and m/s."""
 
     at_us: int
     boot_us: int
@@ -58,7 +58,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Attitude:
-    """ATTITUDE: roll right wing down, pitch nose up, yaw clockwise from north (0 to 360)."""
+    """The roll (right wing down), pitch (nose up) and yaw (clockwise from north, 0 to 360)."""
 
     at_us: int
     boot_us: int
@@ -69,7 +69,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """VFR_HUD; the airspeed is None without a sensor."""
+    """The speeds from a VFR_HUD; the airspeed is None if the vehicle has no sensor."""
 
     at_us: int
     airspeed_m_s: float | None
@@ -80,7 +80,7 @@ class Speed:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """The autopilot's wind estimate: direction from, and speed."""
+    """The autopilot's wind estimate: the speed, and the direction from which the wind blows."""
 
     at_us: int
     from_deg: float
@@ -93,13 +93,13 @@ class Status:
     __slots__: tuple[str, ...] = ()
 
     def without_time(self) -> tuple[object, ...]:
-        """Return the fields of which changes are reported."""
+        """Return the fields whose changes are reported."""
         return tuple(getattr(self, name) for name in self.__slots__ if name != "at_us")
 
 
 @dataclass(frozen=True, slots=True)
 class Battery(Status):
-    """The state of a battery, reported on change; None for unknown values."""
+    """The state of a battery, reported when it changes; unknown values are None."""
 
     at_us: int
     battery_id: int
@@ -110,7 +110,7 @@ class Battery(Status):
 
 @dataclass(frozen=True, slots=True)
 class Health(Status):
-    """The names of enabled, unhealthy sensors, reported on change; () if all are healthy."""
+    """The names of enabled but unhealthy sensors, reported on change; empty if all are healthy."""
 
     at_us: int
     unhealthy: tuple[str, ...]
@@ -118,7 +118,7 @@ class Health(Status):
 
 @dataclass(frozen=True, slots=True)
 class GpsFix(Status):
-    """Type of fix (``3d``, ``rtk fixed``, ``no fix`` ...) and satellites, reported on change."""
+    """The type of fix (``3d``, ``no fix`` ...) and number of satellites, reported on change."""
 
     at_us: int
     fix: str
@@ -127,7 +127,7 @@ class GpsFix(Status):
 
 @dataclass(frozen=True, slots=True)
 class SystemState(Status):
-    """HEARTBEAT.system_status in a word (``active``, ``critical`` ...), reported on change."""
+    """The system status in a HEARTBEAT as a word (``active`` ...), reported on change."""
 
     at_us: int
     state: str
@@ -135,7 +135,7 @@ class SystemState(Status):
 
 @dataclass(frozen=True, slots=True)
 class LandedState(Status):
-    """EXTENDED_SYS_STATE in words: ``on ground``, ``in air`` ...; reported on change."""
+    """The landed state in words (``on ground``, ``in air`` ...), reported on change."""
 
     at_us: int
     state: str
@@ -143,9 +143,10 @@ class LandedState(Status):
 
 @dataclass(frozen=True, slots=True)
 class FenceStatus(Status):
-    """FENCE_STATUS: whether and where a fence is breached (``boundary`` ...), on change.
+    """The state of the fence (breached or not, ``kind`` of breach), reported on change.
 
-    Only ArduPilot sends it, while its fence is enabled; PX4 sends a text.
+    Only ArduPilot sends FENCE_STATUS, and only while its fence is enabled; PX4 sends a text
+    instead.
     """
 
     at_us: int
@@ -155,7 +156,7 @@ class FenceStatus(Status):
 
 @dataclass(frozen=True, slots=True)
 class EstimatorStatus(Status):
-    """Problems of the position estimate, in words, reported on change."""
+    """The problems of the position estimate in words, reported on change."""
 
     at_us: int
     healthy: bool
@@ -168,7 +169,7 @@ TelemetryEvent = Position | Attitude | Speed | Wind | Battery | Health | GpsFix 
 
 @dataclass(frozen=True, slots=True)
 class MissionProgress:
-    """The current item has changed; the number is an index into the user's items."""
+    """A change of the current item; the number is an index into the user's items."""
 
     at_us: int
     current_seq: int
@@ -176,7 +177,7 @@ class MissionProgress:
 
 @dataclass(frozen=True, slots=True)
 class ItemReached:
-    """MISSION_ITEM_REACHED, without repetitions."""
+    """The arrival at a mission item, reported once (MISSION_ITEM_REACHED is repeated)."""
 
     at_us: int
     seq: int
@@ -206,8 +207,10 @@ class CommandFinished:
 
 @dataclass(frozen=True, slots=True)
 class DropFinished:
-    """The outcome of one drop. ``refused``: nothing was released. ``unknown``: it may have been
-    released. ``done``: the autopilot has accepted the command; it does not detect the fall.
+    """The outcome of one drop.
+
+    ``refused``: nothing was released. ``unknown``: the object may have been released. ``done``: the
+    autopilot has accepted the command; it cannot detect whether the object fell.
     """
 
     at_us: int
@@ -237,7 +240,7 @@ class ModeChanged:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """STATUSTEXT."""
+    """A text from the autopilot (STATUSTEXT)."""
 
     at_us: int
     severity: int
@@ -249,7 +252,7 @@ AlarmKind = Literal["source", "clock", "jump", "value"]
 
 @dataclass(frozen=True, slots=True)
 class SameSystemId:
-    """Two remotes of one link send with one system id; messages of ``left_out`` are discarded."""
+    """Two remote endpoints send with one system id; messages from ``left_out`` are discarded."""
 
     at_us: int
     kept: str
@@ -266,7 +269,7 @@ class SameSystemId:
 
 @dataclass(frozen=True, slots=True)
 class RemoteChanged:
-    """The vehicle is bound to another remote after the previous one stopped sending."""
+    """The vehicle was bound to another remote endpoint after the previous one stopped sending."""
 
     at_us: int
     before: str
@@ -283,7 +286,7 @@ class RemoteChanged:
 
 @dataclass(frozen=True, slots=True)
 class Implausible:
-    """A message of the vehicle is implausible (``clock``, ``jump``, ``value``)."""
+    """A report that the time, the position or another value in a message is implausible."""
 
     at_us: int
     kind: AlarmKind
@@ -295,7 +298,7 @@ class Implausible:
 
 @dataclass(frozen=True, slots=True)
 class AlarmEnded:
-    """The cause of the alarms of a kind has not occurred for some time."""
+    """The end of an alarm: its cause has not occurred for some time."""
 
     at_us: int
     kind: AlarmKind
@@ -303,7 +306,7 @@ class AlarmEnded:
 
 @dataclass(frozen=True, slots=True)
 class ClockChanged:
-    """The autopilot's time since boot continues from another value without a restart."""
+    """The autopilot's time since boot continues from another value, but it did not restart."""
 
     at_us: int
 

@@ -1,4 +1,4 @@
-"""Commands and parameter requests of one vehicle, one of each at a time, sans-IO."""
+"""Queues the commands and the parameter requests of one vehicle; runs one of each at a time."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -16,7 +16,7 @@ R = TypeVar("R", CommandSequence, Request)
 
 
 class _RequestQueue(Generic[R]):
-    """Queued and active requests, by their ids: one at a time."""
+    """A queue of requests with their ids, of which one is active at a time."""
 
     def __init__(self) -> None:
         self._last_id = 0
@@ -52,7 +52,7 @@ class _RequestQueue(Generic[R]):
         return self._after_messages(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _after_messages(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Append the first messages of the next request if the active one has ended."""
+        """Return ``messages``; add those of the next request if the active one has ended."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages
@@ -61,15 +61,15 @@ class _RequestQueue(Generic[R]):
         return messages + self.start_next(now_us)
 
     def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
-        """Report the active request if it has ended, and return whether it has.
+        """Return whether the active request has ended, and report its end.
 
-        ``sent``: it has sent messages now.
+        ``sent`` tells whether the request has just sent messages.
         """
         raise NotImplementedError
 
 
 class CommandQueue(_RequestQueue[CommandSequence]):
-    """Queued and active commands."""
+    """The queued and active commands of one vehicle."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         now_us: int,
         timing: TransferTiming | None = None,
     ) -> int:
-        """Queue an order; an urgent one replaces all others."""
+        """Queue an order and return its id; an urgent order replaces all others."""
         if urgent:
             self.end_all(f"{name} replaced it", now_us)
         modes = tuple(mode for step in steps for mode in modes_of_step(step, stack))
@@ -118,7 +118,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         self._active = False
 
     def release_mode(self, why: str, now_us: int) -> list[Message]:
-        """End commands that change the mode or arm, after a failsafe or a pilot's mode change."""
+        """End commands that arm or change the mode, after a failsafe or a pilot's takeover."""
         remaining = []
         for number, (command_id, sequence) in enumerate(self._queue):
             if self._modes[command_id] or ARM in sequence.steps:
@@ -140,7 +140,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
 
 
 class ParameterQueue(_RequestQueue[Request]):
-    """Queued and active parameter requests."""
+    """The queued and active parameter requests of one vehicle."""
 
     def __init__(
         self, timing: TransferTiming, report: Callable[[ParametersFinished], None]
@@ -150,15 +150,15 @@ class ParameterQueue(_RequestQueue[Request]):
         self._report = report
 
     def read(self, name: str, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the reading of one parameter."""
+        """Queue a request to read one parameter, and return its id."""
         return self._add(ParameterRead(target, name, _bytewise(stack), self._timing))
 
     def read_all(self, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the reading of all parameters."""
+        """Queue a request to read all parameters, and return its id."""
         return self._add(ParametersRead(target, _bytewise(stack), self._timing))
 
     def set(self, name: str, value: float, target: tuple[int, int], stack: Stack) -> int:
-        """Queue the setting of one parameter."""
+        """Queue a request to set one parameter, and return its id."""
         return self._add(ParameterSet(target, name, value, _bytewise(stack), self._timing))
 
     def _reported(self, request_id: int, request: Request, sent: bool, now_us: int) -> bool:

@@ -1,8 +1,8 @@
-"""Sequences of commands, sans-IO (MAVLink command protocol, COMMAND_LONG and COMMAND_INT).
+"""Sends sequences of commands by the MAVLink command protocol (COMMAND_LONG and COMMAND_INT).
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
 sent: the command is repeated on timeout
-working: it is not repeated, because it was accepted and ends late or never
+working: the command is not repeated: it was accepted, and may end late or never
 """
 
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ RESULTS = {
 
 
 def result_words(result: int) -> str:
-    """Return a MAV_RESULT in words."""
+    """Return the words for a MAV_RESULT."""
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
-# The reason of a rejection may arrive as a text after it (ArduPilot queues its texts).
+# The reason for a rejection may arrive later, as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
 HEARTBEAT_US = 1_200_000  # a HEARTBEAT arrives within this time
@@ -53,7 +53,7 @@ AnyStep = Step | SetParameter
 
 
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
-    """Return a COMMAND_INT for a step with a position, otherwise a COMMAND_LONG."""
+    """Return the message of a step: COMMAND_INT if it has a position, otherwise COMMAND_LONG."""
     command, params, place = step
     if place is None:
         values = [*params, *[0.0] * (7 - len(params))]
@@ -64,11 +64,12 @@ def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
 
 
 class CommandSequence:
-    """A sequence of steps, each sent after the previous one was accepted and repeated on timeout.
+    """A sequence of steps that are sent one after another.
 
-    All steps can be repeated without harm: they command a state or a position, never a change.
-    ``outcome`` becomes (accepted, reason) when the last step was accepted or one was rejected; the
-    reason of a rejection includes the autopilot's last warning text.
+    A step is sent when the previous one has been accepted, and is sent again if no reply arrives in
+    time. Repetition does no harm: each step commands a state or a position, never a change. When
+    the last step is accepted, or any step is rejected, ``outcome`` becomes the pair (accepted,
+    reason). The reason for a rejection includes the autopilot's last warning text.
     """
 
     def __init__(
@@ -82,11 +83,12 @@ class CommandSequence:
         after_heartbeats: bool = False,
         without_heartbeats: bool = False,
     ) -> None:
-        """Create the sequence; ``bytewise``: integer parameters are bytes in the float.
+        """Create the sequence.
 
-        ``after_heartbeats``: a command is repeated only right after a HEARTBEAT, which shows a mode
-        that the autopilot has selected in between. ``without_heartbeats``: the command is repeated
-        even if no HEARTBEAT arrives.
+        With ``bytewise``, the bytes of an integer parameter are sent in the float. With
+        ``after_heartbeats``, a command is repeated only right after a HEARTBEAT, because the
+        HEARTBEAT shows whether the autopilot has changed the mode in the meantime. With
+        ``without_heartbeats``, the command is repeated even if no HEARTBEAT arrives.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
@@ -97,7 +99,7 @@ class CommandSequence:
         self._bytewise = bytewise
         self._after_heartbeats = after_heartbeats
         self._without_heartbeats = without_heartbeats
-        self._repeats = False  # after the next heartbeat
+        self._repeats = False  # whether to repeat the command after the next heartbeat
         self._index = 0
         self._tries = 0
         self._deadline_us = 0

@@ -1,7 +1,7 @@
-"""The commanded flight modes; any other mode is attributed to the autopilot or a pilot.
+"""Records the commanded flight modes; any other mode is attributed to the autopilot or a pilot.
 
-An autopilot in failsafe and a pilot with a radio also change the mode. The client does not override
-such a mode: it repeats no command, and no transfer changes the mode.
+An autopilot in failsafe can change the mode, and so can a pilot with a radio. The client does not
+override such a mode: it repeats no command, and no transfer changes the mode.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -14,7 +14,7 @@ DELAYED_US = 2_000_000  # a mode may be entered this long after another was comm
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """Return the numbers of the modes that a step causes; () if it does not change the mode."""
+    """Return the numbers of the modes that a step leads to; empty if it changes no mode."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"
@@ -36,13 +36,13 @@ def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
 
 
 class CommandedModes:
-    """The modes commanded to one vehicle, each with the latest time of its change."""
+    """The modes commanded to one vehicle, each with the latest time at which it may be entered."""
 
     def __init__(self) -> None:
         self._until_us: dict[int, int] = {}
 
     def add(self, modes: tuple[int, ...], now_us: int) -> None:
-        """Add modes that are commanded now."""
+        """Record modes that are commanded now."""
         if not modes:
             return
         self._until_us = {

@@ -1,12 +1,12 @@
-"""Sender of drops, sans-IO: a release is sent once, at once, before all other orders, or never.
+"""Sends drops: a release is sent once, immediately and before all other orders, or not at all.
 
 sent --ACK accepted or in progress--> done; --ACK rejected--> refused; --no ACK in time--> unknown
 ``hold_s`` later the dropper is reset; the reset is repeated until its acknowledgement or the next
 release
 
-An acknowledgement has only the number of the command, which is the same for a release and a reset.
-Therefore each release and each reset is sent from a different component id, to which its
-acknowledgement is addressed.
+An acknowledgement contains only the number of the command, which is the same for a release and a
+reset. Therefore each release and each reset has its own sender component id, and its
+acknowledgement is addressed to that id.
 """
 
 from collections.abc import Callable
@@ -27,19 +27,19 @@ FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 PULSES_APART = 4
 RESET_INTERVAL_US = 50_000  # a dropper that is not reset cannot release another object
 MAX_RESETS = 40
-# PX4's gripper acknowledges a release with the former when the reset arrives, and with the latter
-# when a link has duplicated the command: in both cases the object may have been released.
+# PX4's gripper acknowledges a release with the first result when the reset arrives, and with the
+# second when a link has duplicated the command. In both cases the object may have been released.
 CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
 
 @dataclass(slots=True)
 class _Pulse:
-    """One release and its reset; ``pending`` until the outcome is reported."""
+    """One release and its reset; ``pending`` is set until the outcome is reported."""
 
     drop_id: int
     command: int
-    component: int  # sender of the release; the next component id sends the reset
+    component: int  # component id that sends the release; the next id sends the reset
     released_us: int
     release: Message
     reset_step: Step
@@ -70,10 +70,10 @@ class DropSender:
         lost: bool,
         now_us: int,
     ) -> tuple[int, list[Message]]:
-        """Return the drop's id and the release to send at once; a late drop is refused.
+        """Return the id of the drop and the release, which is to be sent at once.
 
-        ``lost``: the link to the vehicle is lost. Raises BridgeError if the stack has no command
-        for this dropper.
+        A drop is refused if it is late or if the link to the vehicle is ``lost``. Raises
+        BridgeError if the stack has no command for this dropper.
         """
         release, reset_step = drop(stack, dropper)
         self._last_id += 1
@@ -106,7 +106,7 @@ class DropSender:
         return self._last_id, [message]
 
     def _end_earlier(self, component: int, now_us: int) -> None:
-        """End the resets of earlier pulses, and free a component id for reuse."""
+        """End the resets of earlier pulses, so that a component id can be used again."""
         for pulse in self._pulses:
             pulse.is_reset = True
             if pulse.component == component and pulse.pending:
@@ -114,7 +114,7 @@ class DropSender:
         self._remove_ended()
 
     def withdraw(self, outgoing: list[Message], reason: str, now_us: int) -> None:
-        """Remove releases that are not sent yet, and report them as refused."""
+        """Remove the releases that are still in ``outgoing``, and report them as refused."""
         for pulse in self._pulses:
             if any(message is pulse.release for message in outgoing):
                 outgoing[:] = [message for message in outgoing if message is not pulse.release]
@@ -151,7 +151,7 @@ class DropSender:
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Return the resets that are due; report releases without an acknowledgement."""
+        """Return the resets that are due, and report the releases that were not acknowledged."""
         messages = []
         for pulse in self._pulses:
             if not pulse.is_reset and now_us >= pulse.reset_due_us:

@@ -1,11 +1,12 @@
-"""Requests of message rates, sans-IO (MAV_CMD_SET_MESSAGE_INTERVAL).
+"""Requests the rates of messages from a vehicle (MAV_CMD_SET_MESSAGE_INTERVAL).
 
 requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
-after all requests: messages that do not arrive, or stop, are requested again a few times
+after all requests: absent messages are requested again a few times
 
-ArduCopter resets its rates at a restart, which its heartbeat does not show.
+Messages may stop because ArduCopter resets its rates when it restarts, and its heartbeat does not
+show a restart.
 
-The acknowledgement does not contain the message id, so requests are sent one at a time.
+An acknowledgement does not contain the message id, so the next request waits for it.
 """
 
 from collections.abc import Mapping
@@ -19,8 +20,8 @@ from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]
 
-# All messages that a client reports: for transfers from the command line, for MAVSDK and for the
-# bridge without the service.
+# All messages that a client reports. Used by transfers from the command line, by MAVSDK, and when
+# the bridge is used without the service.
 ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
@@ -35,8 +36,7 @@ ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1.0,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
 }
-# The messages that a run uses. The rates of other messages, which other stations may use, are not
-# changed.
+# The messages that a run uses. Other stations may use other messages, whose rates are not changed.
 RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
@@ -52,7 +52,7 @@ RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 0.5,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
 }
-# For drops along a path: at 5 m/s a position every half metre.
+# For drops along a path: at 5 m/s, one position every half metre.
 DROP_RATES_HZ: RatesHz = {
     **RATES_HZ,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
@@ -79,13 +79,13 @@ ROUNDS = 3  # consecutive rounds of requests for the same messages
 
 
 def rates_for(stack: Stack, rates_hz: RatesHz = ALL_RATES_HZ) -> dict[int, float]:
-    """Return the rates of the messages that the stack has."""
+    """Return the rates in Hz of those messages that the stack has, by message id."""
     absent = _OF_THE_OTHER_STACK[stack.name]
     return {key: hz for key, hz in rates_hz.items() if key not in absent}
 
 
 def rate_requests(stack: Stack, target: tuple[int, int]) -> list[Message]:
-    """Return the requests for ``ALL_RATES_HZ``, to be sent without a check of their results."""
+    """Return the requests for ``ALL_RATES_HZ``; the sender need not check their results."""
     return [_request(target, key, hz, 0) for key, hz in rates_for(stack).items()]
 
 
@@ -95,7 +95,7 @@ def _request(target: tuple[int, int], message_id: int, hz: float, tries: int) ->
 
 
 class MessageRates:
-    """The requests of message rates from one vehicle."""
+    """The requests that set the message rates of one vehicle."""
 
     def __init__(self, own: tuple[int, int], rates_hz: RatesHz) -> None:
         self._own = own
@@ -105,13 +105,13 @@ class MessageRates:
         self._waiting: list[int] = []
         self._arrived: set[int] = set()
         self._unanswered: set[int] = set()
-        self._absent: set[int] = set()  # at the last check
+        self._absent: set[int] = set()  # messages that were absent at the last check
         self._tries = 0
         self._rounds = 0
         self._due_us: int | None = None
 
     def begin(self, stack: Stack, target: tuple[int, int], now_us: int) -> list[Message]:
-        """Request all rates, from the beginning."""
+        """Start again and request all rates."""
         self._target = target
         self._rates = rates_for(stack, self._rates_hz)
         self._absent = set()
@@ -138,7 +138,7 @@ class MessageRates:
         self._due_us = now_us + max(CHECK_AFTER_US, round(3e6 / slowest_hz))
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Record received messages; request the next rate after any acknowledgement."""
+        """Record a received message; after an acknowledgement, request the next rate."""
         message_id = message.get_msgId()
         if message_id in self._rates:
             self._arrived.add(message_id)
@@ -156,7 +156,7 @@ class MessageRates:
         return self._due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat unanswered requests; request absent messages again."""
+        """Repeat an unanswered request, or request absent messages again."""
         if self._due_us is None or now_us < self._due_us:
             return []
         if self._waiting:

@@ -1,14 +1,14 @@
-"""Activation of an uploaded mission: its start, and the proof that it is being flown (sans-IO).
+"""Activates an uploaded mission: starts it, and waits for proof that it is being flown.
 
 PX4 starts a new list without a command, at the item that was sent with ``current`` set.
 MISSION_CURRENT, sent once a second, has the id of the list and whether PX4 accepts it for flight.
 Its sequence number is weak evidence: a plane in the air skips its takeoff item at once, and a
-waypoint may be reached before the first message arrives. Only if the same list was on board before
-(the same id), PX4 keeps its current item, and another one must be commanded.
+waypoint may be reached before the first message arrives. If the same list (the same id) was on
+board before, PX4 keeps its current item, and the first item must be commanded.
 
-ArduPilot continues to its old target, and keeps its current item, until an item is commanded. It
-acknowledges the command; if the acknowledgement is lost, a sequence number that cannot follow from
-the old current item is equal proof.
+ArduPilot flies on to its old target, and keeps its current item, until an item is commanded. It
+acknowledges that command. If the acknowledgement is lost, a sequence number that the vehicle could
+not have reached from the old current item is equal proof.
 
 sent --acknowledgement, or report of the new item--> ended
 sent --timeout after a report of the old item--> repeated; without a report: wait
@@ -16,8 +16,8 @@ watching --the list's id, and it is fit--> ended
 either --the list's id, and it remains unfit--> ended, rejected
 either --the id of another list several times--> ended, failed
 
-The command is repeated only after a report of the old item: the vehicle may have advanced in the
-new list, and a repeated command would reset its current item.
+The command is repeated only after a report of the old item. Otherwise the vehicle may have advanced
+in the new list, and a repeated command would reset its current item.
 """
 
 from typing import NamedTuple
@@ -52,11 +52,11 @@ class Onboard(NamedTuple):
 
 
 class MissionActivation(Exchange):
-    """The wait for proof that a new mission is flown; commands its first item if needed.
+    """An exchange that starts a new mission and waits for proof that it is flown.
 
-    ``seq`` (of ``count`` transmitted items) is the item to start with, and ``shown`` the number
-    that the autopilot then reports (ArduPilot skips DO items). ``plan_id`` is the list's id; None
-    on ArduPilot.
+    Of the ``count`` transmitted items, ``seq`` is the item to start with. ``shown`` is the item
+    number that the autopilot then reports, which differs because ArduPilot skips DO items.
+    ``plan_id`` is the id of the list; None on ArduPilot.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class MissionActivation(Exchange):
         timing: TransferTiming,
     ) -> None:
         super().__init__(address, timing)
-        self.other_list = False  # the vehicle reported the id of another list
+        self.other_list = False  # whether the vehicle reported the id of another list
         self._seq = seq
         self._shown = shown
         self._count = count
@@ -78,12 +78,12 @@ class MissionActivation(Exchange):
         self._before = before
         same_list = plan_id is not None and before.plan_id == plan_id
         self._needs_command = plan_id is None or (same_list and before.seq != seq)
-        # PX4 does not report again that a list is fit if its first item is not 0 (source: 1.17
+        # If the first item is not 0, PX4 does not report again that a list is fit (source: 1.17
         # ``update_mission_state``).
         self._checks_state = plan_id is not None and not (before.unfit and seq > 0)
         self._started_us = self._requested_us = 0
         self._tries = 0
-        self._last_seq: int | None = None  # the newest number since the last command
+        self._last_seq: int | None = None  # the newest sequence number since the last command
         self._unfit_since_us: int | None = None
         self._others = 0
         self._warning_text = ""
@@ -132,7 +132,7 @@ class MissionActivation(Exchange):
             )
 
     def _shows_list(self, message: Message) -> bool:
-        """Return whether MISSION_CURRENT is about the new list."""
+        """Return whether a MISSION_CURRENT describes the new list."""
         if self._plan_id is None:
             return True
         reported_id = message.mission_id
@@ -171,7 +171,7 @@ class MissionActivation(Exchange):
         return seq < before
 
     def _unfit(self, now_us: int) -> None:
-        """Reject the mission after repeated reports; the first may describe the previous one."""
+        """Reject the mission after repeated reports; the first may describe the old mission."""
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
@@ -179,12 +179,12 @@ class MissionActivation(Exchange):
             self.result = TransferResult("rejected", f"{words}{self._warning_text}")
 
     def stop_commands(self, why: str) -> None:
-        """End a start that needs a command, after a failsafe or a pilot's mode change."""
+        """End a start that needs a command, because the autopilot or a pilot changed the mode."""
         if self._needs_command and self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat the command if the old item was reported, else wait; fail after ``TRIES``."""
+        """Repeat the command if the old item was reported, otherwise wait; fail after ``TRIES``."""
         if self.result is not None or now_us < self._deadline_us:
             return []
         self._tries += 1

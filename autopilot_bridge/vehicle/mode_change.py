@@ -1,11 +1,12 @@
-"""Change of flight mode as part of a transfer, sans-IO.
+"""Changes the flight mode as part of a transfer.
 
 waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> ended
 sent --COMMAND_ACK with an error--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
-The command is sent right after a heartbeat, and repeated (its acknowledgement may be lost) only
-after another one: a mode that the autopilot selects in between is detected and not overridden.
+The command is sent right after a heartbeat. It is repeated (its acknowledgement may be lost) only
+after another heartbeat. Thus a mode that the autopilot selects in the meantime is detected and not
+overridden.
 """
 
 from autopilot_bridge.links.codec import Message
@@ -15,12 +16,12 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """Describe a mode change that ends an operation which would change the mode."""
+    """Return the words for a mode change that ends an operation which would change the mode."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
 class ModeChange(Exchange):
-    """A change of mode, from ``before`` only; it ends when a HEARTBEAT shows the new mode."""
+    """A change of mode that starts only from the modes ``before``; a HEARTBEAT must confirm it."""
 
     def __init__(
         self,
@@ -39,13 +40,13 @@ class ModeChange(Exchange):
         self._again_us = 0
 
     def start(self, now_us: int) -> list[Message]:
-        """Start to wait for a heartbeat."""
+        """Start to wait for a heartbeat; return no messages."""
         self._again_us = now_us
         self._deadline_us = now_us + self._timing.timeout_us * (self._timing.retries + 1)
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a heartbeat or an acknowledgement; the new mode or a rejection ends it."""
+        """Process a heartbeat or an acknowledgement; the new mode or a rejection is the end."""
         if not self._is_from_target(message):
             return []
         kind = message.get_type()
@@ -71,12 +72,12 @@ class ModeChange(Exchange):
         return []
 
     def stop_commands(self, why: str) -> None:
-        """End the change of mode, after a failsafe or a pilot's mode change."""
+        """End the change of mode, because the autopilot or a pilot has changed the mode."""
         if self.result is None:
             self.result = TransferResult("failed", why)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Fail after the timeout."""
+        """End the change as failed after the timeout."""
         if self.result is None and now_us >= self._deadline_us:
             self.result = TransferResult("failed", "no HEARTBEAT showed the new mode")
         return []

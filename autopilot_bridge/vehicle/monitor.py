@@ -1,4 +1,4 @@
-"""The state of one vehicle, computed from the messages of its autopilot, sans-IO."""
+"""Computes the state of one vehicle from the messages of its autopilot."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -30,28 +30,29 @@ FAILSAFES = (
     *(mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY),
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
-ALARM_ENDS_US = 10_000_000  # after the last message that caused the alarm
-# After the last time since boot that went back; a restart is detected within half of this time.
+ALARM_ENDS_US = 10_000_000  # the alarm ends this long after the last message that caused it
+# How long the clock remains undecided after a time since boot that went back. A restart is detected
+# within half of this time.
 UNDECIDED_US = 2_000_000
 NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """The state of a vehicle; ``current`` and ``total`` are those of MISSION_CURRENT, else None."""
+    """The state of a vehicle; ``current`` and ``total`` are from MISSION_CURRENT, or None."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Discard positions that imply more than ``max_speed_m_s``; None: no limit."""
+        """Create the state; positions that imply more than ``max_speed_m_s`` are discarded."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
-        self._restarted = False  # since the last ModeChanged
+        self._restarted = False  # whether it has restarted since the last ModeChanged
         self.current: int | None = None
         self.total: int | None = None
         self.plan_id: int | None = None  # id of the mission on board; ArduPilot has none
-        self.unfit = False  # the mission on board cannot be flown, or there is none
-        self.critical = False  # in failsafe according to its heartbeat
+        self.unfit = False  # whether the mission on board is missing or cannot be flown
+        self.critical = False  # whether its heartbeat reports a failsafe
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._received_us: int | None = None
         self._lost = False
@@ -61,13 +62,13 @@ class VehicleMonitor:
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
-        self._backward_jump_us = 0  # 0 without a backward jump of the time since boot
-        self.undecided_until_us = 0  # until then the clock may detect a restart
+        self._backward_jump_us = 0  # 0 if the time since boot did not jump back
+        self.undecided_until_us = 0  # until this time a restart may still be detected
         self.used = True  # whether the last message was used, at least partly
 
     @property
     def hidden_items(self) -> int:
-        """The number of items that are not the user's: ArduPilot's home."""
+        """The number of transmitted items that are not the user's (ArduPilot's home is one)."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     @property
@@ -77,7 +78,7 @@ class VehicleMonitor:
         return self.armed and flies
 
     def next_timer(self) -> int | None:
-        """Return the time at which the link is lost without another HEARTBEAT."""
+        """Return the time at which the link counts as lost if no HEARTBEAT arrives."""
         if self._received_us is None or self._lost:
             return None
         return self._received_us + self._heartbeat_timeout_us
@@ -95,14 +96,14 @@ class VehicleMonitor:
         return min(self._alarms.values(), default=None)
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End alarms without a recent cause."""
+        """End the alarms that had no recent cause."""
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]
         return [AlarmEnded(now_us, kind) for kind in ended]
 
     def receive(self, message: Message, now_us: int) -> list[ClientEvent]:
-        """Process a message of this vehicle's autopilot, and set ``used``."""
+        """Process a message from this vehicle's autopilot; set ``used`` and return events."""
         fault = out_of_bounds(message)
         self.used = fault is None
         if fault is not None:
@@ -125,7 +126,7 @@ class VehicleMonitor:
         return events
 
     def _time_judged(self, verdict: TimeVerdict, ahead_us: int, now_us: int) -> list[ClientEvent]:
-        if verdict == "back":  # may be a restart; if not, the old time continues
+        if verdict == "back":  # a restart, unless later messages continue from the old time
             self._backward_jump_us = ahead_us
             self.undecided_until_us = now_us + UNDECIDED_US
             return []
@@ -166,7 +167,7 @@ class VehicleMonitor:
     def _alarm(
         self, kind: AlarmKind, words: str, now_us: int, again: bool = False
     ) -> list[ClientEvent]:
-        """Raise an alarm, but not again while it is active unless ``again`` is set."""
+        """Return a new alarm; an alarm that is active is repeated only if ``again`` is set."""
         raised = kind in self._alarms
         self._alarms[kind] = now_us + ALARM_ENDS_US
         return [] if raised and not again else [Implausible(now_us, kind, words)]

@@ -1,8 +1,8 @@
-"""The commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
+"""Contains the commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
 
 ``ORDERS`` is the table. To add a command, add a row and the function that returns its steps. The
 commands were flown on PX4 1.17 and ArduPilot 4.6.2. The functions raise BridgeError for a command
-that the stack does not have. Altitudes are above mean sea level unless the name differs.
+that the stack does not have. Altitudes are above mean sea level unless their names say otherwise.
 """
 
 import math
@@ -33,10 +33,10 @@ S = TypeVar("S")
 
 
 class Dropper(NamedTuple):
-    """An output that releases one object each time it is set, and must be reset before the next.
+    """An output that releases one object when it is set, and must be reset before the next release.
 
-    ``release`` and ``rest`` are a servo's pulse width in microseconds or an actuator's value from
-    -1 to 1; a gripper has none.
+    ``release`` and ``rest`` are the two settings of the output. For a servo they are pulse widths
+    in microseconds, for an actuator values from -1 to 1; a gripper has none.
     """
 
     by: Literal["servo", "gripper", "actuator"]
@@ -47,7 +47,7 @@ class Dropper(NamedTuple):
 
 
 def arm(stack: Stack) -> Steps:
-    """Return the step that arms, with the autopilot's checks."""
+    """Return the step that arms; the autopilot makes its arming checks."""
     return (ARM,)
 
 
@@ -57,14 +57,14 @@ def disarm(stack: Stack) -> Steps:
 
 
 def set_mode(stack: Stack, name: str) -> Steps:
-    """Return the step to a mode by its name in ``Stack.modes``."""
+    """Return the step that changes to the mode called ``name`` in ``Stack.modes``."""
     return (stack.set_mode(stack.mode_number(name)),)
 
 
 def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
-    """Return the steps to arm, take off from the ground and hold ``height_m`` above it.
+    """Return the steps that arm, take off from the ground and hold ``height_m`` above it.
 
-    ArduPlane climbs to its parameter TKOFF_ALT, which is set permanently.
+    ArduPlane climbs to the height in its parameter TKOFF_ALT, which the steps change permanently.
     """
     if not 1.0 <= height_m <= 10_000.0:
         raise BridgeError(f"takeoff to {height_m} m: give 1 to 10000 m above the ground")
@@ -85,9 +85,10 @@ def start_mission(stack: Stack, armed: bool) -> tuple[Step, ...]:
 
 
 def pause(stack: Stack) -> Steps:
-    """Return the step to hold at the current position: planes circle, multirotors stop.
+    """Return the step that holds at the current position: planes circle, multirotors stop.
 
-    PX4 executes DO_REPOSITION in its hold mode, so a change to that mode would not end it.
+    PX4 executes a DO_REPOSITION in its hold mode, so a change to that mode would not stop the
+    vehicle on its way.
     """
     if stack.name == "px4":
         return (Step(mavlink.MAV_CMD_DO_REPOSITION, (-1.0, CHANGE_MODE, 0.0, NAN), SAME_PLACE),)
@@ -100,15 +101,15 @@ def resume(stack: Stack) -> tuple[Step, ...]:
 
 
 def return_home(stack: Stack) -> tuple[Step, ...]:
-    """Return the step to fly to the launch position or the autopilot's configured return point."""
+    """Return the step that flies to the launch position or the autopilot's set return point."""
     return (stack.set_mode(stack.rtl_mode),)
 
 
 def return_height(stack: Stack, height_m: float) -> Steps:
-    """Return the steps that set the minimum height of returns above home, for multirotors.
+    """Return the steps that set the minimum height above home of a multirotor's return.
 
-    The parameters are set permanently. By default ArduCopter returns at 15 m or at its current
-    height if that is greater, and PX4 at a height that decreases near home.
+    The parameters are changed permanently. By default ArduCopter returns at its current height but
+    at least at 15 m. PX4 returns at a height that decreases near home.
     """
     if stack.vehicle != "copter":
         raise BridgeError("the height of returns is set for multirotors only")
@@ -120,16 +121,16 @@ def return_height(stack: Stack, height_m: float) -> Steps:
 
 
 def land(stack: Stack) -> Steps:
-    """Return the step to land: ArduPlane by DO_LAND_START, others at their position."""
+    """Return the step that lands: ArduPlane by DO_LAND_START, other vehicles at their position."""
     if stack.name == "ardupilot" and stack.vehicle == "plane":
         return (Step(mavlink.MAV_CMD_DO_LAND_START),)
     return set_mode(stack, "land")
 
 
 def reposition(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Return the step to fly to a position and hold there; planes circle with unchanged radius."""
+    """Return the step that flies to a position and holds there; planes keep their radius."""
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
-    # Radius 0 on ArduPilot: the present radius. Yaw NaN on PX4: its default.
+    # For ArduPilot, radius 0 means the present radius. For PX4, yaw NaN means its default.
     params = (-1.0, CHANGE_MODE, 0.0, NAN if stack.name == "px4" else 0.0)
     return (Step(mavlink.MAV_CMD_DO_REPOSITION, params, place),)
 
@@ -142,10 +143,10 @@ def orbit(
     radius_m: float,
     speed_m_s: float | None = None,
 ) -> Steps:
-    """Return the steps to circle a position, clockwise with a positive radius.
+    """Return the steps that circle a position, clockwise if the radius is positive.
 
-    Another orbit command moves or changes the circle. A given speed is commanded too; without one
-    PX4 multirotors circle at 1 m/s at first.
+    Another orbit command moves or changes the circle. If ``speed_m_s`` is given, the steps command
+    that speed too; otherwise PX4 multirotors circle at 1 m/s at first.
     """
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     if stack.name == "ardupilot" and stack.vehicle == "copter":
@@ -168,7 +169,7 @@ def orbit(
 
 
 def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Return the step to climb at a position and hold there, for multirotors."""
+    """Return the step with which a multirotor climbs at a position and holds there."""
     if stack.vehicle != "copter":
         raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
     return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
@@ -177,8 +178,8 @@ def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m
 def drop(stack: Stack, dropper: Dropper) -> tuple[Step, Step]:
     """Return the step that releases an object, and the step that resets the dropper.
 
-    The first must be sent only once: a second one may release another object. PX4 has no servo
-    command, and it accepts actuator commands without a configured output.
+    The first step must be sent only once, because sending it again may release another object. PX4
+    has no servo command, and it accepts actuator commands even if no output is configured.
     """
     match dropper.by:
         case "servo" if stack.name == "px4":
@@ -232,7 +233,7 @@ def _check_output(
 
 
 def _actuators(number: int, value: float) -> tuple[float, ...]:
-    """Return params 1 to 7 that set one of the actuators 1 to 6 and no other."""
+    """Return params 1 to 7 of the command that sets one actuator (1 to 6) and no other."""
     values = [NAN] * PX4_MAX_ACTUATORS
     values[number - 1] = value
     return (*values, 0.0)
@@ -241,8 +242,9 @@ def _actuators(number: int, value: float) -> tuple[float, ...]:
 def change_speed(stack: Stack, speed_m_s: float, orbiting: bool = False) -> Steps:
     """Return the step that sets the airspeed of a plane or the ground speed of a multirotor.
 
-    The speed is valid until the next change of speed or mode. While ``orbiting`` a PX4 multirotor
-    accepts the command without an effect, so the speed of the orbit is commanded.
+    The speed is valid until the next change of speed or mode. While a PX4 multirotor orbits, it
+    accepts this command without any effect; with ``orbiting`` the step therefore commands the speed
+    of the orbit.
     """
     _checked_speed(speed_m_s)
     if orbiting and stack.name == "px4" and stack.vehicle == "copter":
@@ -280,7 +282,7 @@ class OrderContext(NamedTuple):
     stack: Stack
     armed: bool = False
     mode: str = ""
-    altitude_amsl_m: float | None = None  # None: no position has arrived
+    altitude_amsl_m: float | None = None  # None before the first position
 
 
 class Order(NamedTuple):
@@ -288,9 +290,11 @@ class Order(NamedTuple):
 
     Attributes:
         steps: Returns the commands for the context and the arguments of the order.
-        urgent: It replaces all orders that have not ended, and is repeated without heartbeats.
-        timing: Timeout and retries until it is acknowledged; None: those of the client.
-        through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None: not available.
+        urgent: Whether it replaces all orders that have not ended, and is repeated even if no
+            heartbeats arrive.
+        timing: Timeout and retries until it is acknowledged; None means those of the client.
+        through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None if MAVSDK cannot
+            send the order.
     """
 
     steps: Callable[..., Steps]

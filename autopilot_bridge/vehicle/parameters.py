@@ -1,12 +1,12 @@
-"""Parameters of one autopilot, sans-IO: read one, read all, set one (MAVLink parameter protocol).
+"""Reads one or all parameters of an autopilot, and sets one (MAVLink parameter protocol).
 
 read one: requested --PARAM_VALUE of that name--> ended; repeated on timeout
 read all: list requested --PARAM_VALUE ... pause--> missing indexes requested, some at a time -->
     ended
 set: sent --PARAM_VALUE of that name--> ended; repeated on timeout
 
-A value is sent as a float: PX4 puts the bytes of an int32 there, ArduPilot converts the number.
-Neither replies to a request with an unknown name.
+A value is sent as a float. For an int32, PX4 puts its four bytes there, and ArduPilot converts the
+number to a float. Neither stack replies to a request with an unknown name.
 """
 
 import math
@@ -21,7 +21,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 
 LONGEST_NAME = 16
-QUIET_US = 1_000_000  # after a pause of this length the list has ended, or messages were lost
+QUIET_US = 1_000_000  # a pause of this length means the end of the list or lost messages
 FIRST_WAIT_US = 5_000_000  # ArduPilot counts its parameters before it sends the first
 MISSING_AT_A_TIME = 10
 REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
@@ -46,7 +46,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ParametersResult:
-    """A result. ``rejected``: the autopilot kept another value. ``failed``: no valid reply."""
+    """The result of a parameter request.
+
+    ``rejected``: the autopilot kept another value. ``failed``: no valid reply arrived.
+    """
 
     outcome: Literal["accepted", "rejected", "failed", "cancelled"]
     reason: str
@@ -54,7 +57,7 @@ class ParametersResult:
 
 
 def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
-    """Return the number in a PARAM_VALUE."""
+    """Return the number that the float of a PARAM_VALUE represents."""
     if not bytewise or kind not in _FORMATS:
         return wire
     code = _FORMATS[kind]
@@ -63,7 +66,10 @@ def decoded_value(wire: float, kind: int, bytewise: bool) -> float:
 
 
 def encoded_value(value: float, kind: int, bytewise: bool) -> float:
-    """Return the float for a PARAM_SET; raises BridgeError if the value does not fit the type."""
+    """Return the float for a PARAM_SET.
+
+    Raises BridgeError if the value does not fit the type of the parameter.
+    """
     if kind not in _FORMATS:
         return value
     code = _FORMATS[kind]
@@ -95,7 +101,7 @@ def parameter_of(message: Message, bytewise: bool) -> Parameter:
 
 
 class _ParameterExchange:
-    """Common parts of reads and writes: source of messages, deadline, tries, result."""
+    """The common parts of reads and writes: sender, deadline, tries, result."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         self.result: ParametersResult | None = None
@@ -110,7 +116,7 @@ class _ParameterExchange:
         return self._deadline_us
 
     def cancel(self) -> None:
-        """End the exchange; the autopilot has no state for it."""
+        """End the exchange; the autopilot needs no message, because it stores nothing about it."""
         if self.result is None:
             self.result = ParametersResult("cancelled", "cancelled")
 
@@ -125,7 +131,7 @@ class _ParameterExchange:
         return []
 
     def _repeat(self, now_us: int) -> list[Message]:
-        """Return the request after a timeout."""
+        """Return the request to send again after a timeout."""
         raise NotImplementedError
 
     def _failure(self) -> ParametersResult:
@@ -175,7 +181,7 @@ class ParameterRead(_ParameterExchange):
 
 
 class ParameterSet(_ParameterExchange):
-    """The change of one parameter: read its type, send the value, and wait for its report."""
+    """The change of one parameter: read its type, send the value, wait until it is reported."""
 
     def __init__(
         self,
@@ -191,7 +197,7 @@ class ParameterSet(_ParameterExchange):
             raise BridgeError(f"parameter {name}: {value} is not a finite number")
         self._value = value
         self._kind: int | None = None
-        self._reported: Parameter | None = None  # a finite number
+        self._reported: Parameter | None = None  # its value is a finite number
 
     def start(self, now_us: int) -> list[Message]:
         """Request the parameter's type, or send the value if the type is available."""
@@ -204,7 +210,7 @@ class ParameterSet(_ParameterExchange):
         return self._send(message, now_us)
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a PARAM_VALUE: first the type, later the value set."""
+        """Process a PARAM_VALUE: the first shows the type, a later one the value that was set."""
         if not self._concerns(message) or message.param_id != self._name:
             return []
         reported = parameter_of(message, self._bytewise)
@@ -222,7 +228,7 @@ class ParameterSet(_ParameterExchange):
                 return []
         if _same(self._reported.value, self._value):
             self.result = ParametersResult("accepted", "accepted", (self._reported,))
-        # Another value may be a late reply to the request for the type: wait for the timeout.
+        # Another value may be a late reply to the request for the type, so wait for the timeout.
         return []
 
     _repeat = start
@@ -252,7 +258,7 @@ def _same(reported: float, requested: float) -> bool:
 
 
 class ParametersRead(_ParameterExchange):
-    """The read of all parameters: the list, then its missing indexes; NaN values are omitted."""
+    """The read of all parameters: the list, then its missing indexes; values of NaN are omitted."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         super().__init__(target, bytewise, timing)

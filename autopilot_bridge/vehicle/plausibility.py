@@ -1,26 +1,29 @@
-"""Plausibility checks of an autopilot's times since boot and positions. Pure; reads no clock.
+"""Checks whether an autopilot's times since boot and its positions are plausible.
 
-``now_us`` is the clock of the link (for a log, the times at which its messages were recorded).
+The checks read no clock: ``now_us`` is the time of the link (in a log, the time at which the
+message was recorded).
 
-*Times.* The time since boot advances at the link's rate, or faster or slower in simulations. The
-rate and a line are fitted to the received times by medians, so that a minority of wrong times has
-no effect. A time is not used if it is ahead of that line by more than ``AHEAD_US`` (in simulations
-the equivalent of ten seconds), or behind the latest time by more than ``BACK_US`` (the equivalent
-of five seconds). Delayed messages and bursts are behind the line and are accepted.
+*Times.* The time since boot advances as fast as the link's clock; in simulations it may be faster
+or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
+no effect. A time is not used if it is ahead of the line by more than ``AHEAD_US`` (in simulations,
+what the vehicle's clock advances in ten seconds). Nor is it used if it is behind the latest time by
+more than ``BACK_US`` (likewise five seconds). Delayed messages and bursts are behind the line and
+are accepted.
 
-Autopilots begin at zero: PX4 sends ``hrt_absolute_time``, ArduPilot ``millis``, both counted from
-the boot. Therefore a *restart* is detected only if all messages for ``REBOOT_KEPT_US``, at least
-``KEPT``, continue from a time since boot that does not exceed the gap before them. Any other time
-from which all messages continue for ``CHANGED_KEPT_US`` is adopted as the autopilot's new time, and
-mission time continues without a jump: the autopilot's clock was set, or this machine's clock stood
-still.
+Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
+new series of times is therefore a *restart* only if its first time since boot does not exceed the
+silence before it. The series must contain all messages for ``REBOOT_KEPT_US`` and at least ``KEPT``
+messages. Any other series that contains all messages for ``CHANGED_KEPT_US`` is adopted as the
+autopilot's new time: its clock was set, or this machine's clock stood still. Mission time then
+continues without a jump.
 
-*Positions.* A position farther from the last ones than the airframe can fly in the time between is
-discarded. Positions that are consistent with each other for ``PLACES_KEPT_US`` are adopted: a
-simulator's vehicle was moved, or a wrong position estimate was corrected.
+*Positions.* A position is discarded if the airframe could not have flown there from its last
+positions in the time between them. Positions that are consistent with each other for
+``PLACES_KEPT_US`` are adopted: a simulator's vehicle was moved, or a wrong position estimate was
+corrected.
 
-On one remote, a forged message within these limits cannot be distinguished from one of the vehicle.
-Signed links prevent forgery.
+A forged message within these limits that comes from the vehicle's own address cannot be told from a
+true one. Signed links prevent forgery.
 """
 
 import math
@@ -39,12 +42,12 @@ CHANGED_KEPT_US = 3_000_000
 POINTS = 10  # number of points to which the line is fitted
 MAX_SINCE = 64
 BY_CHANCE = 2
-FITS = 60  # a simulation that fell behind may catch up within a minute
+FITS = 60  # a simulation that has fallen behind may catch up within a minute
 FIRST_EVERY_US, EVERY_US = 100_000, 1_000_000
-# Limits in the first second, before the rate is fitted: the fastest simulation, and its burst.
+# Limits in the first second, before the rate is fitted: those of the fastest simulation.
 FASTEST, BURST_US = 200.0, 30_000_000
-SLOWEST = 0.1  # of any simulation
-REAL = 1.25  # lower rates are those of a clock, not of a simulation
+SLOWEST = 0.1  # rate of the slowest simulation
+REAL = 1.25  # a clock that runs faster than this is simulated
 SIMULATED_AHEAD_S = 10.0
 
 PLACES_KEPT_US = 2_000_000
@@ -58,7 +61,7 @@ PlaceVerdict = Literal["kept", "beyond", "adopted"]
 
 @dataclass(slots=True)
 class _Base:
-    """A consistent series of times that does not continue the accepted one."""
+    """A consistent series of times that does not continue the accepted series."""
 
     first_boot_us: int
     first_us: int
@@ -71,7 +74,7 @@ class _Base:
         return self.boot_us - BACK_US <= boot_us <= max_us
 
     def advances(self) -> bool:
-        """Return whether the times advance like a clock, and are not one repeated value."""
+        """Return whether the times advance like a clock instead of repeating one value."""
         return self.boot_us - self.first_boot_us >= SLOWEST * (self.at_us - self.first_us)
 
 
@@ -80,28 +83,28 @@ class BootClock:
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
-        self._since: list[tuple[int, int]] = []  # times since the last point, for the next one
+        self._since: list[tuple[int, int]] = []  # times since the last point
         self._latest_us: int | None = None  # time since boot
         self._received_us = 0
         self._rates: deque[float] = deque(maxlen=FITS)
-        self._peak = 1.0  # the third greatest of these rates: two may be outliers
+        self._peak = 1.0  # the third greatest of these rates, because two may be outliers
         self._slope = 1.0
         self._line = (0, 0.0)  # a point of the fitted line: (now_us, boot_us)
         self._other: _Base | None = None
 
     @property
     def rate(self) -> float:
-        """The highest rate of the autopilot's clock, relative to the link's clock."""
+        """The highest rate at which the autopilot's clock may run, relative to the link's clock."""
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """Return the lead of a time since boot over the expected one in us; negative if behind."""
+        """Return by how many microseconds a time since boot is ahead of the expected time."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
-        """Judge a time since boot; ``rebooted`` and ``changed``: a new series begins."""
+        """Return the verdict on a time; ``rebooted`` and ``changed`` begin a new series."""
         if self._latest_us is None:
             self._begin(boot_us, now_us)
             return "kept"
@@ -137,7 +140,7 @@ class BootClock:
         self._add_point(boot_us, now_us)
 
     def _max_us(self, now_us: int) -> float:
-        """Return the maximum time since boot that is used now."""
+        """Return the greatest time since boot that is accepted now."""
         at_us, boot_us = self._line
         if len(self._points) < POINTS:
             return boot_us + FASTEST * (now_us - at_us) + BURST_US
@@ -145,7 +148,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """Return the limit of ``_latest_us``: a time ahead must not make right times late."""
+        """Return the limit of ``_latest_us``: a wrong time must not make right times late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
@@ -180,7 +183,7 @@ class BootClock:
 
 @dataclass(slots=True)
 class _Elsewhere:
-    """A consistent series of positions that does not continue the accepted one."""
+    """A consistent series of positions that does not continue the accepted series."""
 
     first: Position
     last: Position
@@ -191,18 +194,18 @@ class Reach:
     """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """``speed_m_s``: the maximum speed over the ground and vertically; None: no check."""
+        """Create it for the maximum horizontal and vertical speed; None switches the check off."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
         self._anchor: Position | None = None  # an older position, so that errors do not accumulate
         self._other: _Elsewhere | None = None
 
     def forget_times(self) -> None:
-        """Compare the next position by the link's clock, after a restart of the time since boot."""
+        """Use the link's clock for the next position, because the time since boot has restarted."""
         self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:
-        """Judge a position; ``rate``: see ``BootClock.rate``."""
+        """Return the verdict on a position; ``rate`` is ``BootClock.rate``."""
         if self._speed_m_s is None:
             return "kept"
         last, anchor = self._last, self._anchor
@@ -229,7 +232,7 @@ class Reach:
         return "adopted"
 
     def beyond_m(self, place: Position) -> float:
-        """Return the distance of a position from the last used one in metres."""
+        """Return the distance in metres between a position and the last position that was used."""
         return 0.0 if self._last is None else max(map(abs, _apart_m(self._last, place)))
 
     def _use(self, place: Position) -> None:
@@ -249,7 +252,7 @@ def _passed_us(before: Position, place: Position) -> int:
 
 
 def _apart_m(before: Position, place: Position) -> tuple[float, float, float]:
-    """Compute distances in metres: horizontal, in altitude, and in height above home."""
+    """Return three distances in metres: horizontal, in altitude, and in height above home."""
     north_deg = place.lat_deg - before.lat_deg
     east_deg = (place.lon_deg - before.lon_deg + 180.0) % 360.0 - 180.0
     east_deg *= math.cos(math.radians(place.lat_deg))

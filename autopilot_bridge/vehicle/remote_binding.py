@@ -1,46 +1,47 @@
-"""Binding of a vehicle to one remote of a link. Pure; time is an argument.
+"""Binds a vehicle to one remote endpoint of a link; the time is an argument.
 
-A vehicle is bound to the remote (address and port, or connection) that first sent a HEARTBEAT of
-its autopilot. While this remote sends, messages with the same system id from another remote are not
-used and raise an alarm. After ``timeout_us`` without messages, a HEARTBEAT from another remote
-binds the vehicle to that one: after a restart or a change of network an autopilot has another
-port. This raises an alarm too, unless the link is signed: a verified signature is proof. When an
-earlier remote sends again, it takes precedence, and messages of later ones are no longer used.
+A *remote* is an address and port, or a connection. A vehicle is bound to the remote that first sent
+a HEARTBEAT of its autopilot. While this remote sends, messages with the same system id from another
+remote are not used and raise an alarm. After ``timeout_us`` without messages, a HEARTBEAT from
+another remote binds the vehicle to that remote, because an autopilot may have another port after it
+restarts or its network changes. This raises an alarm too, unless the link is signed, because a
+verified signature is proof. When a remote that was bound earlier sends again, it takes precedence,
+and the messages from remotes bound later are no longer used.
 
-The binding cannot detect whether the first remote is the vehicle: if a forger sends before the
-vehicle, the alarm remains until the forger stops. Only a signed link prevents that.
+The binding cannot detect whether the first remote is the vehicle. If a forger sends before the
+vehicle, the alarm remains until the forger stops. Only a signed link prevents this.
 
-On a link that connects to one address (``udpout``), this address has precedence over all others.
+On a link that connects to one address (``udpout``), that address takes precedence over all others.
 """
 
 from autopilot_bridge.vehicle.client_events import AlarmEnded, RemoteChanged, SameSystemId
 
-ENDED_AFTER_US = 10_000_000  # after the last message of the other remote
-MOVED_FOR_US = 60_000_000  # duration of the alarm after a change of remote
+ENDED_AFTER_US = 10_000_000  # after the last message from the other remote
+MOVED_FOR_US = 60_000_000  # duration of the alarm that a change of remote raises
 MAX_RANKED = 8  # number of stored remotes
 SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
 class RemoteBinding:
-    """The remote of one vehicle; the owner removes the new ``alarms`` and reports them."""
+    """The remote of one vehicle; its owner removes new alarms from ``alarms`` and reports them."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
-        """``called`` is the remote that the link connects to; "" if it listens."""
+        """Create it; ``called`` is the remote to which the link connects, "" if it listens."""
         self.remote: str | None = None  # None: not bound yet
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us
         self._called = called
         self._signed = signed
         self._received_us = 0
-        self._ranked: list[str] = []  # remotes that were bound, in order of the first binding
+        self._ranked: list[str] = []  # remotes that were bound, in the order of their first binding
         self._other: tuple[str, int] | None = None  # another remote, and the time of its message
         self._raised: type[SourceAlarm] | None = None
         self._alarm_until_us: int | None = None
 
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
-        """Return whether a message with the vehicle's system id from a remote is used.
+        """Return whether to use a message from ``remote`` that has the vehicle's system id.
 
-        ``is_heartbeat``: it is a HEARTBEAT of a supported autopilot.
+        ``is_heartbeat`` tells whether the message is a HEARTBEAT of a supported autopilot.
         """
         if remote != self.remote:
             if not self._may_take_over(remote, now_us):
@@ -50,7 +51,7 @@ class RemoteBinding:
                 return False
             self._bind(remote, now_us)
         self._received_us = now_us
-        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both send
+        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both
             self._raise(SameSystemId(now_us, remote, self._other[0]))
             self._alarm_until_us = self._other[1] + ENDED_AFTER_US
         return True
@@ -80,11 +81,11 @@ class RemoteBinding:
         self._raised = type(alarm)
 
     def alarm_timer(self) -> int | None:
-        """Return the time of the next ``handle_timer`` call; None without an alarm."""
+        """Return the time of the next ``handle_timer`` call; None if there is no alarm."""
         return self._alarm_until_us
 
     def handle_timer(self, now_us: int) -> None:
-        """End alarms whose cause has ended."""
+        """End the alarms whose cause has ended."""
         if self._alarm_until_us is not None and now_us >= self._alarm_until_us:
             self._raised = self._alarm_until_us = None
             self.alarms.append(AlarmEnded(now_us, "source"))

@@ -1,16 +1,17 @@
-"""The failure states that an autopilot reports, as events: pure functions of a message.
+"""Decodes the failure states that an autopilot reports into events.
 
-The used flags of the position estimate (sources: ArduPilot 4.6.2 ``AP_NavEKF3_Control.cpp``
+These flags of the position estimate are used (sources: ArduPilot 4.6.2 ``AP_NavEKF3_Control.cpp``
 ``updateFilterStatus``, PX4 1.17 ``ekf_helper.cpp`` ``get_ekf_soln_status``):
 
-- attitude, horizontal velocity and absolute horizontal position: valid or not, on both stacks;
-- constant position mode: ArduPilot without any aiding; PX4 sets it also when the vehicle stands
-  still, so it is ignored for PX4;
-- a glitch of the satellite position: both stacks set it for a single sample, so it is reported only
-  if two consecutive messages have it;
-- the prediction of the absolute position: if PX4 clears it, satellites are not fused and the
-  position is dead reckoned, although it remains "valid" for some seconds. ArduPilot sets this flag
-  together with the position itself.
+- attitude, horizontal velocity and absolute horizontal position: both stacks set each flag if the
+  value is valid;
+- constant position mode: ArduPilot sets it if no sensor gives position or velocity. PX4 sets it
+  also while the vehicle stands still, so it is ignored for PX4;
+- a glitch of the satellite position: both stacks set it after a single bad sample, so it is
+  reported only if two consecutive messages have it;
+- the prediction of the absolute position: if PX4 clears it, the position is dead reckoned without
+  satellites, although PX4 still calls it "valid" for some seconds. ArduPilot sets this flag
+  together with that of the absolute horizontal position.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -34,7 +35,7 @@ BREACHES = {
     mavlink.FENCE_BREACH_BOUNDARY: "boundary",
 }
 GLITCH = "satellite position glitch"
-# Flags that are set in the normal state, with the name of the problem if they are not.
+# Flags that are set in the normal state, each with the name of the problem if it is clear.
 NEEDED = (
     (mavlink.ESTIMATOR_ATTITUDE, "attitude not valid"),
     (mavlink.ESTIMATOR_VELOCITY_HORIZ, "velocity not valid"),
@@ -65,7 +66,7 @@ def fence_status(message: Message, at_us: int) -> FenceStatus:
 
 
 def estimator_problems(message: Message) -> tuple[str, ...]:
-    """Return the problems of the position estimate in EKF_STATUS_REPORT or ESTIMATOR_STATUS."""
+    """Return the problems that an EKF_STATUS_REPORT or an ESTIMATOR_STATUS reports."""
     flags = message.flags
     problems = [words for flag, words in NEEDED if not flags & flag]
     if message.get_type() == "EKF_STATUS_REPORT":
@@ -82,7 +83,7 @@ def estimator_problems(message: Message) -> tuple[str, ...]:
 
 
 class Estimator:
-    """The reported problems of the position estimate, filtered over consecutive messages."""
+    """The problems of the position estimate, filtered over consecutive messages."""
 
     def __init__(self) -> None:
         # Consecutive messages with each problem that is not reported yet.

@@ -1,4 +1,4 @@
-"""Assembly of STATUSTEXTs: autopilots send long texts in chunks of 50 bytes with one id."""
+"""Assembles long STATUSTEXTs, which autopilots send in chunks of 50 bytes with the same id."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -8,10 +8,10 @@ CHUNK_BYTES = 50
 
 
 class StatustextAssembler:
-    """The chunks of a text until its last chunk, or a HEARTBEAT instead of it, arrives."""
+    """The chunks of a text that is incomplete; the last chunk or a HEARTBEAT ends the text."""
 
     def __init__(self) -> None:
-        self._begun: Message | None = None  # with the received part of the text
+        self._begun: Message | None = None  # contains the part of the text that has arrived
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
@@ -21,7 +21,7 @@ class StatustextAssembler:
             return [*self._end(), message]
         if kind != "STATUSTEXT":
             return [message]
-        # Texts of one chunk have id 0, and PX4's first long text has id 0 too.
+        # A text of one chunk has id 0, and so has PX4's first long text.
         continues = message.id or message.chunk_seq
         if continues and self._begun is not None and self._begun.id == message.id:
             if message.chunk_seq < self._next_chunk:

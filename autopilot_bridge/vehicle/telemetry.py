@@ -1,4 +1,4 @@
-"""Conversion of telemetry messages to events; late and repeated messages are discarded."""
+"""Converts telemetry messages to events, and discards late and repeated messages."""
 
 import math
 from collections.abc import Callable
@@ -29,10 +29,10 @@ FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "stat
 
 
 def position(message: Message, at_us: int) -> Position | None:
-    """Decode a GLOBAL_POSITION_INT; None near latitude 0, longitude 0.
+    """Decode a GLOBAL_POSITION_INT; return None near latitude 0, longitude 0.
 
-    ArduPilot sends such positions before its first fix; they drift by dead reckoning: 35 m in the
-    first seconds of one simulation.
+    ArduPilot sends such positions before its first fix. They drift by dead reckoning: in one
+    simulation by 35 m in the first seconds.
     """
     if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
         return None
@@ -64,7 +64,7 @@ def speed(message: Message, at_us: int) -> Speed:
 
 
 def wind(message: Message, at_us: int) -> Wind | None:
-    """Decode a WIND (ArduPilot); None without an estimate.
+    """Decode a WIND (ArduPilot); return None if the autopilot has no estimate.
 
     ArduCopter 4.6 always sends a wind of exactly 0 if its drag parameters are not set.
     """
@@ -72,20 +72,20 @@ def wind(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_from_vector(message: Message, at_us: int) -> Wind | None:
-    """Decode a WIND_COV (PX4); None if it is unknown."""
+    """Decode a WIND_COV (PX4); return None if the wind is unknown."""
     if math.isnan(message.wind_x) or math.isnan(message.wind_y):
         return None
     return wind_of_air(message.wind_x, message.wind_y, at_us)
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """Compute the wind from the velocity of the air (north, east) in m/s."""
+    """Return the wind for a velocity of the air, given by its north and east parts in m/s."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
 
 def battery_of_system(message: Message, at_us: int) -> Battery:
-    """Decode the battery state in a SYS_STATUS."""
+    """Decode the state of the battery in a SYS_STATUS."""
     voltage_mv, current_ca = message.voltage_battery, message.current_battery
     return Battery(
         at_us,
@@ -97,7 +97,7 @@ def battery_of_system(message: Message, at_us: int) -> Battery:
 
 
 def battery(message: Message, at_us: int) -> Battery:
-    """Decode a BATTERY_STATUS; the voltage is the sum of its cells."""
+    """Decode a BATTERY_STATUS; the voltage is the sum over its cells."""
     cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
     current_ca = message.current_battery
     return Battery(
@@ -114,7 +114,7 @@ def _percent(remaining: int) -> int | None:
 
 
 def health(message: Message, at_us: int) -> Health:
-    """Decode the enabled, unhealthy sensors in a SYS_STATUS."""
+    """Decode the enabled but unhealthy sensors in a SYS_STATUS."""
     bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
     return Health(at_us, tuple(word for bit, word in _SENSORS if bad & bit))
 
@@ -160,19 +160,19 @@ ReportedOnChange = (
     Battery | Health | GpsFix | SystemState | LandedState | FenceStatus | EstimatorStatus
 )
 REPORTED_ON_CHANGE = get_args(ReportedOnChange)
-# Messages that contain the autopilot's time since boot on both stacks; in others it may be that of
-# a gimbal, or 0.
+# Messages that contain the autopilot's time since boot on both stacks. In other messages the time
+# may be 0 or that of a gimbal.
 TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
 class Changes:
-    """The last value of each state that is reported on change."""
+    """The last value of each state that is reported when it changes."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Store a state, and return whether it differs from the last one."""
+        """Return whether a state differs from the last one, and store it."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._last.get(key)
@@ -181,23 +181,23 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle without late and repeated messages; states on change."""
+    """The telemetry of one vehicle, without late or repeated messages and unchanged states."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
-        self._before_us = -1  # the previous time in messages of the last kind
+        self._before_us = -1  # the time before the last one in messages of the same kind
         self._changes = Changes()
         self._estimator = Estimator()
         self._has_battery_status = False
 
     def forget(self) -> None:
-        """Reset after a restart of the autopilot."""
+        """Forget all times and states, because the autopilot has restarted."""
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
-        """Return the events of a message; none for repeated states."""
+        """Return the events of a message; a repeated state is no event."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
             return self.changed(self._estimator.receive(message, at_us))
@@ -217,11 +217,11 @@ class Telemetry:
         return found
 
     def changed(self, event: ReportedOnChange) -> list[TelemetryEvent]:
-        """Return a state as a list, empty if it has not changed."""
+        """Return a list with the state, or an empty list if the state has not changed."""
         return [event] if self._changes.has(event) else []
 
     def retract(self, kind: str) -> None:
-        """Remove the time of an unused message, so that later messages are not late."""
+        """Remove the time of an unused message, so that later messages do not count as late."""
         self._boot_us[kind] = self._before_us
 
     def _late(self, kind: str, message: Message) -> bool:
@@ -236,5 +236,5 @@ class Telemetry:
 
 
 def boot_time_us(message: Message) -> int | None:
-    """Return the time since boot in a message in microseconds; None if it has none."""
+    """Return a message's time since boot in microseconds; None if the message has none."""
     return message.time_boot_ms * 1000 if message.get_type() in TIMED else None

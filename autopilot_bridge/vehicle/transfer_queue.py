@@ -1,11 +1,11 @@
-"""The queue of transfers, sans-IO: the active transfer, its phases and its result.
+"""Queues transfers, and leads the active transfer through its phases to its result.
 
-``transfer_states.py`` has the phases of a transfer and the table of their order.
+``transfer_states.py`` contains the phases of a transfer and their allowed order.
 
-During an upload the vehicle holds if its autopilot would fly a partly overwritten list. The list is
-read back if a check is requested, or if the result of the upload does not determine which mission
-is on board. After a failsafe or a pilot's mode change the mode is not changed, and a mission that
-needs a start command is not started.
+During an upload the vehicle holds if its autopilot would otherwise fly a partly overwritten list.
+The list is read back if a check is requested, or if the result of the upload does not tell which
+mission is on board. After a failsafe, or if a pilot changed the mode, a transfer does not change
+the mode and does not start a mission that needs a start command.
 """
 
 from collections.abc import Callable
@@ -35,15 +35,15 @@ from autopilot_bridge.vehicle.mode_change import ModeChange
 from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfer, VehicleState
 
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
-LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are executed during the flight
-# A vehicle never advances past these items: endless loiter, return, land.
+LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are not legs of the flight
+# A vehicle never goes on to the item after one of these: endless loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
 
 
 class TransferQueue:
-    """The transfers of one vehicle: one at a time."""
+    """The transfers of one vehicle, which run one at a time."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class TransferQueue:
         return self._job is None and not self._queue
 
     def enqueue(self, job: Job, now_us: int) -> int:
-        """Queue a job; an upload replaces a queued upload of the same kind."""
+        """Queue a job and return its id; an upload replaces a queued upload of the same kind."""
         job.transfer_id = self._next_id
         self._next_id += 1
         for waiting in list(self._queue):
@@ -80,7 +80,7 @@ class TransferQueue:
         return job.transfer_id
 
     def cancel(self, transfer_id: int, stack: Stack, now_us: int) -> list[Message]:
-        """Cancel a job; its result is reported when the autopilot has ended it."""
+        """Cancel a job; its result is reported when the autopilot has ended the transfer."""
         for waiting in list(self._queue):
             if waiting.transfer_id == transfer_id:
                 self._queue.remove(waiting)
@@ -93,9 +93,9 @@ class TransferQueue:
         return job.exchange.cancel(stack.cancels_after_us, now_us)
 
     def release_mode(self) -> None:
-        """Prevent mode changes by uploads from now on: another command controls the mode.
+        """Prevent uploads from changing the mode from now on, because another command controls it.
 
-        An upload that is changing the mode is ended.
+        The upload that is changing the mode now is ended.
         """
         job = self._job
         for queued in (*self._queue, *(() if job is None else (job,))):
@@ -106,9 +106,10 @@ class TransferQueue:
             job.exchange.result = TransferResult("cancelled", "an urgent order replaced it")
 
     def mode_overridden(self, why: str) -> None:
-        """Prevent mode changes by the current upload: the autopilot or a pilot changed the mode.
+        """Prevent the current upload from changing the mode, because something else changed it.
 
-        Queued uploads check the mode when they begin.
+        The autopilot or a pilot has changed the mode. Queued uploads check the mode when they
+        begin.
         """
         job = self._job
         if job is None or job.action != "upload":
@@ -224,7 +225,7 @@ class TransferQueue:
         return []
 
     def validate_state(self) -> None:
-        """Check the invariants between two events, for tests; raises AssertionError."""
+        """Raise AssertionError if an invariant does not hold between two events; for tests."""
         assert all(job.phase is Phase.QUEUED for job in self._queue)
         if self._job is not None:
             assert self._job.phase not in (Phase.QUEUED, Phase.ENDED), self._job
@@ -233,7 +234,8 @@ class TransferQueue:
         for job in jobs:
             job.validate_state()
 
-    # Each function returns the next phase after a phase, or the result of the transfer. ----------
+    # Each of these functions returns the phase that follows one phase, or the transfer's result.
+    # ----------
 
     def _after_clearing(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         return result
@@ -283,16 +285,16 @@ class TransferQueue:
         return replace(job.uploaded, items=read, holds=read_holds)
 
     def _after_file(self, job: Job, read: TransferResult, state: VehicleState) -> Following:
-        """Return the next phase or the result after a file was written and read back."""
+        """Return the next phase, or the result, after a file has been written and read back."""
         assert job.uploaded is not None
         untouched = job.uploaded.outcome == "failed"
         if read.items is None:
-            # The items of a shorter file may be followed by the old tail, which is a mixture.
+            # The items of a shorter file may be followed by old items: a mixture of two missions.
             uncertain: Holds = "not known" if job.shorter else "one of both"
             return _unread(job.uploaded, read, "the old one" if untouched else uncertain)
         mission_type = MISSION_TYPES[job.kind]
         if same_mission(job.wire_items, read.items, state.stack, mission_type):
-            if job.old_tail:  # removed by now, and the new mission has begun
+            if job.old_tail:  # the old tail is removed now, and the new mission has begun
                 return accepted(job)
             return self._start_mission(job, state)
         continues = not untouched and not job.cancelled
@@ -301,7 +303,7 @@ class TransferQueue:
         if continues and longer and not job.old_tail:
             job.old_tail = True
             return self._start_mission(job, state)
-        if continues:  # not applied, or only partly: a command is not supported
+        if continues:  # the file was not applied, or only in part: a command is not supported
             job.uploaded, job.old_tail = None, False
             return self._by_items(job, state)
         holds: Holds = "the old one" if untouched else "a mixture"
@@ -321,7 +323,7 @@ class TransferQueue:
         return TransferResult("failed", words, items=job.items, holds="the new one")
 
     def _start_mission(self, job: Job, state: VehicleState) -> Following:
-        """Start the mission on board."""
+        """Return the phase that starts the mission on board, or the result if it cannot start."""
         if job.kind != "mission" or not job.items or job.reread:
             return accepted(job)
         if job.override and not state.stack.atomic_upload:
@@ -387,26 +389,26 @@ def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> Tra
 
 
 def likely_reason(job: Job) -> str:
-    """Return a likely reason why PX4 rejects a mission, which PX4 1.17 does not report."""
+    """Return the likely reason why PX4 rejects a mission; PX4 1.17 reports no reason."""
     if any(item.command in LANDINGS for item in job.items):
         return ""
     return "; it has no landing, which PX4 requires of planes unless MIS_TKO_LAND_REQ is 0"
 
 
 def accepted(job: Job) -> TransferResult:
-    """Return the result of an accepted upload, with the reason if its mode was not changed."""
+    """Return the result of an accepted upload; it names the reason if the mode was not changed."""
     words = f"accepted; {job.override}, and its mode was not changed"
     reason = words if job.override else "accepted"
     return TransferResult("accepted", reason, 0, None, job.items, "the new one")
 
 
 def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-    """Convert transmitted items to the user's: without home, jump targets count from 0."""
+    """Return the user's items: the transmitted items without home, with jump targets from 0."""
     return jumps_moved(wire_items[job.hidden :], -job.hidden)
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """Return the mission on board after an upload, as far as the result determines it."""
+    """Return which mission is on board after an upload, if its result tells this."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:

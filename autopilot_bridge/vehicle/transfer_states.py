@@ -1,4 +1,4 @@
-"""The phases of a transfer and their allowed transitions, as data.
+"""Lists the phases of a transfer and the allowed transitions between them.
 
 upload: file -> read the file back -> [start -> [remove the old tail -> read it back]],
         if the autopilot accepts whole files, otherwise
@@ -38,7 +38,7 @@ Transfer = (
 
 
 class Phase(Enum):
-    """The present phase of a transfer."""
+    """The phase in which a transfer is."""
 
     QUEUED = "queued"
     WRITING_FILE = "writing the file"
@@ -95,7 +95,7 @@ FLAG_PHASES: dict[str, tuple[Phase, ...]] = {
 
 
 class VehicleState(NamedTuple):
-    """The vehicle's state that transfers depend on."""
+    """The part of the vehicle's state on which transfers depend."""
 
     stack: Stack
     target: tuple[int, int]
@@ -104,7 +104,7 @@ class VehicleState(NamedTuple):
     armed: bool
     custom_mode: int
     plan_id: int | None = None  # MISSION_CURRENT.mission_id
-    unfit: bool = False  # the mission on board cannot be flown
+    unfit: bool = False  # whether the mission on board cannot be flown
 
     @property
     def in_mission(self) -> bool:
@@ -114,25 +114,25 @@ class VehicleState(NamedTuple):
 
 @dataclass
 class Job:
-    """One transfer: its active exchange, and the state that its later phases need."""
+    """One transfer, with its active exchange and the state that its later phases need."""
 
     transfer_id: int
     action: Action
     kind: Kind
     items: tuple[MissionItem, ...] = ()
-    begin: StartItem = "restart"  # the item of a new mission that is flown next
+    begin: StartItem = "restart"  # which item of a new mission is flown next
     check: bool = False
-    holds_first: bool = False  # the vehicle holds while its list is overwritten
-    by_file: bool = True  # if the autopilot accepts files
+    holds_first: bool = False  # whether the vehicle holds while its list is overwritten
+    by_file: bool = True  # whether to send a file if the autopilot accepts files
     exchange: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # number of items that are not the user's: ArduPilot's home
-    shorter: bool = False  # than the mission in flight: a file does not remove its last items
-    old_tail: bool = False  # old items follow the new ones of a file on board
-    paused: bool = False  # the vehicle holds because of this job
+    shorter: bool = False  # than the mission in flight, whose last items a file does not remove
+    old_tail: bool = False  # whether old items follow the items of a new file on board
+    paused: bool = False  # whether the vehicle holds because of this job
     uploaded: TransferResult | None = None  # result of the upload itself
     before: Onboard = NOTHING
-    reread: bool = False  # the list was read back after the start failed
+    reread: bool = False  # whether the list was read back after the start failed
     override: str = ""  # the reason not to change the mode; "" if it may be changed
     cancelled: bool = False
     history: list[Phase] = field(default_factory=lambda: [Phase.QUEUED])
@@ -143,12 +143,12 @@ class Job:
         return self.history[-1]
 
     def enter(self, phase: Phase, exchange: Transfer | None = None) -> None:
-        """Enter a phase; raises InvalidTransitionError if it may not follow."""
+        """Enter a phase. Raises InvalidTransitionError if this phase may not follow now."""
         enter(self.history, phase, TRANSITIONS[self.action], self._of)
         self.exchange = exchange
 
     def validate_state(self) -> None:
-        """Check the invariants between two events, for tests; raises AssertionError."""
+        """Raise AssertionError if an invariant does not hold between two events; for tests."""
         expected = PROTOCOLS.get(self.phase)
         assert (self.exchange is None) == (expected is None), self
         assert expected is None or isinstance(self.exchange, expected), self
