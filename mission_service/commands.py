@@ -1,4 +1,4 @@
-"""Commands: the outputs of the core, journalled after the event that caused them."""
+"""Defines the core's outputs: commands, which are journalled after the event that caused them."""
 
 from typing import Literal
 
@@ -23,7 +23,7 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class UploadMission(Command, frozen=True, tag=True):
     """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    A mission that ``keeps_apart`` separates two vehicles and needs no approval.
+    If ``keeps_apart`` is set, the mission separates two vehicles and needs no approval.
     """
 
     mission_id: int
@@ -61,7 +61,7 @@ class Return(Command, frozen=True, tag=True):
 
 
 class Orbit(Command, frozen=True, tag=True):
-    """Circle a place outside the mission; a negative radius is anticlockwise."""
+    """Circle a place that is not in the mission; a negative radius means anticlockwise."""
 
     lat_deg: float
     lon_deg: float
@@ -76,7 +76,7 @@ class ChangeSpeed(Command, frozen=True, tag=True):
 
 
 class DirectionDecision(Command, frozen=True, tag=True):
-    """A planner's decision on the direction; importances are 0 if the rule does not use them."""
+    """A planner's decision on the flight direction; importances are 0 for rules that use none."""
 
     direction: Direction
     reversed: bool
@@ -94,7 +94,7 @@ class Announce(Command, frozen=True, tag=True):
 
 
 class RaiseAlarm(Command, frozen=True, tag=True):
-    """Raise an alarm until it is cleared; a vehicle has at most one ``alarm`` of a kind."""
+    """Raise an alarm, active until it is cleared; a vehicle has at most one ``alarm`` of a kind."""
 
     alarm: str
     text: str
@@ -136,9 +136,9 @@ class WithdrawPlan(Command, frozen=True, tag=True):
 
 
 class Drop(Command, frozen=True, tag=True):
-    """Release one sphere now: drop ``number`` of the plan with this hash.
+    """Release one sphere now, for drop ``number`` in the plan with this hash.
 
-    ``lat_deg`` and ``lon_deg`` are the landing predicted from height, speed and wind.
+    ``lat_deg`` and ``lon_deg`` are the landing point predicted from height, speed and wind.
     """
 
     plan_hash: str
@@ -167,8 +167,8 @@ AnyCommand = (
     | Drop
 )
 
-# Names in the bridge's table (``autopilot_bridge/vehicle/orders.py``) of the commands that the
-# vehicle's client executes; the fields of a command are its arguments, in order.
+# The commands that the vehicle's client executes, with their names in the bridge's table
+# (``autopilot_bridge/vehicle/orders.py``). The fields of a command are its arguments, in order.
 ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",

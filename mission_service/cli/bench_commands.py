@@ -1,4 +1,4 @@
-"""``bench fire``: computing times of the fire model, for whole burns and for short steps."""
+"""Measures the run times of the fire model for ``bench fire``: whole burns and short steps."""
 
 import resource
 import time
@@ -20,7 +20,8 @@ NO_END_S = 1e12  # later than the end of every burn
 
 
 def landscape(cells: int, mixed: bool) -> Landscape:
-    """Return a square landscape: flat with one fuel, or ``mixed``, hills with patches of 12 fuels.
+    """Return a square landscape: flat with one fuel, or if ``mixed`` hilly with patches of 12
+    fuels.
 
     Equal arguments give equal landscapes.
     """
@@ -38,7 +39,7 @@ def landscape(cells: int, mixed: bool) -> Landscape:
 
 
 def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Time each case of up to ``largest`` cells a side: cells/s, ms per step, peak memory."""
+    """Return cells/s, ms per step and peak memory of each case up to ``largest`` cells per side."""
     AnyAngleFire(landscape(50, True), WEATHER, [(25, 25, 0.0)]).advance(NO_END_S)  # compiles
     sizes = [cells for cells in (200, 1000, 4000) if cells <= largest]
     burns = [_whole_burn(cells, mixed, progress) for cells in sizes for mixed in (False, True)]
@@ -47,7 +48,7 @@ def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Time one whole burn, including the spread rates (Rothermel) of all cells."""
+    """Measure one whole burn, including the computation of all spread rates (Rothermel)."""
     land = landscape(cells, mixed)
     began = time.perf_counter()
     fire = AnyAngleFire(land, WEATHER, [(cells // 2, cells // 2, 0.0)])
@@ -70,7 +71,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
 
 
 def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Time the steps of 10 s in three hours of fire, after a tenth of the cells has burned."""
+    """Measure 10 s steps during three hours of fire, after a tenth of the cells has burned."""
     fire = AnyAngleFire(landscape(cells, mixed), WEATHER, [(cells // 2, cells // 2, 0.0)])
     while np.count_nonzero(fire.burned()) < cells * cells / 10:
         fire.advance(fire.time_s + 600.0)

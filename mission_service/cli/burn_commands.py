@@ -1,4 +1,4 @@
-"""``mission-service burn``: commands for a prescribed burn."""
+"""Defines the commands of ``mission-service burn`` for a prescribed burn."""
 
 import json
 import time
@@ -37,7 +37,7 @@ def burn() -> None:
 @OUT
 @JSON
 def status(out: Path, as_json: bool) -> None:
-    """Show plan, approvals, GO list and vehicle."""
+    """Show the plan, its approvals, the GO list and the vehicle."""
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
 
@@ -79,7 +79,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 @click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Show a summary of the plan HASH (at least its first 8 digits), prompt, and approve it."""
+    """Approve the plan HASH (at least its first 8 digits) after showing a summary and a prompt."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient
@@ -106,7 +106,7 @@ request.add_command(approve)
 @OVERRIDE
 @JSON
 def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Plan the whole burn of CONFIG: ignition lines, loads, spheres, time and expected fire."""
+    """Plan the whole burn in CONFIG; show its lines, loads, spheres, time and expected fire."""
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 

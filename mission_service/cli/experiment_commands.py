@@ -1,4 +1,7 @@
-"""``mission-service experiment``: experiments of published papers. Heavy imports are lazy."""
+"""Defines ``mission-service experiment``, which repeats experiments from published papers.
+
+Heavy modules are imported only when a command runs.
+"""
 
 import json
 from pathlib import Path
@@ -18,14 +21,14 @@ OUT = click.option(
 
 @click.group()
 def experiment() -> None:
-    """Repeat experiments of published papers and compare the results."""
+    """Repeat experiments from published papers and compare the results."""
 
 
 @experiment.command("islam-hu")
 @OUT
 @JSON
 def islam_hu(out: Path | None, as_json: bool) -> None:
-    """Islam & Hu, section VI: one vehicle on six fires; reversals, distance error."""
+    """Repeat Islam & Hu, section VI: reversals and distance error of one vehicle on six fires."""
     from mission_service.experiments.islam_hu.run import run
     from mission_service.experiments.islam_hu.tables import in_text
 
@@ -45,7 +48,7 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
 )
 @JSON
 def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
-    """Bent's thesis, chapter 5 (tables 5.1 to 5.4): teams of 2 to 6 vehicles on one fire."""
+    """Repeat ch. 5 of Bent's thesis (tables 5.1 to 5.4): teams of 2 to 6 vehicles on one fire."""
     from mission_service.experiments.bent.run import run
     from mission_service.experiments.bent.tables import in_text
 
@@ -57,7 +60,7 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
 @OUT
 @JSON
 def virtual_agents(out: Path | None, as_json: bool) -> None:
-    """Virtual agents, table 2: six metrics of flights with four or eight fixed-wing UAVs."""
+    """Repeat table 2 of the virtual agents paper: six metrics for four or eight fixed-wing UAVs."""
     from mission_service.experiments.virtual_agents.run import run
     from mission_service.experiments.virtual_agents.tables import in_text
 
@@ -69,7 +72,7 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
 @OUT
 @JSON
 def beachly(out: Path | None, as_json: bool) -> None:
-    """Beachly et al., sections VI and VII: ignition lines, and corrections of a fire model."""
+    """Repeat Beachly et al., sec. VI and VII: ignition lines and corrections of a fire model."""
     from mission_service.experiments.beachly.run import run
     from mission_service.experiments.beachly.tables import in_text
 

@@ -1,4 +1,7 @@
-"""``mission-service fire`` and ``bench``: the fire model alone. Heavy imports are lazy."""
+"""Defines ``mission-service fire`` and ``bench``, which use only the fire model.
+
+Heavy modules are imported only when a command runs.
+"""
 
 import json
 import math
@@ -12,7 +15,7 @@ from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, folder
 
 @click.group()
 def fire() -> None:
-    """The fire model alone, without vehicles."""
+    """Use the fire model alone, without vehicles."""
 
 
 @fire.command("run")
@@ -31,7 +34,7 @@ def fire() -> None:
 def fire_run(
     scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
 ) -> None:
-    """Simulate the fire of SCENARIO; write GeoTIFFs, fronts (GeoJSON), a map, a summary to DIR."""
+    """Simulate the fire of SCENARIO; write GeoTIFFs, GeoJSON fronts, a map and a summary to DIR."""
     from mission_service.config.scenario import load_scenario
     from mission_service.fire.setup import notes_on
     from mission_service.simulation.fire_alone import run_fire
@@ -66,10 +69,10 @@ def fire_info(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Describe a landscape or a file of shapes; exit code 1 if it has problems.
+    """Describe a landscape or a file of shapes. The exit code is 1 if it has problems.
 
-    FILE is a raster or a file of shapes, or LAYER=FILE for each layer of a landscape: fuel,
-    elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
+    FILE is a raster or a file of shapes. For the layers of a landscape, give LAYER=FILE for each of
+    them: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
     """
     from firemodel.landscape.info import in_text
     from mission_service.cli.landscape_summary import describe_files
@@ -89,7 +92,7 @@ def bench() -> None:
 @click.option("--largest", type=click.IntRange(min=200), default=4000, show_default=True)
 @JSON
 def bench_fire(largest: int, as_json: bool) -> None:
-    """Time the fire model: whole fires of 200², 1000² and 4000² cells, and steps of 10 s."""
+    """Measure the fire model on whole fires of 200², 1000² and 4000² cells and in steps of 10 s."""
     from mission_service.cli.bench_commands import bench_fire as run_bench
 
     found = run_bench(largest, (lambda line: None) if as_json else click.echo)

@@ -1,4 +1,4 @@
-"""``fire info``: parse the arguments and describe the files that they name."""
+"""Parses the arguments of ``fire info`` and describes the files that they name."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ HOW = "give one file, or the layers of a landscape, each as LAYER=FILE"
 def describe_files(
     words: tuple[str, ...], crs: str | None, nodata: float | None, units: tuple[str, ...]
 ) -> Description:
-    """Describe one file, or the landscape of LAYER=FILE arguments.
+    """Return the description of one file, or of the landscape that LAYER=FILE arguments name.
 
     ``units`` are LAYER=UNIT arguments. Raises MissionServiceError for malformed arguments.
     """

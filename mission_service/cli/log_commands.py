@@ -1,4 +1,7 @@
-"""``mission-service log``: describe and export logged flights. Heavy imports are lazy."""
+"""Defines ``mission-service log``, which describes and exports logged flights.
+
+Heavy modules are imported only when a command runs.
+"""
 
 import json
 from pathlib import Path
@@ -9,7 +12,7 @@ import click
 from mission_service.cli.options import JSON, OUT_FOLDER, folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MAX_MISSIONS = 10  # shown with a line for each mission; more missions share one line
+MAX_MISSIONS = 10  # up to this number, each mission has its own line
 
 LOGS = click.argument(
     "logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG..."
@@ -18,7 +21,7 @@ LOGS = click.argument(
 
 @click.group()
 def log() -> None:
-    """Logged flights: .tlog, ArduPilot's .bin, PX4's .ulg, and journals of this service."""
+    """Describe and export logged flights: .tlog, .bin (ArduPilot), .ulg (PX4) and journals."""
 
 
 @log.command("info")

@@ -1,4 +1,4 @@
-"""The command line. A command imports heavy modules only when it runs."""
+"""Defines the command line. Heavy modules are imported only when a command runs."""
 
 import json
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ from mission_service.runtime.clocks import now_text
 
 
 class ErrorReportingGroup(click.Group):
-    """A group of commands that prints each error of these packages in one line, exit code 1."""
+    """A group of commands that prints each error of these packages in one line and exits with 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
         from autopilot_bridge.errors import BridgeError
@@ -79,7 +79,7 @@ for command in (*GROUPS, mock, token, replay, report):
 def demo(
     scenario: str, out: Path, speedup: float, overrides: tuple[str, ...], **reporting: Any
 ) -> None:
-    """Run mock autopilots, the daemon and its map over UDP on loopback, faster than real time.
+    """Run the daemon with its map and mock autopilots (UDP on loopback), faster than real time.
 
     SCENARIO is a file or the name of a shipped scenario (default: demo).
     """
@@ -234,9 +234,10 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 )
 @JSON
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
-    """Run only the planners on the positions and observations of a journal.
+    """Run only the planners, on the positions and observations in a journal.
 
-    With the rule of the journal, the exit code is 1 if a decision differs from the recorded one.
+    If the rule is that of the journal, each decision is compared with the recorded one, and the
+    exit code is 1 if one of them differs.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 

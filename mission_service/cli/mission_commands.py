@@ -1,4 +1,4 @@
-"""``mission-service mission`` and ``signing``: transfers to one autopilot on one link."""
+"""Defines ``mission-service mission`` and ``signing``, for one autopilot on one link."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +25,7 @@ TIMEOUT = click.option(
 
 
 def link_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a link and --json to a command."""
+    """Add the link options and --json to a command."""
     return LINK(TIMEOUT(TLOG(SIGNING_KEY(JSON(command)))))
 
 
@@ -40,7 +40,7 @@ def mission() -> None:
 def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
     """Upload PLAN_FILE and print the autopilot's result. Does not start the flight.
 
-    If the plan has no fence or no rally points, those of the autopilot remain.
+    The fence and the rally points on board remain unless the plan contains others.
     """
     from autopilot_bridge.missions.planfile import read_any
     from mission_service.cli.transfers import upload
@@ -52,7 +52,7 @@ def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), required=True)
 @link_options
 def mission_download(output: Path, as_json: bool, **link: Any) -> None:
-    """Download mission, fence, rally points to a .plan file, or only the mission to .waypoints."""
+    """Download mission, fence and rally points (.plan file), or only the mission (.waypoints)."""
     from mission_service.cli.transfers import download
 
     echo(download(output, _line(link)), as_json)
@@ -76,7 +76,7 @@ def _line(link: dict[str, Any]) -> Any:
 
 @click.group()
 def signing() -> None:
-    """MAVLink 2 signing: set or remove the key of a vehicle."""
+    """Set or remove a vehicle's key for MAVLink 2 signing."""
 
 
 KEY_NEEDED = click.option(
@@ -98,11 +98,11 @@ SYSTEM = click.option(
 @TLOG
 @JSON
 def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **link: Any) -> None:
-    """Set the vehicle's key and check that it signs its frames.
+    """Set the vehicle's key and check that the vehicle signs its frames.
 
     The key is sent in clear text: use a link that cannot be intercepted, such as a USB cable. The
-    vehicle must be disarmed. If it does not answer a signed request with signed frames, the exit
-    code is 1. No file records the key.
+    vehicle must be disarmed. If the vehicle does not answer a signed request with signed frames,
+    the exit code is 1. The key is not written to any file.
     """
     from mission_service.cli.signing_setup import set_up
 
@@ -117,7 +117,7 @@ def signing_set_up(old_key: str | None, system_id: int | None, as_json: bool, **
 @TLOG
 @JSON
 def signing_off(system_id: int | None, as_json: bool, **link: Any) -> None:
-    """Remove the vehicle's key and check that it answers unsigned requests."""
+    """Remove the vehicle's key and check that the vehicle answers unsigned requests."""
     from mission_service.cli.signing_setup import turn_off
 
     echo(turn_off(_line(link), system_id), as_json)

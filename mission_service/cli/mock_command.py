@@ -1,4 +1,7 @@
-"""``mission-service mock``: mock autopilots in a separate process. Heavy imports are lazy."""
+"""Defines ``mission-service mock``, which runs mock autopilots in a separate process.
+
+Heavy modules are imported only when the command runs.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -85,9 +88,10 @@ class MockOptions:
 def mock(scenario: str | None, **values: Any) -> None:
     """Run mock autopilots in a separate process, until Ctrl-C.
 
-    With SCENARIO, they are its vehicles, landed at their homes. Without SCENARIO, --count sets
-    their number, and their system ids are consecutive. A mock that has a key signs its frames; the
-    key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING message.
+    With SCENARIO, the mocks are its vehicles, on the ground at their homes. Without SCENARIO,
+    --count sets the number of mocks, and their system ids are consecutive. A mock that has a key
+    signs its frames. The key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING
+    message.
     """
     from mission_service.simulation.mocks import (
         MockEnvironment,

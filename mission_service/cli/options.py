@@ -1,4 +1,4 @@
-"""Options and functions that the modules of the command line share."""
+"""Provides options and functions that the modules of the command line share."""
 
 import json
 import math
@@ -14,7 +14,7 @@ import click
 def seconds(
     context: click.Context, parameter: click.Parameter, value: float | None
 ) -> float | None:
-    """Return an option's value, a finite time of 0 s or more. Raises BadParameter."""
+    """Return an option's value if it is a finite time of 0 s or more; else raise BadParameter."""
     if value is not None and not 0.0 <= value < math.inf:
         raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
@@ -50,14 +50,14 @@ TLOG = click.option(
 
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
-    """Return an option ``--NAME`` in seconds, 0 or more, for the parameter ``NAME_s``."""
+    """Return a decorator for the option ``--NAME`` (0 s or more) for the parameter ``NAME_s``."""
     key = f"{name.removeprefix('--')}_s"
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """The values of ``report_options``: the form in which progress and results are shown."""
+    """The values of ``report_options``, which set how progress and results are shown."""
 
     log: str | None
     log_level: str
@@ -69,7 +69,7 @@ class ReportOptions:
         return self.log is not None
 
     def progress(self) -> Callable[[Any, Any], None]:
-        """Return the function that shows progress; with a log it shows nothing."""
+        """Return the function that shows progress; if a log is written, it shows nothing."""
         if self.log is None:
             from mission_service.runtime.progress import LiveReport
 
@@ -98,7 +98,10 @@ def report_options(command: Command) -> Command:
 
 
 def folder(out: Path) -> Path:
-    """Return ``out`` as a writable folder, created if missing; raises MissionServiceError."""
+    """Create the folder ``out`` if it is missing, check that it is writable, and return it.
+
+    Raises MissionServiceError if it cannot be used.
+    """
     from tempfile import TemporaryFile
 
     from mission_service.errors import MissionServiceError
@@ -125,7 +128,7 @@ def echo(result: dict[str, Any], as_json: bool) -> None:
 
 
 def report_address(out: Path, address: str) -> None:
-    """Print the address of the map; its token is printed only on a terminal, never into a log."""
+    """Print the address of the map, and its token only on a terminal, never to a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:

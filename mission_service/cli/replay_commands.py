@@ -1,4 +1,7 @@
-"""``mission-service replay``: logged flights and journals. Heavy imports are lazy."""
+"""Defines ``mission-service replay`` for logged flights and journals.
+
+Heavy modules are imported only when the command runs.
+"""
 
 import json
 import math
@@ -96,20 +99,21 @@ class ReplayOptions(ReportOptions):
 def replay(words: tuple[str, ...], **values: Any) -> None:
     """Replay logged flights: the flown paths, and the decisions that a planner would have made.
 
-    A LOG is a .tlog, .bin or .ulg file, or a journal (or the folder of its run), which contains its
-    scenario. Logs with the same NAME are of one vehicle. --out is the folder for the report, its
-    pictures and the journal of the replay.
+    A LOG is a .tlog, .bin or .ulg file, a journal, or the folder of a run with its journal. A
+    journal contains its scenario. Logs with the same NAME belong to one vehicle. --out is the
+    folder for the report, its pictures and the journal of the replay.
 
-    --speed 10: show the flight on the map and over MQTT as a live run, until Ctrl-C, with the
+    --speed 10 shows the flight on the map and over MQTT like a live run, until Ctrl-C, with the
     observations and decisions that the service would have made. The replay accepts pause and seek,
     and refuses orders.
 
-    --verify: recompute a journal; exit code 1 if anything differs. The stages are: file, the
-    checksum of each line; fire, the cameras' observations in a new simulation of the fire; planner,
-    the decisions on the recorded observations; core, all commands, bit for bit.
+    --verify recomputes a journal; the exit code is 1 if anything differs. The stage "file" checks
+    the checksum of each line. The stage "fire" compares the cameras' observations with those in a
+    new simulation of the fire. The stage "planner" compares the decisions on the recorded
+    observations, and the stage "core" all commands, bit for bit.
 
-    --what-if planner=predictive alpha=1.5 --out DIR: mock autopilots fly a journal's scenario
-    again; one page compares both runs.
+    --what-if planner=predictive alpha=1.5 --out DIR flies a journal's scenario again with mock
+    autopilots and these settings. One page compares both runs.
     """
     options = ReplayOptions(**values)
     options.check(words)

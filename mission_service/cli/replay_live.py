@@ -1,4 +1,7 @@
-"""``mission-service replay --speed``: a logged flight on the map. Heavy imports are lazy."""
+"""Plays a logged flight on the map, for ``mission-service replay --speed``.
+
+Heavy modules are imported only when the command runs.
+"""
 
 import contextlib
 import json
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def speed_of(text: str) -> "Speed":
-    """Parse a speed: 0.1 to 100 times real time, or ``max``. Raises BadParameter."""
+    """Parse a speed from 0.1 to 100 times real time, or ``max``. Raises BadParameter."""
     from mission_service.errors import RequestError
     from mission_service.runtime.play_head import checked_speed
 
@@ -92,7 +95,7 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """Return the settings with a map at ``listen``, else as configured, else on a free port."""
+    """Return the settings with a map at ``listen``, at its configured address or on a free port."""
     from pydantic import ValidationError
 
     from mission_service.config.service import HttpSection

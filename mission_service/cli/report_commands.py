@@ -1,4 +1,7 @@
-"""``mission-service report``: one page that compares runs. Heavy imports are lazy."""
+"""Defines ``mission-service report``, which writes one page that compares runs.
+
+Heavy modules are imported only when the command runs.
+"""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``mission-service request``: requests of operators to a live run.
+"""Defines ``mission-service request``, which sends operators' requests to a live run.
 
 The table of requests (``core/request_events.py``) defines the commands, arguments and options; it
 is imported only for a command that needs it.
@@ -21,7 +21,7 @@ Status = Callable[[], dict[str, Any]]
 
 
 class Place(click.ParamType[tuple[float, float]]):
-    """LAT,LON in degrees; the service checks their bounds."""
+    """A place as LAT,LON in degrees; the service checks the bounds."""
 
     name = "place"
 
@@ -38,7 +38,7 @@ class Place(click.ParamType[tuple[float, float]]):
 
 
 class NumberOrWord(click.ParamType[float | str]):
-    """A number or a word; the service checks the word."""
+    """A number, or a word that the service checks."""
 
     name = "number"
 
@@ -62,7 +62,7 @@ OUT = click.option(
 
 
 def user_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of every request of a user: --out, --by, --station and --json."""
+    """Add the options that all requests have: --out, --by, --station and --json."""
     by = click.option("--by", default=_login, metavar="NAME", help="Default: the login name.")
     station = click.option(
         "--station", metavar="NAME", help="Your station (default: the only station of the run)."
@@ -96,7 +96,7 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
 
 class RequestGroup(click.Group):
-    """A group with a command for each request of a table; its own commands take precedence."""
+    """A group with one command for each request in a table; added commands take precedence."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
         """Store ``table``, a function that returns the requests by command name."""
@@ -137,7 +137,7 @@ def command_of(kind: Any, name: str) -> click.Command:
         from mission_service.interfaces.control.control_client import ControlClient
 
         with ControlClient(out) as client:
-            # An abort is sent without a request for the stations.
+            # An abort is sent at once, without asking the run for its stations.
             station = station or ("unknown" if do == "abort" else only_station(client))
             for each in _completed(do, given, lambda: dict(client.ask(do="status")["status"])):
                 print_reply(client.ask(do=do, by=by, station=station, **each), as_json)
@@ -229,8 +229,8 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     """Return the proposed plan whose hash begins with ``digits``, and its hash.
 
-    The hash is computed from the plan in ``status``. Raises RequestError if it differs, or if not
-    exactly one plan matches.
+    The hash is computed from the plan in ``status``. Raises RequestError if it differs from the
+    reported hash, or unless exactly one plan has a hash with these digits.
     """
     import msgspec
 
@@ -252,9 +252,9 @@ def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
 
 
 def _items(items: list[str], text: str) -> list[str]:
-    """Return the items that ``text`` selects: a number from 1, the beginning of an item, or all.
+    """Return the items that ``text`` selects by number (from 1), by their beginning, or with "all".
 
-    Raises RequestError if it does not select exactly one item.
+    Raises RequestError if another text than "all" does not select exactly one item.
     """
     from mission_service.errors import RequestError
 

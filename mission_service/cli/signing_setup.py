@@ -1,4 +1,4 @@
-"""Set or remove the signing key of a vehicle, and check the effect."""
+"""Sets or removes the signing key of a vehicle, and checks the effect."""
 
 from typing import Any, TypeVar
 
@@ -29,7 +29,7 @@ def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, 
 
 
 def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
-    """Remove the key of ``line``, then read the vehicle's mission over unsigned frames."""
+    """Remove the vehicle's key (that of ``line``), then read its mission over unsigned frames."""
     return _change(line, line.signing_key, None, system_id)
 
 
@@ -50,7 +50,7 @@ async def _change_and_check(
     key: Key | None,
     signing: Signing | None,
 ) -> int:
-    """Change the key and check the vehicle's answer; returns its system id."""
+    """Change the key, check the vehicle's answer, and return the vehicle's system id."""
     async with connection:
         await _until(client, connection, Connected)
         system = client.target_system
@@ -81,7 +81,7 @@ def _failure(link: str, system: int, connection: Connection, signing: Signing | 
 
 
 async def _until(client: NativeClient, connection: Connection, kind: type[Event]) -> Event:
-    """Wait for the next event of type ``kind``."""
+    """Wait for the next event of type ``kind`` and return it."""
     while True:
         await connection.wait()
         while (event := client.next_event()) is not None:

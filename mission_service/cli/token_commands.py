@@ -1,4 +1,4 @@
-"""``mission-service token``: create a token for a user of the interfaces."""
+"""Defines ``mission-service token``, which creates a token for a user of the interfaces."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def token(name: str, roles: str, station: str, path: Path) -> None:
     """Create a token for NAME and print it; the file contains only its SHA-256 sum.
 
     A running service reads the file again as soon as it changes. To revoke a token, remove its
-    lines.
+    lines from the file.
     """
     from mission_service.interfaces.api.access.token_file import added
 

@@ -1,4 +1,4 @@
-"""Mission transfers to and from one autopilot, for the command line."""
+"""Transfers missions to and from one autopilot, for the command line."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 checks a mission 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """The link to an autopilot: ``signing_key`` is the source of its key, ``warn`` prints."""
+    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints."""
 
     link: str
     timeout_s: float
@@ -39,7 +39,7 @@ class Line:
 
 
 def upload(plan: Plan, line: Line) -> dict[str, Any]:
-    """Replace the autopilot's mission, and its fence and rally points if the plan has any.
+    """Replace the autopilot's mission, and its fence or rally points if the plan contains others.
 
     Does not start the flight. Raises MissionServiceError, before anything is sent, for items that
     the autopilot would not fly as planned.
@@ -59,7 +59,7 @@ def upload(plan: Plan, line: Line) -> dict[str, Any]:
 
 
 def _parts_for(plan: Plan, stack: Stack) -> dict[Kind, Items]:
-    """Return the parts of a plan to upload, in this order; the mission is adapted to the stack."""
+    """Return the parts of a plan in the order of upload, with the mission adapted to the stack."""
     parts: dict[Kind, Items] = {
         "fence": plan.fence,
         "rally": plan.rally,
@@ -73,7 +73,7 @@ def _upload_of(kind: Kind, items: Items) -> Request:
 
 
 def download(output: Path, line: Line) -> dict[str, Any]:
-    """Download mission, fence and rally points to a .plan file, or the mission to QGC WPL."""
+    """Download mission, fence and rally points to a .plan file, or the mission to a WPL file."""
     kinds = KINDS[-1:] if output.suffix.lower() in WPL_SUFFIXES else KINDS
     client, results = _run(
         lambda _: [partial(NativeClient.download, kind=kind) for kind in kinds], line
@@ -89,7 +89,7 @@ def download(output: Path, line: Line) -> dict[str, Any]:
 
 
 def clear(line: Line, everything: bool = False) -> dict[str, Any]:
-    """Remove the autopilot's mission; with ``everything`` its fence and rally points too."""
+    """Remove the autopilot's mission and, with ``everything``, its fence and rally points."""
     kinds = KINDS if everything else KINDS[-1:]
     _, results = _run(lambda _: [partial(NativeClient.clear, kind=kind) for kind in kinds], line)
     return {"result": results[-1].outcome}
@@ -112,7 +112,7 @@ def _run(
 def connected(
     client: NativeClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
-    """Prepare a connection signed with ``signing_key``, and the signings of all given keys.
+    """Prepare a connection signed with ``signing_key``, and the signing for each given key.
 
     The caller opens the connection. On exit, the .tlog and the file of timestamps are closed.
     """
@@ -129,7 +129,10 @@ def connected(
 def within(
     line: Line, client: NativeClient, connection: Connection, work: Coroutine[Any, Any, Result]
 ) -> Result:
-    """Run ``work`` within the line's timeout and return its result; raises MissionServiceError."""
+    """Run ``work`` within the line's timeout and return its result.
+
+    Raises MissionServiceError when the timeout has passed.
+    """
     try:
         return asyncio.run(asyncio.wait_for(work, line.timeout_s))
     except TimeoutError:

@@ -1,4 +1,7 @@
-"""``mission-service tune``: search for constants of planners. Heavy imports are lazy."""
+"""Defines ``mission-service tune``, which searches for the constants of planners.
+
+Heavy modules are imported only when a command runs.
+"""
 
 import json
 import os
@@ -11,7 +14,7 @@ from mission_service.cli.options import JSON, progress_line
 
 @click.group()
 def tune() -> None:
-    """Search for constants of planners."""
+    """Search for the constants of planners."""
 
 
 @tune.command("virtual-agents")
@@ -45,7 +48,7 @@ def virtual_agents(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Search the constants of the virtual forces by a genetic algorithm (paper, section 5.2.6)."""
+    """Search the constants of virtual forces with a genetic algorithm (paper, 5.2.6)."""
     from mission_service.errors import MissionServiceError
     from mission_service.experiments import tuning
 

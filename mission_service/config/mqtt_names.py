@@ -1,4 +1,4 @@
-"""The address of an MQTT broker and the prefix of topics."""
+"""Parses the address of an MQTT broker and checks the prefix of its topics."""
 
 import re
 from dataclasses import dataclass
@@ -31,7 +31,10 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 
 
 def is_host(text: str) -> bool:
-    """Return whether a host name is valid (IDNA); Python raises UnicodeError for some others."""
+    """Return whether a host name is valid (IDNA).
+
+    For some invalid names Python raises UnicodeError.
+    """
     try:
         text.encode("idna")
     except UnicodeError:
@@ -40,7 +43,7 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """Check a prefix of topics. Raises MissionServiceError for an invalid prefix."""
+    """Return a prefix of topics if it is valid; else raise MissionServiceError."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
             f"{option} {prefix}: write the beginning of a topic, as in uav/east"

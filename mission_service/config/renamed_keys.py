@@ -1,4 +1,4 @@
-"""Keys of version 0.1 in scenario files, for an error that states the present key."""
+"""Finds keys of version 0.1 in scenario files, so that an error can state the present key."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

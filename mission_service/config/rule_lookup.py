@@ -1,8 +1,8 @@
-"""The lookup of ways of flying by ``planner.rule``, used when a scenario is checked.
+"""Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
 Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by address,
-so this module imports no planner.
+other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by the text
+``module:object``, so this module imports no planner.
 """
 
 import re
@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # of a rule of another package, and of its table
+NAME = r"[a-z][a-z0-9_]*"  # names of other packages' rules and of their tables
 
 
 class Way(Protocol):
@@ -31,19 +31,19 @@ class Way(Protocol):
 
     @property
     def prescribed(self) -> bool:
-        """Whether its vehicles ignite the unit of the table ``[burn]``."""
+        """Whether the vehicles ignite the burn unit in the table ``[burn]``."""
 
     @property
     def messages_peers(self) -> bool:
-        """Whether its vehicles exchange messages with those of other processes."""
+        """Whether the vehicles exchange messages with vehicles of other processes."""
 
     def check(self, scenario: Any) -> None:
-        """Raise ValueError if the scenario's vehicles or tables cannot be flown."""
+        """Raise ValueError if the scenario's vehicles or tables do not suit this way of flying."""
 
 
 @cache
 def own_ways() -> Mapping[str, Way]:
-    """Return the ways of flying of this package, by rule."""
+    """Return this package's ways of flying by the names of their rules."""
     ways: tuple[Way, ...] = OWN.load()
     return {rule: way for way in ways for rule in way.rules}
 
@@ -55,7 +55,7 @@ def rules() -> list[str]:
 
 
 def versions_of_others() -> dict[str, str]:
-    """Return the versions of the other packages that have rules, by the address of each rule."""
+    """Return the versions of other packages that have rules, by the entry point of each rule."""
     points = entry_points(group=GROUP)
     return {each.value: "" if each.dist is None else each.dist.version for each in points}
 

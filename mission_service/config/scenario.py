@@ -1,4 +1,4 @@
-"""Reads a scenario, one TOML file, into frozen models that refuse unknown keys."""
+"""Reads a scenario from a TOML file into frozen models that refuse unknown keys."""
 
 import re
 import tomllib
@@ -89,12 +89,12 @@ class Scenario(Section):
 
     @property
     def way(self) -> Way:
-        """The way of flying of the scenario's rule."""
+        """The way of flying that the scenario's rule selects."""
         return way_named(self.planner.rule)
 
     @property
     def burn_flown(self) -> BurnSection | None:
-        """The burn, if the scenario's rule flies one."""
+        """The burn, or None if the scenario's rule flies no burn."""
         return self.burn if self.way.prescribed else None
 
     @property
@@ -139,7 +139,7 @@ def _port(link: str) -> str:
 
 
 def scenario_path(name: str) -> Path:
-    """Return the file of a scenario, from its path or the name of a shipped scenario."""
+    """Return the file of a scenario that is given by its path or is shipped under this name."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -148,15 +148,16 @@ def scenario_path(name: str) -> Path:
 
 
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
-    """Read a scenario from a file or by shipped name, apply ``key=value`` overrides, check it.
+    """Read a scenario, apply ``key=value`` overrides and check the result.
 
-    Raises ScenarioError with file, key, value and reason in one line.
+    ``name`` is a file or the name of a shipped scenario. Raises ScenarioError with file, key, value
+    and reason in one line.
     """
     return load_run(name, overrides)[0]
 
 
 def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, ServiceSection]:
-    """Read a scenario as ``load_scenario`` does, and the daemon's settings in [service]."""
+    """Read a scenario as ``load_scenario`` does, and the daemon's settings from [service]."""
     path = scenario_path(name)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -173,7 +174,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """Check a run as ``load_run`` does, from the content of a file or of a journal's header."""
+    """Return what ``load_run`` returns, for the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
     for renamed in renamed_keys(data):
@@ -185,14 +186,14 @@ def run_of(
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Check a scenario given as a dictionary; relative paths start at the file's folder."""
+    """Return a checked scenario from a dictionary; paths are relative to that of ``path``."""
     kind = _with_table_of(data.get("planner"))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
 
 
 def _with_table_of(planner: Any) -> type[Scenario]:
-    """Return the model of a scenario, including the table of the planner's rule."""
+    """Return the scenario model that includes the table of the planner's rule."""
     rule = planner.get("rule") if isinstance(planner, dict) else None
     try:
         section = way_named(rule).section if isinstance(rule, str) else None
@@ -203,7 +204,7 @@ def _with_table_of(planner: Any) -> type[Scenario]:
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """Return the model of a scenario with a further table. Raises ScenarioError for a duplicate."""
+    """Return the scenario model with a further table. Raises ScenarioError if it has that table."""
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; rename the rule")
     needed = any(field.is_required() for field in section.model_fields.values())
@@ -212,7 +213,7 @@ def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """Return the table with the name of the scenario's rule; a missing table has its defaults.
+    """Return the table named after the scenario's rule, or the defaults if it is missing.
 
     Raises ScenarioError for a missing table whose keys have no defaults.
     """
@@ -225,7 +226,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
-    """Return the part of the file at these keys as a model; raises ScenarioError."""
+    """Return the part of the file at these keys as a checked model. Raises ScenarioError."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -271,7 +272,10 @@ def _with_paths(section: Any, scenario_path: Path, keys: tuple[str, ...]) -> Any
 
 
 def with_signing_key(scenario: Scenario, source: str) -> Scenario:
-    """Return the scenario with one key for all vehicles. Raises ScenarioError for a bad source."""
+    """Return the scenario with one signing key for all vehicles.
+
+    Raises ScenarioError for an invalid source of the key.
+    """
     if re.fullmatch(KEY_SOURCE, source) is None:
         raise ScenarioError("signing key: give its source as file:PATH or env:NAME")
     keyed = (vehicle.model_copy(update={"signing_key": source}) for vehicle in scenario.vehicles)

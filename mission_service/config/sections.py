@@ -1,4 +1,4 @@
-"""The tables of a scenario file as frozen models that refuse unknown keys."""
+"""Defines the tables of a scenario file as frozen models that refuse unknown keys."""
 
 import re
 from datetime import datetime
@@ -33,9 +33,10 @@ class Section(BaseModel):
 class LandscapeSection(Section):
     """The landscape of the fire: the grid that ships with matplotlib, level ground, or rasters.
 
-    Level ground ("flat") has one fuel and the elevation ``elevation_m``, around ``lat_deg``,
-    ``lon_deg``. Rasters are a file for each layer, or one ``file`` for all: an .lcp, or a stack
-    whose bands have descriptions or are named in ``bands``.
+    Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
+    ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
+    Such a file is an .lcp, or a stack with bands that are described in the file or named in
+    ``bands``.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
@@ -93,7 +94,7 @@ class LandscapeSection(Section):
 
 
 class FuelMoisture(Section):
-    """Moisture of the fuels in percent of their dry weight."""
+    """The moisture of the fuels as a percentage of their dry weight."""
 
     dead_1h_pct: Percent = 6.0
     dead_10h_pct: Percent = 8.0
@@ -103,7 +104,7 @@ class FuelMoisture(Section):
 
 
 class WeatherEntry(FuelMoisture):
-    """Weather from ``at_s`` on; wind is 6.1 m (20 ft) above the vegetation."""
+    """The weather from ``at_s`` on; the wind is that at 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
     wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
@@ -111,10 +112,10 @@ class WeatherEntry(FuelMoisture):
 
 
 class WeatherFile(FuelMoisture):
-    """A .raws, .wxs or .csv file; ``start`` is mission time 0 in the file's local time.
+    """A weather file (.raws, .wxs or .csv); ``start`` is mission time 0 in the file's local time.
 
-    The moistures in this table replace those that the file lacks. With ``conditioned``, moistures
-    of dead fuels start at these values and follow temperature, humidity and rain.
+    The moistures in this table apply where the file has none. With ``conditioned``, dead fuels
+    start with these moistures, which then follow temperature, humidity and rain.
     """
 
     path: Path
@@ -123,7 +124,7 @@ class WeatherFile(FuelMoisture):
 
 
 class Ignition(Section):
-    """An ignition at mission time ``at_s``, given by a point or the shapes of a file."""
+    """An ignition at mission time ``at_s``, given by a point or by the shapes in a file."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -139,11 +140,11 @@ class Ignition(Section):
 
 
 class FireSection(Section):
-    """The scheme of fire spread, and the area that has burned at the start.
+    """The scheme of fire spread, and the area that has already burned at the start.
 
-    ``perimeter`` is a file of polygons burned by ``burning_at_s``; ``arrival`` is a raster of
-    arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme, which can also
-    start with a fire of ``initial_cells``, grown from the ignitions by the same scheme.
+    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``arrival`` is a
+    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That
+    scheme can also start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -177,7 +178,7 @@ class PlannerSection(Section):
     rule: str = "islam_hu_damped"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
-    # Targets of a team, which announces the number of vehicles that they require.
+    # The targets of a team. The team announces how many vehicles it needs to meet them.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
@@ -209,9 +210,9 @@ class PlannerSection(Section):
 
 
 class FormationSection(Section):
-    """The formation of ``rule = "formation"``; defaults are those of the paper's table 1.
+    """The settings of ``rule = "formation"``; the defaults are those in the paper's table 1.
 
-    Its altitude, loiter radius, camera and airspeeds are those of the vehicles.
+    Altitude, loiter radius, camera and airspeeds are set in the sections of the vehicles.
     """
 
     monitoring_m: Positive = 350.0
@@ -259,14 +260,14 @@ class Circle(Section):
 
 
 class LitLine(Section):
-    """An ignition by the crew, a point or a line, all of it lit at mission time ``at_s``."""
+    """A point or a line that the crew lights, all of it at mission time ``at_s``."""
 
     points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
     at_s: NotNegative = 0.0
 
 
 class Dropper(Section):
-    """The release of a sphere by an output that is set, and reset after ``hold_s``."""
+    """The release of a sphere by setting an output, which is reset after ``hold_s``."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
@@ -275,7 +276,7 @@ class Dropper(Section):
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
     # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
-    delay_s: NotNegative = 0.2  # of link and dropper, from the order to the sphere's fall
+    delay_s: NotNegative = 0.2  # from the order until the sphere falls, in link and dropper
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
@@ -287,8 +288,9 @@ class BurnSection(Section):
     """The prescribed burn of ``rule = "burn"``: unit, ignition pattern and safety limits.
 
     Corners are (lat, lon). Drops and low paths are excluded where fire is expected within
-    ``time_margin_s`` or nearer than ``distance_margin_m`` (downwind, plus the distance that the
-    wind travels in ``wind_margin_s``), until ``residence_s`` after the fire's arrival.
+    ``time_margin_s`` or nearer than ``distance_margin_m``, until ``residence_s`` after the fire's
+    arrival. Downwind of the fire, the distance margin is increased by the distance that the wind
+    travels in ``wind_margin_s``.
     """
 
     unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
@@ -346,11 +348,11 @@ class BurnSection(Section):
 
 
 class MissionSection(Section):
-    """The conversion of decisions to missions.
+    """The settings for converting decisions to missions.
 
-    With ``approval = "each"`` a mission is sent to its vehicle after an operator has accepted it. A
-    vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle listed before it.
-    The vertical separation of vehicles is ``separation_m``.
+    With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
+    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle listed before
+    it. The required vertical separation between vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -363,7 +365,7 @@ class MissionSection(Section):
 
 
 class LinkSection(Section):
-    """The simulated link of ``sim``; values apply to each datagram in both directions."""
+    """The simulated link of ``sim``; its values apply to each datagram in both directions."""
 
     loss: Share = 0.0
     delay_ms: NotNegative = 20.0
@@ -385,14 +387,14 @@ class VehicleSection(Section):
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    min_airspeed_m_s: Positive = 10.0  # of a plane in a formation, as ``max_airspeed_m_s``
+    min_airspeed_m_s: Positive = 10.0  # for planes in a formation, like ``max_airspeed_m_s``
     max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
     min_leg_m: Positive = 90.0
     loiter_radius_m: Positive = 90.0
-    # The footprint is a disc of this field of view; with camera_along_deg, the field of view along
-    # the track, it is a rectangle that turns with the vehicle.
+    # The camera's footprint is a disc with this field of view. With camera_along_deg, the field of
+    # view along the track, the footprint is a rectangle that turns with the vehicle.
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0

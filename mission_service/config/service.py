@@ -1,6 +1,7 @@
-"""The table [service] of a scenario file: interfaces, journal and shutdown of the daemon.
+"""Defines the table [service]: the daemon's interfaces, its journal and its shutdown.
 
-The table is not part of the scenario and not in the journal, so a run can resume on other ports.
+The table is in the scenario file, but neither part of the scenario nor in the journal, so a run can
+resume with other ports.
 """
 
 import re
@@ -16,7 +17,7 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class HttpSection(Section):
-    """The HTTP interface and the map; other addresses than loopback require tokens and TLS."""
+    """The HTTP interface and the map; addresses other than loopback require tokens and TLS."""
 
     listen: str = "127.0.0.1:8765"
     hosts: tuple[str, ...] = ()  # further names of this host in URLs
@@ -77,7 +78,10 @@ class MqttSection(Section):
 
 
 class CotSection(Section):
-    """Cursor on Target for TAK: ``udp://239.2.3.1:6969``, ``tcp://HOST:8087``, ``tls://HOST:8089``."""
+    """The receiver of Cursor on Target events for TAK.
+
+    Examples of its URL are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
+    """
 
     url: str = "udp://239.2.3.1:6969"
     every_s: Annotated[float, Field(ge=0.1, le=600)] = 2.0
@@ -120,7 +124,7 @@ class JournalSection(Section):
 
 
 class ServiceSection(Section):
-    """Interfaces, journal and shutdown of the daemon."""
+    """The daemon's interfaces, its journal and its shutdown."""
 
     http: HttpSection | None = None
     mqtt: MqttSection | None = None

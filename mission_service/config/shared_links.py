@@ -30,7 +30,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
 
 
 def _place_of(link: str) -> str:
-    """Return the port or device of a link, which a process can open once."""
+    """Return the port or device of a link, which a process can open only once."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
