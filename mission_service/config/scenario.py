@@ -19,6 +19,7 @@ from mission_service.config.sections import (
     FormationSection,
     Ignition,
     LandscapeSection,
+    Line,
     LinkSection,
     MissionSection,
     NotNegative,
@@ -43,7 +44,7 @@ class Scenario(Section):
     ``only`` names the single vehicle that this process flies, if other processes fly the others.
     """
 
-    name: str
+    name: Line
     time_zero: AwareDatetime | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0
