@@ -160,7 +160,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
     """Read a scenario as ``load_scenario`` does, and the daemon's settings in [service]."""
     path = scenario_path(name)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         shipped = ", ".join(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
         raise ScenarioError(f"{path}: no such file (shipped scenarios: {shipped})") from None
@@ -177,8 +177,8 @@ def run_of(
     """Check a run as ``load_run`` does, from the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
-    for renamed in renamed_keys(data):
-        raise ScenarioError(f"{path}: {renamed}")
+    if renamed := list(renamed_keys(data)):
+        raise ScenarioError(f"{path}: {'; '.join(renamed)}")
     service = data.pop("service", {})
     at = ("service",)
     settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
