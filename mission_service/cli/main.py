@@ -258,10 +258,17 @@ def config() -> None:
 @JSON
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
-    from mission_service.config.scenario import load_scenario
+    from firemodel.errors import FireModelError
+    from mission_service.config.scenario import load_scenario, scenario_path
+    from mission_service.errors import ScenarioError
     from mission_service.fire.simulated_fire import check
 
-    echo({"result": "ok", **check(load_scenario(file, overrides))}, as_json)
+    loaded = load_scenario(file, overrides)
+    try:
+        summary = check(loaded)
+    except (FireModelError, ScenarioError) as error:  # they name only the landscape's part
+        raise ScenarioError(f"{scenario_path(file)}: {error}") from None
+    echo({"result": "ok", **summary}, as_json)
 
 
 def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""Finds keys of version 0.1 in scenario files, so that an error can state the present key."""
+"""Earlier keys and values in scenario files, for an error that states the present ones."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -25,26 +25,34 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
     },
     "service": {"keep": "journal"},
 }
-RENAMED_RULES: Mapping[str, str] = {"damped": "islam_hu_damped", "literal": "islam_hu"}
+# By table and key.
+RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
+    ("planner", "rule"): {"damped": "islam_hu_damped", "literal": "islam_hu"},
+    ("landscape", "source"): {"geotiff": "files"},
+}
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the keys of version 0.1 in a scenario, each as a line with the present key.
+    """Yield the earlier keys and values in a scenario, each as a line with the present one.
 
     Args:
         data: The scenario as parsed from TOML.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same of a value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)
-        for section in found if isinstance(found, list) else [found]:
+        sections = {table: found}
+        if isinstance(found, list):
+            sections = {f"{table}.{place}": section for place, section in enumerate(found)}
+        for where, section in sections.items():
             if not isinstance(section, dict):
                 continue
             for old in sorted(names.keys() & section.keys()):
-                yield f"{table}.{old}: was renamed in version 0.2; write {names[old]}"
-    planner = data.get("planner")
-    rule = planner.get("rule") if isinstance(planner, dict) else None
-    if isinstance(rule, str) and rule in RENAMED_RULES:
-        yield f'planner.rule = "{rule}": was renamed in version 0.2; write "{RENAMED_RULES[rule]}"'
+                yield f"{where}.{old}: was renamed in version 0.2; write {names[old]}"
+    for (table, key), values in RENAMED_VALUES.items():
+        section = data.get(table)
+        value = section.get(key) if isinstance(section, dict) else None
+        if isinstance(value, str) and value in values:
+            yield f'{table}.{key} = "{value}": was renamed; write "{values[value]}"'

@@ -19,6 +19,7 @@ from mission_service.config.sections import (
     FormationSection,
     Ignition,
     LandscapeSection,
+    Line,
     LinkSection,
     MissionSection,
     NotNegative,
@@ -43,7 +44,7 @@ class Scenario(Section):
     ``only`` names the single vehicle that this process flies, if other processes fly the others.
     """
 
-    name: str
+    name: Line
     time_zero: AwareDatetime | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0
@@ -160,7 +161,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
     """Read a scenario as ``load_scenario`` does, and the daemon's settings from [service]."""
     path = scenario_path(name)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         shipped = ", ".join(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
         raise ScenarioError(f"{path}: no such file (shipped scenarios: {shipped})") from None
@@ -177,8 +178,8 @@ def run_of(
     """Return what ``load_run`` returns, for the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
-    for renamed in renamed_keys(data):
-        raise ScenarioError(f"{path}: {renamed}")
+    if renamed := list(renamed_keys(data)):
+        raise ScenarioError(f"{path}: {'; '.join(renamed)}")
     service = data.pop("service", {})
     at = ("service",)
     settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)

@@ -5,7 +5,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
@@ -20,8 +27,18 @@ Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
+ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
 RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("must be one line of printable characters")
+    return text
+
+
+Line = Annotated[str, AfterValidator(_printable)]
 
 
 class Section(BaseModel):
@@ -253,7 +270,7 @@ class Station(Section):
 class Circle(Section):
     """People or objects to protect: no drop and no low flight within ``radius_m``."""
 
-    name: str
+    name: Line
     lat_deg: Latitude
     lon_deg: Longitude
     radius_m: Positive
@@ -403,6 +420,13 @@ class VehicleSection(Section):
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _one_vehicle(cls, name: str) -> str:
+        if name == ALL:
+            raise ValueError(f'"{ALL}" addresses all vehicles in requests; choose another name')
+        return name
 
     @model_validator(mode="after")
     def _speeds_in_order(self) -> "VehicleSection":

@@ -1,14 +1,17 @@
 """Scenario files: errors are reported in one line with file, key and value."""
 
+import re
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
 from typing import get_args
 
 import pytest
+from click.testing import CliRunner
 
 from firemodel.errors import FireModelError
 from firemodel.spread.schemes import SCHEMES, SchemeName
+from mission_service.cli.main import main
 from mission_service.config.scenario import SHIPPED, load_scenario
 from mission_service.config.sections import FireSection
 from mission_service.errors import ScenarioError
@@ -58,6 +61,8 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ("[[ignition]]\nlat_deg = 36.364232", "[[ignition]]", ["ignition.0", "either"]),
         ('scheme = "devs8"', 'scheme = "huygens"', ["fire.scheme", "huygens"]),
         ('source = "jacksboro"', 'source = "jacksboro"\ncrs = "EPSG:1"', ["crs has no effect"]),
+        ('name = "default"', 'name = "a\\nb"', ["name", "one line of printable characters"]),
+        ('name = "hawk"', 'name = "all"', ["vehicles.0.name", "all vehicles", "another name"]),
         ('source = "jacksboro"', 'barriers = "a.kml"', ["landscape.barriers", "a list"]),
         ("wind_speed_m_s = 4", "wind_speed_m_s = 400", ["weather.0.wind_speed_m_s", "400"]),
         ('scheme = "devs8"', 'arrival = "."', ["fire.arrival", "is a folder, not a file"]),
@@ -88,6 +93,23 @@ def test_broken_toml_and_missing_files_are_named(tmp_path: Path) -> None:
     assert "not valid TOML" in refusal(tmp_path, "name = ")
     with pytest.raises(ScenarioError, match="no such file"):
         load_scenario("no-such-scenario")
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_text(DEFAULT, encoding="utf-8-sig")
+    assert load_scenario(str(path)).name == "default"
+
+
+@pytest.mark.parametrize("key", ["ignition.0.lat_deg", "vehicles.0.home_lat_deg"])
+def test_config_check_names_the_file_of_a_place_outside_the_landscape(
+    tmp_path: Path, key: str
+) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_text(DEFAULT, encoding="utf-8")
+    done = CliRunner().invoke(main, ["config", "check", str(path), "--set", f"{key}=10.0"])
+    assert done.exit_code == 1
+    assert re.match(rf"Error: {re.escape(str(path))}: .* outside the landscape\n$", done.output)
 
 
 def test_an_override_changes_one_key() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mission_service.config.renamed_keys import RENAMED, RENAMED_RULES
+from mission_service.config.renamed_keys import RENAMED, RENAMED_VALUES
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.service import ServiceSection
@@ -21,14 +21,30 @@ def test_an_old_key_names_the_new_one(table: str, old: str, tmp_path: Path) -> N
     file = tmp_path / "old.toml"
     header = f"[[{table}]]" if table == "vehicles" else f"[{table}]"
     file.write_text(f"{header}\n{old} = 1.0\n", encoding="utf-8")
-    with pytest.raises(ScenarioError, match=rf"{table}\.{old}: .* write {RENAMED[table][old]}$"):
+    key = rf"vehicles\.0\.{old}" if table == "vehicles" else rf"{table}\.{old}"
+    with pytest.raises(ScenarioError, match=rf": {key}: .* write {RENAMED[table][old]}$"):
         load_scenario(str(file))
 
 
-@pytest.mark.parametrize("old", RENAMED_RULES)
-def test_an_old_rule_names_the_new_one(old: str) -> None:
-    with pytest.raises(ScenarioError, match=f'write "{RENAMED_RULES[old]}"$'):
-        load_scenario("default", (f"planner.rule={old}",))
+@pytest.mark.parametrize(
+    ("key", "old", "new"),
+    [
+        (f"{table}.{key}", old, new)
+        for (table, key), values in RENAMED_VALUES.items()
+        for old, new in values.items()
+    ],
+)
+def test_an_old_value_names_the_new_one(key: str, old: str, new: str) -> None:
+    with pytest.raises(ScenarioError, match=f'{key} = "{old}": .* write "{new}"$'):
+        load_scenario("default", (f"{key}={old}",))
+
+
+def test_all_old_keys_of_a_file_are_named_at_once() -> None:
+    old = ("planner.worst_age_s=1", "mission.lead_m=1", "vehicles.0.least_leg_m=1")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("default", old)
+    for words in ("planner.worst_age_s", "write lookahead_m", "vehicles.0.least_leg_m"):
+        assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(("table", "old"), KEYS)

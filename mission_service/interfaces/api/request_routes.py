@@ -6,6 +6,7 @@ import msgspec
 from fastapi import APIRouter, Response
 from fastapi import Request as HttpRequest
 
+from mission_service.config.sections import ALL
 from mission_service.core.request_events import ABORT, REQUESTS
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import ApiContext
@@ -13,8 +14,6 @@ from mission_service.interfaces.api.models import RequestResult
 from mission_service.interfaces.api.openapi import V1, body, route, struct
 from mission_service.requests import Request, name_of, summary_of
 from mission_service.runtime.request_handler import CHANGES_AREA
-
-ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
