@@ -93,7 +93,7 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
     yield "observations_total", [((), state_view.statistics.observations)]
     kinds = Counter(key.partition("/")[0] for key in state_view.alarms)
     yield "alarms_active", [((kind,), count) for kind, count in sorted(kinds.items())]
-    yield "announcements_total", [((), state_view.announcement_id)]
+    yield "announcements_total", [((), state_view.announcement_count)]
     yield "fire_area_hectares", [((), context.fire()["area_ha"])]
     yield "fire_changes_total", [((), state_view.fire_version - 1)]
     yield "journal_bytes", [((), _bytes_of(context.journal_path))]

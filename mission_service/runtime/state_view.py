@@ -118,6 +118,7 @@ class StateView:
         self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
         self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
         self.announcement_id = 0
+        self.announcement_count = 0
         self.last_id_before_restart = 0  # the last announcement from before a restart
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
@@ -191,6 +192,7 @@ class StateView:
     def announce(self, vehicle: str, text: str, level: str = "info") -> None:
         """Add an announcement to the operators."""
         self.announcement_id = self.version + 1  # the id is also the version of the change
+        self.announcement_count += 1
         self.announcements.append(
             Announcement(self.announcement_id, self.at_us, vehicle, level, text)
         )

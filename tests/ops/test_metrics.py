@@ -70,6 +70,14 @@ def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
     assert figures(context)[name]["failed", "kite"] == before + 1
 
 
+def test_each_announcement_is_counted_once(context: RunContext) -> None:
+    name = f"{PREFIX}announcements_total"
+    assert figures(context)[name][()] == len(context.state_view.announcements) > 0
+    context.state_view.clear_all_but()  # changes other states, and so the version
+    context.state_view.announce("hawk", "a line")
+    assert figures(context)[name][()] == len(context.state_view.announcements)
+
+
 def test_interfaces_give_their_own_metrics(context: RunContext) -> None:
     assert f"{PREFIX}stream_clients" not in figures(context)
     context.gauges["stream_clients"] = lambda: 3
