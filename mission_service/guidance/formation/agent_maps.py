@@ -22,12 +22,12 @@ Counts = NDArray[Any]  # uint16, or int32 if a disc has 2**16 cells or more
 class AgentMaps:
     """The fire on a UAV's map, and the areas derived from it; arrays are (y, x), with row 0 north.
 
-    ``fire`` is true for burning and burned cells. The other maps count, for each cell, the fire
-    cells within a distance, from centre to centre. The distance is ``augmentation_m`` for
-    ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for ``monitored``. The
-    paper's augmentation map is ``augmentation > 0``, and its virtual agent area is
-    ``(area > 0) & ~fire``. The rule in ``coverage`` uses ``monitored``. ``sums`` (3,) holds the
-    number of fire cells, the sum of their rows, and the sum of their columns.
+    ``fire`` is true for burning and burned cells. The other maps count, for each cell, the cells of
+    fire around it, up to a distance between the centres of the cells. This distance is
+    ``augmentation_m`` for ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for
+    ``monitored``, which the rule in ``coverage`` uses. The paper's augmentation map is
+    ``augmentation > 0``, and its virtual agent area is ``(area > 0) & ~fire``. ``sums`` (3,) holds
+    the number of cells of fire, the sum of their rows, and the sum of their columns.
     """
 
     def __init__(

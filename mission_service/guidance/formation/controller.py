@@ -355,7 +355,8 @@ class FormationFlight(Guidance):
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return the commands by which the agent guides a vehicle home.
 
-        The result is None near home, after the agent's time limit, or if the agent has no control.
+        The result is None if the vehicle is near home, if the agent's time limit has passed, or if
+        the agent has not taken control.
         """
         state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)

@@ -2,7 +2,7 @@
 
 This rule replaces the paper's forces. An agent's gain is the weight in its circle that no other
 agent covers. A gain of one agent is also a gain in the total weight covered, so the agents come to
-rest. In measurements the total was then within 3 % of the best placement
+rest. In measurements, the total was then at most 3 % below that of the best placement
 (``experiments/virtual_agents/static_placement.py``). With the paper's forces, agents stop where the
 forces cancel, between the fire's centre and a neighbour.
 
@@ -140,7 +140,10 @@ def next_goal(
 def velocity(
     x_m: float, y_m: float, goal: Goal, max_m_s: float, step_s: float
 ) -> tuple[float, float]:
-    """Return the agent's velocity (east, north; m/s) for a step, which ends at the via point."""
+    """Return the agent's velocity (east, north) in m/s for one step towards the via point.
+
+    The agent does not fly past the via point.
+    """
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     distance_m = math.hypot(east, north)
     if distance_m < ARRIVED_M or step_s <= 0.0:
@@ -182,9 +185,9 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_x_m`` and ``others_y_m`` (n) hold the goals, or else the positions, of the virtual
-        agents in range; they are NaN for a UAV without a virtual agent. ``at_s`` must not decrease
-        between calls.
+        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. An
+        agent without a goal has its position there, and a UAV without an agent has NaN. ``at_s``
+        must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col

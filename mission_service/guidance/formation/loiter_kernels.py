@@ -50,9 +50,9 @@ def _aim(  # type: ignore[no-untyped-def]
     """Return the desired heading at the end of a step, as a unit vector.
 
     It follows eq. 15 in the corrected form: the desired course is the polar angle seen from the
-    agent plus 2 atan(d / r). This course points at the agent from far away, along the circle on the
-    circle, and outwards in the middle. It is computed without angles: with q = d / r, the cosine of
-    2 atan(q) is (1 - q²) / (1 + q²), and its sine is 2 q / (1 + q²).
+    agent plus 2 atan(d / r). Far away from the agent, the course points at it; on the orbit, along
+    the orbit; and near the agent, outwards. The course is computed without angles: with q = d / r,
+    the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is 2 q / (1 + q²).
     """
     sense = sense_of(radius_m)
     radius_m = abs(radius_m)

@@ -1,7 +1,7 @@
 """The agents of a formation in flight in one process: one for each vehicle, with its own map.
 
 Events are the inputs of the agents. An agent's messages reach the other agents without delay, in
-the scenario's order of vehicles.
+the order in which the scenario lists the vehicles.
 """
 
 import math
@@ -241,7 +241,7 @@ class Formation:
     def deliver(self, name: str, message: AnyMessage) -> None:
         """Deliver a message to a vehicle's agent, except a state from beyond radio range.
 
-        Raises MissionServiceError if a cell is not on the map; nothing has changed then.
+        Raises MissionServiceError, and changes nothing, if a cell is not on the map.
         """
         member = self.members[name]
         if isinstance(message, State) and member.fix is not None:

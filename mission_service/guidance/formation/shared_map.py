@@ -104,9 +104,9 @@ class SharedMap:
         return changed
 
     def on_message(self, message: MapMessage) -> tuple[Cells, Cells]:
-        """Apply a message from another UAV; return the changed cells like ``add_view``.
+        """Apply a message from another UAV; return the changed cells as ``add_view`` does.
 
-        Raises MissionServiceError if a cell is not on the map; no cell has changed then.
+        Raises MissionServiceError, and changes no cell, if a cell is not on the map.
         """
         if message.sender == self.name:
             return NONE, NONE

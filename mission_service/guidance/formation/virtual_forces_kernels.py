@@ -35,7 +35,10 @@ def constants_array(constants: Constants) -> NDArray[np.float64]:
 
 
 def tie_rad(number: int) -> float:
-    """Return a direction that differs between vehicle numbers (multiples of the golden angle)."""
+    """Return a direction for a vehicle's number, which is that many times the golden angle.
+
+    The directions of different vehicles differ.
+    """
     return number * 2.399963229728653 % (2.0 * math.pi)
 
 
