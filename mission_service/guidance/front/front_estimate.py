@@ -289,10 +289,11 @@ class FrontEstimate:
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
-        """Scale the parts of the front never seen by the change of the nearest part first seen now.
+        """Scale the unseen parts of the front after other parts have been seen for the first time.
 
-        ``new`` are the bearings first seen now, and ``before`` is the front before this view. The
-        scaling weakens with the angle to the nearest new bearing.
+        ``new`` holds the bearings seen for the first time, and ``before`` the front before this
+        view. An unseen bearing is scaled like the nearest new bearing, but less the farther away it
+        is.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False
