@@ -26,7 +26,7 @@ def way_of(scenario: Scenario) -> WayOfFlying:
 
 
 def way_for(rule: str) -> WayOfFlying:
-    """Return the way of flying that has a rule. Raises ValueError if there is none."""
+    """Return the way of flying that has the given rule. Raises ValueError if none has it."""
     return cast(WayOfFlying, way_named(rule))
 
 

@@ -96,7 +96,7 @@ class ApprovedPlan:
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """Return a plan as an approved plan that has not yet begun."""
+    """Return the approved plan for a plan whose flight has not yet begun."""
     height_m, after_s = np.array([(point.height_m, point.after_s) for point in plan.path]).T
     progress = PathProgress(np.column_stack([_xy(plan.path, landscape), height_m]), after_s)
     return ApprovedPlan(plan, progress, _xy(plan.drops, landscape))

@@ -108,7 +108,7 @@ class BurnUnit:
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
     """Return a buffer that contains the exact one, as its polygonal arcs lie outside the true arcs.
 
-    An empty shape, or a distance of 0, is returned unchanged.
+    If the shape is empty or the distance is not positive, the shape is returned unchanged.
     """
     if shape.is_empty or by_m <= 0.0:
         return shape

@@ -423,7 +423,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
-        """Return the order for a drop that is due now, after warnings about skipped drops."""
+        """Return warnings about drops that are skipped now, and the order for a drop, if due."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, fix):
             why_not = due.why_not or self._why_no_drop()
@@ -489,8 +489,8 @@ class BurnFlight(Guidance):
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
         """Withdraw the plan; an airborne vehicle under it climbs to the safe height and holds.
 
-        If ``always``, an airborne vehicle climbs and holds even without a plan. ``then`` is the
-        phase after this.
+        If ``always``, an airborne vehicle climbs and holds even without a plan. When the climb has
+        ended, or if there is none, the phase ``then`` begins.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)

@@ -167,8 +167,8 @@ def drop_orders(
 ) -> list[Floats]:
     """Return a line's drop places (n, 2) twice, ordered from each end (algorithm lines 5 to 8).
 
-    The nearest next place is always the neighbour, because all places are on one line. Without a
-    place the list is empty.
+    The nearest next place is always the neighbour, because all places are on one line. The list is
+    empty if the line has no place for a drop.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:

@@ -112,11 +112,11 @@ def plan_points(
 ) -> tuple[PathPoint, ...]:
     """Convert a path (n, 4) of x, y, height_m and after_s to points with altitudes.
 
-    Between two points the altitude changes linearly, and stays within ``BAND`` above the leg's
-    height over the ground. Therefore a leg over uneven ground is cut into the fewest possible
-    parts, at most ``SAMPLES_A_CELL`` per cell. ``above_map_m`` is the autopilot's altitude minus
-    the landscape's, as measured on the ground. Raises FireModelError if the landscape has no
-    elevation.
+    Between two points the altitude changes linearly. The height above the ground stays between the
+    leg's height and a share ``BAND`` more. Therefore a leg over uneven ground is cut into the
+    fewest possible parts, at most ``SAMPLES_A_CELL`` per cell. ``above_map_m`` is the autopilot's
+    altitude minus the landscape's, as measured on the ground. Raises FireModelError if the
+    landscape has no elevation.
     """
     ground_m = _ground(path[:1], landscape)[0]
     altitude_m = _middle(ground_m, path[0, 2])

@@ -1,5 +1,5 @@
-"""Formations of fixed wings that loiter around a fire by virtual agents, after the paper's method.
+"""The guidance of formations: fixed wings loiter around a fire by the paper's virtual agents.
 
-All modules are pure: they use no clock, network or random source. Positions are metres, x east and
-y north, in the landscape's CRS; angles are radians anticlockwise from its east.
+All modules are pure: they use no clock, network or random source. Positions are in metres in the
+landscape's CRS, with x east and y north. Angles are in radians, anticlockwise from the CRS's east.
 """

@@ -1,8 +1,9 @@
-"""One UAV of the formation: its maps, its virtual agent, and the orbit it intends to fly.
+"""The agent of one UAV in the formation: its maps, its virtual agent, and its intended orbit.
 
-Every UAV has one agent, whose inputs are the UAV's camera and the messages received. ``step`` is
-called at each position of the UAV and returns an ``Intention``: an orbit and an airspeed, which are
-flown by the kinematics of a simulation, an orbit command of the autopilot, or a loiter item.
+Every UAV has one agent, whose inputs are the views of the UAV's camera and the messages received.
+``step`` is called at each position of the UAV. It returns an ``Intention``, which is an orbit and
+an airspeed. They are flown by a simulation's kinematics, by an orbit command to the autopilot, or
+by a loiter item.
 """
 
 import math
@@ -39,7 +40,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # a larger change of the orbit is sent at once, as is a new goal
+RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once, as after a new goal
 MAX_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
@@ -48,7 +49,10 @@ COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """State of the agent's own UAV: velocity over the ground, wind towards x (east), y (north)."""
+    """The state of the agent's own UAV.
+
+    The velocity is over the ground; the wind is a velocity towards x (east) and y (north).
+    """
 
     at_us: int
     x_m: float
@@ -64,10 +68,11 @@ class OwnState:
 
 @dataclass(frozen=True, slots=True)
 class Intention:
-    """The orbit (radius signed as in MAVLink) and the airspeed that a UAV intends to fly.
+    """The orbit and the airspeed that a UAV intends to fly.
 
-    ``climb_m`` is the climb above the normal altitude to avoid heat. ``settled`` is true after
-    ``SETTLED_FOR_S`` on that orbit. The virtual agent's position is NaN during the return home.
+    The sign of the radius is that of MAVLink. ``climb_m`` is the climb above the normal altitude to
+    avoid heat. ``settled`` is true after ``SETTLED_FOR_S`` on the orbit. During a return home the
+    virtual agent's position is NaN.
     """
 
     orbit_x_m: float
@@ -82,7 +87,7 @@ class Intention:
 
 
 class Agent:
-    """The agent of one UAV. ``name`` determines the priority in a conflict of two UAVs."""
+    """The agent of one UAV; ``name`` determines the priority in a conflict between two UAVs."""
 
     def __init__(
         self,
@@ -94,9 +99,9 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """Create an agent; ``fire`` are the burning cells at ``at_us`` that all UAVs start with.
+        """Create an agent; ``fire`` holds the cells burning at ``at_us``, the same for all UAVs.
 
-        Raises MissionServiceError for cells that are not on the grid.
+        Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
@@ -135,7 +140,7 @@ class Agent:
     # Inputs -----------------------------------------------------------------------------------
 
     def on_message(self, message: AnyMessage) -> None:
-        """Apply a message of another UAV."""
+        """Apply a message from another UAV."""
         match message:
             case State():
                 self.peers.apply_state(message)
@@ -147,13 +152,13 @@ class Agent:
                 self.maps.set(*self.map.on_message(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Apply a camera view: the numbers of burning and of unburned cells."""
+        """Apply a camera view, given as the numbers of its burning and of its unburned cells."""
         self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
     # Outputs ----------------------------------------------------------------------------------
 
     def step(self, own: OwnState) -> Intention:
-        """Advance to the UAV's present state; return the intended orbit and airspeed."""
+        """Advance the agent to the UAV's present state; return the UAV's intention."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, MAX_STEP_S)
         self._stepped_at_us = own.at_us
         for state in self._lost_peers.states(own.at_us):
@@ -169,12 +174,12 @@ class Agent:
         return [*outbox, *self.map.messages(at_us)]
 
     def leave(self, at_us: int, why: str) -> None:
-        """Leave the formation until the next ``step``, because of a lost link or a landing."""
+        """Leave the formation until the next ``step``; ``why`` is sent to the other UAVs."""
         self.agent_m = self._choice = None
         self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """Intend a circle around (x, y) from now on, without a virtual agent."""
+        """Intend a circle around the home (x, y) from now on, without a virtual agent."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:
@@ -226,7 +231,7 @@ class Agent:
         return intention
 
     def _orbit(self, own: OwnState, peers: Floats) -> IntendedOrbit:
-        """Return the orbit round the virtual agent, in phase with other UAVs (section 5.3.2)."""
+        """Return the orbit around the virtual agent, in phase with other UAVs (section 5.3.2)."""
         airframe, radius_m = self.settings.airframe, -self.settings.loiter_radius_m
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
@@ -241,7 +246,7 @@ class Agent:
         return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
     def _climb(self, own: OwnState) -> float:
-        """Return the climb in metres: it grows in heat, and decreases later (section 5.3.3)."""
+        """Return the climb in metres, which grows in heat and decreases later (section 5.3.3)."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
             self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)

@@ -1,8 +1,8 @@
-"""The local maps of one UAV (sections 3.4 and 5.1): fire, augmented fire, area of virtual agents.
+"""The local maps of one UAV: fire, augmented fire, area of virtual agents (sections 3.4 and 5.1).
 
-The last two are counts of the burning cells within reach of each cell. A cell that begins to burn
-adds one to all counts in a disc around it, and a cell that is cleared subtracts one, so that
-updates are incremental. Kernels test a cell by ``augmentation[row, col] > 0``.
+The maps except the fire count the burning cells within reach of each cell. A cell that begins to
+burn adds one to all counts in a disc around it, and a cell that is cleared subtracts one.
+Therefore updates are incremental. Kernels test a cell by ``augmentation[row, col] > 0``.
 """
 
 import math
@@ -20,13 +20,14 @@ Counts = NDArray[Any]  # uint16, or int32 if a disc has 2**16 cells or more
 
 
 class AgentMaps:
-    """The fire on a UAV's map, and the areas derived from it. Arrays are (y, x), row 0 north.
+    """The fire on a UAV's map, and the areas derived from it; arrays are (y, x), with row 0 north.
 
-    ``fire`` is true for burning and burned cells. ``augmentation`` and ``area`` count the cells of
-    fire up to ``augmentation_m`` and ``agent_area_m`` away, centre to centre: the paper's
-    augmentation map is ``augmentation > 0``, its virtual agent area ``(area > 0) & ~fire``.
-    ``monitored`` counts those up to ``monitoring_m`` away, for the rule of ``coverage``.
-    ``sums`` (3,) are the number of cells of fire, the sum of their rows and of their columns.
+    ``fire`` is true for burning and burned cells. The other maps count, for each cell, the cells of
+    fire around it, up to a distance between the centres of the cells. This distance is
+    ``augmentation_m`` for ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for
+    ``monitored``, which the rule in ``coverage`` uses. The paper's augmentation map is
+    ``augmentation > 0``, and its virtual agent area is ``(area > 0) & ~fire``. ``sums`` (3,) holds
+    the number of cells of fire, the sum of their rows, and the sum of their columns.
     """
 
     def __init__(
@@ -46,9 +47,10 @@ class AgentMaps:
         self.sums = np.zeros(3, dtype=np.int64)
 
     def set(self, cells_on: Cells, cells_off: Cells) -> None:
-        """Set cells (numbers ``row * cols + col``) to burning, then others to not burning.
+        """Set the cells ``cells_on`` to burning, then the cells ``cells_off`` to not burning.
 
-        Raises MissionServiceError for a cell off the map.
+        The number of a cell is ``row * cols + col``. Raises MissionServiceError for a cell off the
+        map.
         """
         for cells, burns in ((cells_on, True), (cells_off, False)):
             if len(cells):
@@ -60,16 +62,16 @@ class AgentMaps:
 
     @property
     def centre_row_col(self) -> tuple[float, float] | None:
-        """Return the fire's centre of gravity (float row, col); None without fire."""
+        """Return the fire's centre of gravity (row and column, as floats); None without fire."""
         count, rows, cols = self.sums.tolist()
         return (rows / count, cols / count) if count else None
 
 
 def disc(reach_cells: float) -> Cells:
-    """Return the half width of a disc in each of its rows (2 k + 1), in columns.
+    """Return the half width, in columns, of each of the 2 k + 1 rows of a disc.
 
-    The rows are from k cells above the centre to k cells below. A cell belongs to the disc if the
-    distance between the centres of the cells is within reach.
+    The rows run from k cells above the centre to k cells below. A cell belongs to the disc if its
+    centre is at most ``reach_cells`` from the centre of the middle cell.
     """
     reach2 = reach_cells * reach_cells + 1e-9  # exact for whole numbers of cells
     k = math.isqrt(int(reach2))
@@ -79,7 +81,7 @@ def disc(reach_cells: float) -> Cells:
 
 
 def no_counts(shape: tuple[int, int], half_widths: Cells) -> Counts:
-    """Return zeros (y, x) of a type that can count all cells of a disc."""
+    """Return an array (y, x) of zeros, with a type that can count all cells of a disc."""
     cells = int((2 * half_widths + 1).sum())
     return np.zeros(shape, dtype=np.uint16 if cells < 2**16 else np.int32)
 
@@ -96,7 +98,10 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
 
 @kernel
 def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add or subtract the discs of the unique cells that the next ``stamp`` will change."""
+    """Add to ``counts`` the discs of those unique cells that the next ``stamp`` will change.
+
+    If the cells cease to burn, the discs are subtracted.
+    """
     for i in range(cells.size):
         row, col = cells[i] // fire.shape[1], cells[i] % fire.shape[1]
         if fire[row, col] != burns:
@@ -105,7 +110,7 @@ def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyp
 
 @kernel
 def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type: ignore[no-untyped-def]
-    """Set cells to fire or not; add or subtract the discs of the cells that change."""
+    """Set cells to burning or not; add or subtract the discs around the cells that change."""
     cols = fire.shape[1]
     sign = 1 if burns else -1
     for i in range(cells.size):
@@ -122,7 +127,10 @@ def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type
 
 @kernel
 def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add ``sign`` to a disc. Unsigned indices avoid a test, which makes it 6 times as fast."""
+    """Add ``sign`` to the counts in a disc.
+
+    Unsigned indices avoid a test, which makes this kernel 6 times as fast.
+    """
     rows, cols = counts.shape
     k = half_widths.size // 2
     for r in range(max(row - k, 0), min(row + k + 1, rows)):

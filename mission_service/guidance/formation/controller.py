@@ -1,11 +1,12 @@
-"""Guidance of a formation: orbits that follow virtual agents, and loiters at settled agents.
+"""Guides a formation by orbits that follow the virtual agents, and by loiters at settled agents.
 
 The first mission of a vehicle leads to a loiter near the fire, where the vehicle stays if anything
-fails. During this flight its agent takes control: orbit commands of the stack follow the virtual
-agent. When the agent has settled, its circle becomes the loiter of the mission, and the vehicle
-flies the mission; when the agent moves, orbit commands resume. The mission on board is renewed at
-intervals, so that it ends in a circle nearby. The rate of commands is limited: one pending command
-at a time, and a minimum interval for each kind.
+fails. During this flight the vehicle's agent takes control, and orbit commands to the autopilot
+follow the virtual agent. When the agent has settled, its circle becomes the loiter of the mission,
+and the vehicle flies the mission. When the agent moves again, orbit commands resume.
+
+The mission on board is renewed at intervals, so that it ends in a circle nearby. The rate of
+commands is limited: there is one pending command at a time, and a minimum interval for each kind.
 """
 
 import math
@@ -60,7 +61,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 
 ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
-# Near other vehicles the commanded orbit must match the orbit that the agent has checked and sent.
+# Near other vehicles, the commanded orbit must match the orbit that the agent has checked and sent.
 NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
 RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 CHECK_GROUND_EVERY_S = 10.0
@@ -80,7 +81,7 @@ ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 class OrderState:
     """The state of one vehicle, and the orders sent to it."""
 
-    guided: bool = False  # it flies its mission or commanded orbits, not under manual control
+    guided: bool = False  # it flies its mission or commanded orbits, and is not flown manually
     taken_over: bool = False
     mode: str = ""
     order: str = ""  # pending order
@@ -93,30 +94,33 @@ class OrderState:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # limit of the agent's control
+    goes_home_until_s: float = math.inf  # when the agent's guidance home ends
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 
     def has_settled(self, at_s: float) -> bool:
-        """Return whether the agent has been settled long enough for a loiter item."""
+        """Return whether the agent has been settled for long enough to use a loiter item."""
         return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
 
     def start_due(self, at_s: float) -> bool:
-        """Return whether to start the mission on board, which ends in the circle being flown."""
+        """Return whether to start the mission on board now.
+
+        It must end in the circle that the vehicle flies.
+        """
         if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
             return False
         return self.has_settled(at_s) and at_s >= self.start_not_before_s
 
 
 def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
-    """Return the distance from the fire's centre at which a circle is clear of all known fire."""
+    """Return the distance from the fire's centre at which a loiter is clear of all known fire."""
     return formation.reach_m + 3.0 * section.loiter_radius_m
 
 
 def waits_at(
     scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
 ) -> Place:
-    """Return the end of a vehicle's first mission: its own place at the fire's edge."""
+    """Return the place at the fire's edge where a vehicle's first mission ends."""
     number = [each.name for each in scenario.vehicles].index(section.name)
     reach_m = clear_of_fire_m(formation, section)
     apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
@@ -126,7 +130,7 @@ def waits_at(
 def mission_to_place(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """Return the first mission of a vehicle on the ground: to its place at the fire's edge."""
+    """Return a vehicle's first mission, from the ground to its place at the fire's edge."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
     landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
@@ -134,7 +138,7 @@ def mission_to_place(
 
 
 class FormationFlight(Guidance):
-    """Guidance that sends the agents' intended orbits as commands to the vehicles."""
+    """The guidance of a formation, which commands the orbits that the agents intend."""
 
     def __init__(
         self,
@@ -157,7 +161,7 @@ class FormationFlight(Guidance):
     # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Drop pending orders after a restart of the service; orbits are commanded again."""
+        """Forget pending orders after a restart of the service; orbits are commanded again."""
         if isinstance(event, Resumed):
             for state in self._states.values():
                 if (
@@ -168,7 +172,7 @@ class FormationFlight(Guidance):
         return []
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Process results, modes and restarts; return announcements and messages."""
+        """Process a vehicle's event; return announcements, and messages for other processes."""
         state, at_s = self._states[vehicle.name], event.at_us / 1e6
         commands: list[AnyCommand] = []
         match event:
@@ -201,14 +205,14 @@ class FormationFlight(Guidance):
         return [*commands, *self.formation.outgoing()]
 
     def _is_manual(self, vehicle: Vehicle, state: OrderState) -> bool:
-        """Return whether it is airborne and controlled by neither its agent nor its mission."""
+        """Return whether a vehicle is airborne without control by its agent or its mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.fix is None:
             return False
         return bool(vehicle.ordered) or availability.recalled or not state.guided
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
-        """Apply a peer's message; reject cells off the map, with one warning for each sender."""
+        """Apply a peer's message; return a warning if it is the sender's first rejected message."""
         try:
             self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
@@ -256,13 +260,16 @@ class FormationFlight(Guidance):
         self.formation.end_tracking(vehicle.name, event.at_us)
 
     def in_mission(self, name: str) -> bool:
-        """Return whether the vehicle flies its mission, by its mode."""
+        """Return whether the vehicle's mode shows that it flies its mission."""
         return self._states[name].mode == "mission"
 
     # Missions ---------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to the fire's edge; in the air to the nearest place clear of fire."""
+        """Return the path to the fire's edge.
+
+        For an airborne vehicle it leads to the nearest place that is clear of fire.
+        """
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
             reach_m = clear_of_fire_m(self.formation, section)
@@ -272,7 +279,7 @@ class FormationFlight(Guidance):
         return np.array([(fix.x_m, fix.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission to a waiting place."""
+        """Return the mission to the waiting place at the end of a path."""
         section, state = vehicle.section, self._states[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
@@ -290,7 +297,7 @@ class FormationFlight(Guidance):
         return [self._missions.upload(vehicle, path_m, items, fix, "fly to the fire")]
 
     def _renew(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> list[AnyCommand]:
-        """Renew the mission if due, so that it ends in the circle being flown."""
+        """Return the upload of a mission that ends in the present circle, if this is due."""
         circle = state.circle
         if circle is None or circle == state.loiter or vehicle.awaits_mission:
             return []
@@ -315,7 +322,7 @@ class FormationFlight(Guidance):
     # Orders -----------------------------------------------------------------------------------
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return commands to follow the agent; none before the mission's climb is complete."""
+        """Return the commands to follow the agent; none before the mission's climb is complete."""
         state = self._states[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
             return self._resend_first(vehicle, fix)
@@ -346,7 +353,11 @@ class FormationFlight(Guidance):
         return [*commands, *self._renew(vehicle, state, fix)]
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return commands by which the agent guides a vehicle home; None near home."""
+        """Return the commands by which the agent guides a vehicle home.
+
+        The result is None if the vehicle is near home, if the agent's time limit has passed, or if
+        the agent has not taken control.
+        """
         state = self._states[vehicle.name]
         away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
         if away_m < HOME_WITHIN_M or not state.taken_over:
@@ -361,7 +372,7 @@ class FormationFlight(Guidance):
         return self.lead(vehicle, fix) if fix.at_s < state.goes_home_until_s else None
 
     def _takes_over(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> bool:
-        """Return whether it is clear of its home and of the terrain."""
+        """Return whether the agent takes control: the vehicle is clear of its home and terrain."""
         place_m: Place = (fix.x_m, fix.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
             return False

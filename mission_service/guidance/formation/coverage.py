@@ -1,16 +1,18 @@
-"""Coverage rule for virtual agents, beyond the paper's forces: maximise the added coverage.
+"""The coverage rule, by which each virtual agent maximises the coverage that it adds.
 
-An agent's gain is the weight in its circle that no other agent covers. The total weight covered is
-a potential: a gain of one agent is a gain of all. Therefore the agents come to rest, in
-measurements within 3 % of the best placement (``experiments/virtual_agents/static_placement.py``).
-With forces, agents stop where the forces cancel, between the fire's centre and a neighbour.
+This rule replaces the paper's forces. An agent's gain is the weight in its circle that no other
+agent covers. A gain of one agent is also a gain in the total weight covered, so the agents come to
+rest. In measurements, the total was then at most 3 % below that of the best placement
+(``experiments/virtual_agents/static_placement.py``). With the paper's forces, agents stop where the
+forces cancel, between the fire's centre and a neighbour.
 
-An agent compares all places of a lattice in its area by their gain minus the cost of the path,
-which leads around the augmented fire. It moves only for a gain of ``WORTH`` or if fire reaches its
-place, so that a loiter item can fly the orbit of a settled agent. Among places without a gain it
+An agent compares all places of a lattice in its area, by their gain minus the cost of the path to
+them around the augmented fire. It moves only for a gain of ``WORTH``, or if fire reaches its place.
+Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an agent
 prefers those far from other agents.
 
-Weights are in fifths: 5 for a cell within the augmentation (priority 1), 1 within d_mon (0.2).
+Weights are in fifths: 5 for a cell within the augmentation (priority 1), and 1 for a cell within
+d_mon (priority 0.2).
 """
 
 import math
@@ -32,12 +34,13 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 
 Floats = NDArray[np.float64]
 
-# Minimum gain of a move at first (0.5 % of the coverage of four), and after LATER_S at a place.
+# Minimum gain of a move at first (0.5 % of the coverage of four agents), and after LATER_S at a
+# place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 COST_PER_M = 0.03  # cost of a metre of path
-CROWD_M = 150.0  # closer agents have the additional cost ``coverage_kernels.CROWD``
+CROWD_M = 150.0  # agents closer than this have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
-MARGIN_M = 10.0  # a place closer to the augmented fire has a cost, since the fire grows
+MARGIN_M = 10.0  # a place this close to the augmented fire has a cost, since the fire grows
 ARRIVED_M = 0.5
 STILL_M = 5.0  # an agent that moved farther since the last decision is in transit
 DECIDE_EVERY_S = 2.0
@@ -45,9 +48,10 @@ DECIDE_EVERY_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The goal of a virtual agent, and the via: the end of the first straight leg of its path.
+    """The goal of a virtual agent, and the via point on the way to the goal.
 
-    ``since_s`` is the time at which the goal was chosen.
+    The via point is the end of the first straight leg of the path. ``since_s`` is the time at which
+    the goal was chosen.
     """
 
     x_m: float
@@ -58,7 +62,7 @@ class Goal:
 
 
 class _Workspace(NamedTuple):
-    """The circle of coverage, and work arrays of kernels; shared by all agents."""
+    """The circle of coverage and the kernels' work arrays, which all agents share."""
 
     half_widths: NDArray[np.int64]
     sums: NDArray[np.int32]  # (rows, cols + 1)
@@ -94,10 +98,11 @@ def next_goal(
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
-    """Return the goal of the agent at (x, y); None outside its area, where forces move the agent.
+    """Return the goal of the agent at (x, y); None if forces must move the agent.
 
-    ``goal`` is the previous result (None at first), ``others_m`` (n, 2) are x, y of the goals or
-    positions of the other agents. ``AgentMover`` calls this function every few seconds.
+    This is the case outside the agent's area. ``goal`` is the previous result (None at first).
+    ``others_m`` (n, 2) holds x and y of the other agents' goals, or of their positions if they have
+    no goal. ``AgentMover`` calls this function every few seconds.
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -135,7 +140,10 @@ def next_goal(
 def velocity(
     x_m: float, y_m: float, goal: Goal, max_m_s: float, step_s: float
 ) -> tuple[float, float]:
-    """Return the velocity (east, north) in m/s of the agent for a step; it stops at the via."""
+    """Return the agent's velocity (east, north) in m/s for one step towards the via point.
+
+    The agent does not fly past the via point.
+    """
     east, north = goal.via_x_m - x_m, goal.via_y_m - y_m
     distance_m = math.hypot(east, north)
     if distance_m < ARRIVED_M or step_s <= 0.0:
@@ -145,9 +153,10 @@ def velocity(
 
 
 class AgentMover:
-    """Moves one virtual agent: by this rule within its area, by the paper's forces outside.
+    """The mover of one virtual agent.
 
-    With ``placement`` "forces" in the settings, the agent moves by the paper's forces only.
+    The coverage rule moves the agent inside its area, and the paper's forces move it outside. If
+    ``placement`` in the settings is "forces", only the paper's forces move the agent.
     """
 
     def __init__(self, settings: Settings, grid: MapGrid, tie_rad: float) -> None:
@@ -160,7 +169,7 @@ class AgentMover:
 
     @property
     def goal_m(self) -> tuple[float, float] | None:
-        """Return the goal to send to the others; None while forces move the agent."""
+        """Return the goal to send to the other agents; None while forces move the agent."""
         goal = self.goal
         return None if goal is None else (goal.x_m, goal.y_m)
 
@@ -176,8 +185,9 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_*`` (n) are goals or positions of the other virtual agents in range, NaN if absent.
-        ``at_s`` must not decrease between calls.
+        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. An
+        agent without a goal has its position there, and a UAV without an agent has NaN. ``at_s``
+        must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col
@@ -205,7 +215,7 @@ class AgentMover:
     def _decide(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps
     ) -> None:
-        """Choose a goal. An agent at its goal does not give way to agents in transit."""
+        """Choose a goal; an agent that is at its goal does not give way to agents in transit."""
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
@@ -224,6 +234,6 @@ class AgentMover:
         return math.dist((x_m, y_m), (goal.x_m, goal.y_m)) < ARRIVED_M
 
     def _is_at_via(self, x_m: float, y_m: float, goal: Goal) -> bool:
-        """Return whether it is at a corner of its path, before the goal."""
+        """Return whether the agent is at the via point, but not yet at its goal."""
         at_via = math.dist((x_m, y_m), (goal.via_x_m, goal.via_y_m)) < ARRIVED_M
         return at_via and not self._is_at(x_m, y_m, goal)

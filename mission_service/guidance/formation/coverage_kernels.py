@@ -1,11 +1,11 @@
 """Compiled parts of ``coverage``: the weight that a circle adds, and paths around the fire.
 
-Lengths are in cells, and places are float (row, col) with whole numbers at the centres of cells.
-Boxes are (top, bottom, left, right), without row ``bottom`` and column ``right``. The lattice has a
-node at each cell whose row and column are multiples of ``stride``; node (i, j) has the number
-``i * wide + j``.
+Lengths are in cells. A place is a row and a column, as floats, with whole numbers at the centres of
+cells. A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The
+lattice has a node at each cell whose row and column are multiples of ``stride``. Node (i, j) has
+the number ``i * wide + j``.
 
-Indices of inner loops are unsigned, since signed indices require a test for negative values.
+Indices of inner loops are unsigned, because signed indices require a test for negative values.
 """
 
 import math
@@ -18,14 +18,14 @@ NEAR, FAR = 5, 1  # weights of cells in fifths (section 3.4)
 RINGS = 8  # radius, in strides, of the search for the first free node
 PER_CELL = 4  # samples of a straight line
 NO_PATH = math.inf
-# Maximum cost of an agent closer than the spacing, and additional one if closer than CROWD_M.
+# Maximum cost of an agent closer than the spacing, and the additional cost if closer than CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
 TOUCHING = 50.0  # cost of a place within the margin of the augmented fire
 
 
 @kernel
 def extent(fire):  # type: ignore[no-untyped-def]
-    """Return the smallest box around all fire (rows, cols); an empty one without fire."""
+    """Return the smallest box around all fire; an empty box without fire."""
     rows, cols = fire.shape
     top, bottom, left, right = rows, 0, cols, 0
     for r in range(rows):
@@ -46,7 +46,7 @@ def extent(fire):  # type: ignore[no-untyped-def]
 
 @kernel
 def wider(box, by, shape):  # type: ignore[no-untyped-def]
-    """Return a box extended on all sides, within the map."""
+    """Return a box extended by ``by`` cells on each side, but not beyond the map."""
     return (
         max(box[0] - by, 0),
         min(box[1] + by, shape[0]),
@@ -57,7 +57,7 @@ def wider(box, by, shape):  # type: ignore[no-untyped-def]
 
 @kernel
 def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
-    """Fill ``sums`` (rows, cols + 1) in the box with cumulative uncovered weights of rows."""
+    """Fill ``sums`` (rows, cols + 1) in the box with uncovered weights, summed along each row."""
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
@@ -86,7 +86,10 @@ def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius,
 
 @kernel
 def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-def]
-    """Return the weight of ``sum_left_over`` in a circle, given by its half widths in rows."""
+    """Return the weight inside a circle; ``sums`` is filled by ``sum_left_over``.
+
+    ``half_widths`` holds the circle's half width in each row.
+    """
     top, bottom, left, right = box
     reach = half_widths.size // 2
     total = 0
@@ -100,7 +103,11 @@ def weight_within(row, col, half_widths, box, sums):  # type: ignore[no-untyped-
 
 @kernel
 def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, crowd):  # type: ignore[no-untyped-def]
-    """Return the cost of other agents nearby: up to ``neighbour``, and ``crowd`` if very close."""
+    """Return the cost of other agents nearby.
+
+    Each agent within ``spacing`` costs up to ``neighbour``, and within ``crowd_at`` also up to
+    ``crowd``.
+    """
     total = 0.0
     for k in range(others_row.size):
         away = math.hypot(row - others_row[k], col - others_col[k])
@@ -113,7 +120,7 @@ def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, cro
 
 @kernel
 def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
-    """Return whether a cell is on the map and outside the augmentation, with a margin."""
+    """Return whether a cell is on the map, and at least ``margin`` outside the augmentation."""
     rows, cols = augmentation.shape
     if not (0 <= row < rows and 0 <= col < cols) or augmentation[row, col] != 0:
         return False
@@ -144,12 +151,13 @@ def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped
 
 @kernel
 def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
-    """Fill ``distances`` from (row, col) to each node in the box, ``NO_PATH`` without a path.
+    """Fill ``distances`` with the length of the path from (row, col) to each node in the box.
 
-    ``previous`` is the preceding node on that path, -1 for a first node. First nodes are the free
-    nodes next to the place, connected to it by a clear straight line unless the place is in the
-    augmentation. Returns whether any exist. ``queue``, ``queued`` are work arrays with an entry for
-    each node.
+    The length is ``NO_PATH`` without a path. A path begins at a first node. First nodes are the
+    free nodes next to the place that a clear straight line connects to it; the line need not be
+    clear if the place is in the augmentation. ``previous`` is filled with the preceding node on the
+    path, or -1 for a first node. ``queue`` and ``queued`` are work arrays with an entry for each
+    node. Returns whether there is a first node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
@@ -198,7 +206,10 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
 
 @kernel
 def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
-    """Return the node next to a cell with the shortest path to it, or -1; and its length."""
+    """Return the node next to a cell by which the path to the cell is shortest, and its length.
+
+    The node is -1 if no path leads to the cell.
+    """
     best, best_node = NO_PATH, -1
     for i in range(row // stride, row // stride + 2):
         for j in range(col // stride, col // stride + 2):
@@ -212,9 +223,9 @@ def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-unt
 
 @kernel
 def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
-    """Set ``found[2:]`` to the farthest node on the path to ``found[:2]`` with a clear line.
+    """Set ``found[2:]`` to the farthest node in a clear straight line on the path to ``found[:2]``.
 
-    Returns whether a path exists (``find_paths``).
+    ``find_paths`` must be called first. Returns whether a path exists.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -235,7 +246,10 @@ def find_goal(  # type: ignore[no-untyped-def]
     area_reach, spacing, crowd_at, stride, half_widths, sums, distances, previous, queue, queued,
     found,
 ):  # fmt: skip
-    """Fill ``found`` (4) with goal and via of ``coverage.next_goal`` in cells; False for None."""
+    """Fill ``found`` (4) with the goal and the via point of ``coverage.next_goal``, in cells.
+
+    Returns whether there is a goal.
+    """
     if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
         return False
     burning = extent(fire)
@@ -281,7 +295,7 @@ def find_goal(  # type: ignore[no-untyped-def]
 
 @kernel
 def value(row, col, scene):  # type: ignore[no-untyped-def]
-    """Return the gain of an agent at a free cell."""
+    """Return the gain of an agent at a free cell, minus the costs of the place."""
     augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
     gain = weight_within(row, col, half_widths, box, sums) - crowding(
         row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD
@@ -291,7 +305,7 @@ def value(row, col, scene):  # type: ignore[no-untyped-def]
 
 @kernel
 def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
-    """Return the best cell of the area near a cell, by ascents with decreasing steps."""
+    """Return the best cell of the area near a cell, found by ascents with decreasing steps."""
     augmentation = scene[0]
     best = value(row, col, scene)
     while step > 1:

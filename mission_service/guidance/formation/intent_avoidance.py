@@ -1,11 +1,13 @@
-"""Avoidance by shared intentions: an orbit is adopted only if its path is clear of all others.
+"""Avoids other vehicles by shared intentions: a vehicle adopts only an orbit with a clear path.
 
-The vehicles of the paper use velocities only. Here each vehicle sends the orbit to which it flies
-(``State.orbit_*``) and flies it by eqs. 14 and 15, so that all others can predict its path. A
-vehicle keeps its orbit, which was clear of all others at its adoption, until another orbit is clear
-over the horizon: the desired one, or else the best of some detours, waiting circles and other
-airspeeds. The orbit flown has thus been checked, and orbits adopted later were checked against it.
-Conflicts could arise only between two simultaneous adoptions, so nearby vehicles take turns.
+The vehicles in the paper use only velocities. Here each vehicle sends the orbit to which it flies
+(``State.orbit_*``), and flies it by eqs. 14 and 15, so that the others can predict its path.
+
+A vehicle keeps its orbit, which was clear of all others when adopted, until another orbit is clear
+over the horizon. This is the desired orbit, or else the best of some detours, waiting circles and
+other airspeeds. So each orbit was checked against all orbits adopted before it. Conflicts could
+arise only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If no
+orbit is clear over the horizon, the vehicle flies the one that is clear for longest.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,10 @@ Floats = NDArray[np.float64]
 
 
 class IntendedOrbit(NamedTuple):
-    """The circle to which a vehicle flies and on which it stays; negative radius: anticlockwise."""
+    """The circle to which a vehicle flies, and on which it then stays.
+
+    A negative radius means an anticlockwise orbit.
+    """
 
     x_m: float
     y_m: float
@@ -30,7 +35,7 @@ class IntendedOrbit(NamedTuple):
 
 
 class OwnMotion(NamedTuple):
-    """The present motion of the vehicle itself."""
+    """The present motion of the vehicle that decides."""
 
     key: int  # peer_table.priority_key(name)
     x_m: float
@@ -43,7 +48,7 @@ class OwnMotion(NamedTuple):
 
 
 class AdoptedOrbit(NamedTuple):
-    """The adopted orbit, and the result of the last decision on it."""
+    """The adopted orbit, and the result of the last decision about it."""
 
     orbit: IntendedOrbit
     in_conflict: bool = False  # another vehicle prevents the desired orbit
@@ -53,14 +58,14 @@ class AdoptedOrbit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AvoidanceRules:
-    """Distances and times of the avoidance."""
+    """The distances and times by which vehicles avoid each other."""
 
     airframe: Airframe
     apart_m: float  # a smaller distance is a collision: 2 r_s
     margin_m: float = 15.0  # additional distance between paths
     margin_m_s: float = 5.0  # additional distance for each second that a peer's state is late
     horizon_s: float = 40.0
-    every_s: float = 0.5  # between decisions
+    every_s: float = 0.5  # time between decisions
     turn_s: float = (
         2.0  # duration of a turn, during which states of all nearby vehicles must arrive
     )
@@ -80,7 +85,7 @@ class AvoidanceRules:
 
 
 def avoidance_rules(settings: Settings) -> AvoidanceRules:
-    """Return the rules for the formation's settings."""
+    """Return the avoidance rules that follow from a formation's settings."""
     return AvoidanceRules(
         settings.airframe, 2.0 * settings.safety_radius_m, layers_m=settings.vertical_separation_m
     )
@@ -94,9 +99,9 @@ def choose_orbit(
     peers: Floats,
     rules: AvoidanceRules,
 ) -> AdoptedOrbit:
-    """Return the orbit to fly; called at each position, with a new decision every ``every_s``.
+    """Return the orbit to fly at this position; a new decision is made every ``every_s``.
 
-    ``peers`` (n, COLUMNS) are rows of ``PeerTable.rows``.
+    ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``.
     """
     if at_s - held.decided_at_s < rules.every_s - 1e-6:
         return held

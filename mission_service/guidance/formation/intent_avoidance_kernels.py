@@ -1,6 +1,7 @@
 """Compiled parts of ``intent_avoidance``: predicted paths, their conflicts, and detours.
 
-Paths have one row for each second from now. Orbits are arrays (4): x, y, signed radius, airspeed.
+A path has one row for each second from now. An orbit is an array (4) with x, y, signed radius and
+airspeed.
 """
 
 import math
@@ -25,14 +26,14 @@ from mission_service.guidance.formation.peer_table import (
 
 STEP_S = 1.0
 REACH_M = 600.0  # maximum distance of detours from the vehicle
-NEAR_M = 200.0  # vehicles that are, or within NEAR_S will be, closer take turns
+NEAR_M = 200.0  # vehicles take turns if they are closer than this, or will be within NEAR_S
 NEAR_S = 5.0
-FRESH_S = 1.0  # older states are late
+FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
-HASTE_S = 8.0  # a path that is clear for less is changed at once, out of turn
+HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
 SMALL_M = 40.0  # minimum radius of waiting circles
 WORTH_M = 40.0  # minimum gain of one detour over another
-NOTES = 6  # values noted for each predicted peer
+NOTES = 6  # number of values noted for each predicted peer
 
 # Indices of ``own`` and of a peer's notes.
 OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
@@ -41,7 +42,7 @@ WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 @kernel
 def hashed(key, slot):  # type: ignore[no-untyped-def]
-    """Return a pseudo-random number from 0 to 2^32, equal in all processes."""
+    """Return a pseudo-random number from 0 to 2^32 - 1, which is the same in all processes."""
     bits = (int(key) * 0x9E3779B1 + int(slot) * 0x85EBCA77) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     bits = ((bits ^ (bits >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -50,15 +51,20 @@ def hashed(key, slot):  # type: ignore[no-untyped-def]
 
 @kernel
 def rank(key, slot):  # type: ignore[no-untyped-def]
-    """Return the priority in a slot; the highest may adopt. Each key is high once in 8 slots."""
+    """Return a key's priority in a slot; the vehicle with the highest priority may adopt an orbit.
+
+    There are 8 classes of priority, and each key is in the highest class once in 8 slots.
+    """
     return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
 
 
 @kernel
 def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
-    """Return whether no vehicle that is or soon may be near has priority or an old state.
+    """Return whether this vehicle may adopt an orbit now.
 
-    A state sent before the begin of the slot is old: a later adoption may not have been received.
+    It may not if any vehicle that is near, or will soon be near, has a higher priority or an old
+    state. A state is old if it was sent before the slot began, because a later adoption may not
+    have been received.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -84,7 +90,7 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-
 
 @kernel
 def _box(path, more_m):  # type: ignore[no-untyped-def]
-    """Return west, east, south and north of a path, extended by ``more_m``."""
+    """Return the west, east, south and north edges of a box around a path, ``more_m`` wider."""
     west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
     for row in range(path.shape[0]):
         west, east = min(west, path[row, 0]), max(east, path[row, 0])
@@ -94,10 +100,10 @@ def _box(path, more_m):  # type: ignore[no-untyped-def]
 
 @kernel
 def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[no-untyped-def]
-    """Return for how long a path (rows, 2) is clear of the first ``count`` of ``paths``.
+    """Return for how long a path (rows, 2) is clear of the first ``count`` paths of the peers.
 
-    ``paths`` are (n, rows, 2); ``apart_at`` is the index (APART or HELD_APART) of the noted minimum
-    distance.
+    ``paths`` (n, rows, 2) holds the paths of the peers. ``apart_at`` (APART or HELD_APART) is the
+    index of the minimum distance in ``notes``.
     """
     west, east, south, north = _box(path, 0.0)
     first = path.shape[0] - 1
@@ -115,7 +121,7 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
             away_x = paths[peer, row, 0] - path[row, 0]
             away_y = paths[peer, row, 1] - path[row, 1]
             distance2 = away_x * away_x + away_y * away_y
-            # Skips the steps in which two vehicles cannot come closer than the minimum distance.
+            # Skip the steps in which two vehicles cannot come closer than the minimum distance.
             ahead = apart_m + 2.0 * max_m_s * STEP_S
             if distance2 > ahead * ahead:
                 row += int((math.sqrt(distance2) - apart_m) / (2.0 * max_m_s * STEP_S))
@@ -135,7 +141,7 @@ def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[n
 
 @kernel
 def _may_enter(row, peers, box):  # type: ignore[no-untyped-def]
-    """Return whether a peer's path to and round its orbit may enter a box (W, E, S, N)."""
+    """Return whether a peer's path to and around its orbit may enter a box (W, E, S, N)."""
     west, east, south, north = box
     span_m = abs(peers[row, RADIUS]) + peers[row, AIRSPEED] * peers[row, AGE_S]
     return (
@@ -148,9 +154,9 @@ def _may_enter(row, peers, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type: ignore[no-untyped-def]
-    """Add paths and notes of peers that may enter a box, except those that may enter ``seen``.
+    """Add the paths and notes of peers that may enter a box, but may not enter the box ``seen``.
 
-    Returns the new count.
+    Returns the new number of paths.
     """
     apart_m, margin_m, margin_m_s, _, layers_m = rule
     bank_rad = frame[2]
@@ -183,7 +189,7 @@ def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type
 
 @kernel
 def _union(one, other):  # type: ignore[no-untyped-def]
-    """Return the box around two boxes."""
+    """Return the smallest box that contains two boxes."""
     return (
         min(one[0], other[0]),
         max(one[1], other[1]),
@@ -194,7 +200,7 @@ def _union(one, other):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
-    """Fill ``path`` with the path to and round an orbit."""
+    """Fill ``path`` with the vehicle's own path to and around an orbit."""
     predict_path(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED],
         orbit[0], orbit[1], orbit[2], orbit[3],
@@ -204,7 +210,7 @@ def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
 
 @kernel
 def _clear_s(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """Return for how long the path to an orbit is clear; 0 if others cannot predict it."""
+    """Return for how long the path to an orbit is clear; 0 if others cannot predict the path."""
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],
@@ -222,7 +228,7 @@ def _copy(orbit, to):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
-    """Return the cost in metres of the deviation of an orbit from the desired one."""
+    """Return the cost, in metres, by which an orbit deviates from the desired orbit."""
     return (
         math.hypot(orbit[0] - desired[0], orbit[1] - desired[1])
         + 0.5 * abs(abs(orbit[2]) - abs(desired[2]))
@@ -231,13 +237,16 @@ def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
 
 
 AIRSPEEDS = 5
-ROUND = 12  # directions of detours
+ROUND = 12  # number of directions of detours
 KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 
 
 @kernel
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
-    """Return the airspeed of waiting circles: between minimum and cruise, above the wind speed."""
+    """Return the airspeed for waiting circles.
+
+    It is midway between the minimum and the cruise airspeed, or higher to exceed the wind speed.
+    """
     min_m_s, max_m_s, _ = frame
     slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
     return min(max(slow_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0), max_m_s)
@@ -245,7 +254,7 @@ def slow_of(own, frame):  # type: ignore[no-untyped-def]
 
 @kernel
 def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # type: ignore[no-untyped-def]
-    """Fill ``orbit`` with one of KINDS candidates: airspeeds, waiting circles, detours."""
+    """Fill ``orbit`` with candidate ``number``: another airspeed, a waiting circle or a detour."""
     min_m_s, max_m_s, _ = frame
     sense = 1.0 if desired[2] > 0.0 else -1.0
     min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
@@ -282,7 +291,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
 
 @kernel
 def _differs(orbit, other):  # type: ignore[no-untyped-def]
-    """Return whether two orbits differ enough for a change."""
+    """Return whether two orbits differ enough to change from one to the other."""
     return (
         abs(orbit[0] - other[0]) + abs(orbit[1] - other[1]) + abs(orbit[2] - other[2]) > 2.0
         or abs(orbit[3] - other[3]) > 0.2
@@ -293,10 +302,10 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fill ``adopted`` if another orbit is adopted.
+    """Decide on the orbit to fly; fill ``adopted`` if this is another orbit.
 
     Returns whether another orbit is adopted, whether a conflict prevents the desired orbit, and for
-    how long the adopted or held orbit is clear.
+    how long the orbit to fly is clear.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

@@ -1,15 +1,16 @@
-"""Loitering around a virtual agent (eqs. 14 and 15): control law, one step, and predicted path.
+"""Computes loitering around a virtual agent: control law, one step, and path (eqs. 14 and 15).
 
-Kernels over scalars: metres, x east, y north; angles in radians anticlockwise from east. A radius
-is signed as in MAVLink: negative is anticlockwise, the direction of the paper.
+The kernels work on scalars. Positions are in metres with x east and y north; angles are in radians,
+anticlockwise from east. A radius is signed as in MAVLink: a negative radius means an anticlockwise
+orbit, as in the paper.
 
 The law controls the course over the ground; in wind the heading includes the drift angle. The law
 uses the position at the end of the step, so that the circle flown has the commanded radius.
 
-Eq. 14 (turn right until the agent is on the left) is omitted: eq. 15 leads to the same orbit, and
-with eq. 14 a vehicle whose agent is inside its turning circle would turn right for ever. Instead a
-vehicle that must reverse its course turns in the direction of the orbit, so that it does not
-alternate between left and right, and others can predict its path.
+Eq. 14 (turn right until the agent is on the left) is omitted, because eq. 15 leads to the same
+orbit. With eq. 14 a vehicle whose agent is inside its turning circle would turn right for ever.
+Instead, a vehicle that must reverse its course turns in the direction of the orbit. So the vehicle
+does not alternate between left and right, and others can predict its path.
 """
 
 import math
@@ -19,18 +20,18 @@ from firemodel.compiled import kernel
 GRAVITY_M_S2 = 9.80665
 ACCELERATION_M_S2 = 1.5  # maximum change of the airspeed, up and down
 ABOUT = -0.7  # cosine of the smallest course change that counts as a reversal
-FORK = 0.15  # a course change this close to ABOUT may lead to a left or a right turn
+FORK = 0.15  # if the cosine of a course change is this close to ABOUT, the turn may be to any side
 
 
 @kernel
 def sense_of(radius_m):  # type: ignore[no-untyped-def]
-    """Return 1 for an anticlockwise orbit, -1 for a clockwise one."""
+    """Return 1 for an anticlockwise orbit, and -1 for a clockwise orbit."""
     return -1.0 if radius_m > 0.0 else 1.0
 
 
 @kernel
 def max_turn_rad(airspeed_m_s, bank_rad, step_s):  # type: ignore[no-untyped-def]
-    """Return the largest level turn in a step, at most half a turn."""
+    """Return the largest angle of a level turn in one step, which is at most half a turn."""
     return min(GRAVITY_M_S2 * math.tan(bank_rad) / airspeed_m_s * step_s, math.pi)
 
 
@@ -46,11 +47,12 @@ def _aim(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s,
 ):  # fmt: skip
-    """Return the desired unit heading at the end of a step.
+    """Return the desired heading at the end of a step, as a unit vector.
 
-    Eq. 15 in the corrected form: the desired course is the polar angle seen from the agent plus
-    2 atan(d / r). Far away it points at the agent, on the circle along it, in the middle outwards.
-    It is computed without angles: cos and sin of 2 atan(q) are (1 - q²) and 2 q over (1 + q²).
+    It follows eq. 15 in the corrected form: the desired course is the polar angle seen from the
+    agent plus 2 atan(d / r). Far away from the agent, the course points at it; on the orbit, along
+    the orbit; and near the agent, outwards. The course is computed without angles: with q = d / r,
+    the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is 2 q / (1 + q²).
     """
     sense = sense_of(radius_m)
     radius_m = abs(radius_m)
@@ -61,7 +63,7 @@ def _aim(  # type: ignore[no-untyped-def]
     distance2 = away_x * away_x + away_y * away_y
     distance_m = math.sqrt(distance2)
     if distance_m > 1e-6:
-        # The step is an arc: its part along the circle does not change the distance from it.
+        # The step is an arc: its part along the circle does not change the distance to the agent.
         round_m = (away_x * over_y - away_y * over_x) * step_s / distance_m
         arc2 = max(distance2 - round_m * round_m, 0.0)
         share = 1.0 / ((radius_m * radius_m + arc2) * distance_m)
@@ -81,9 +83,10 @@ def _aim(  # type: ignore[no-untyped-def]
 
 @kernel
 def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-untyped-def]
-    """Return the unit heading after a turn towards another one, by at most the angle of cos, sin.
+    """Return the heading, as a unit vector, after a turn towards the heading ``aim``.
 
-    A reversal turns in the direction ``sense``; with sense 0 every turn is the shorter one.
+    The turn is at most the angle that has the given ``cos`` and ``sin``. A reversal turns in the
+    direction ``sense``; if ``sense`` is 0, every turn is the shorter one.
     """
     along = head_x * aim_x + head_y * aim_y
     if along >= cos:
@@ -100,7 +103,7 @@ def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-u
 def _moved(  # type: ignore[no-untyped-def]
     x_m, y_m, head_x, head_y, new_x, new_y, airspeed_m_s, wind_x_m_s, wind_y_m_s, step_s
 ):
-    """Return the position at the end of a step, flown with the heading of its middle."""
+    """Return the position at the end of a step, flown at the mean of its first and last heading."""
     mid_x, mid_y = head_x + new_x, head_y + new_y
     size2 = mid_x * mid_x + mid_y * mid_y
     if size2 < 1e-12:
@@ -113,7 +116,7 @@ def _moved(  # type: ignore[no-untyped-def]
 
 @kernel
 def tightest_m(airspeed_m_s, wind_m_s, bank_rad):  # type: ignore[no-untyped-def]
-    """Return the radius of the smallest circle over the ground that can be flown in a wind."""
+    """Return the radius of the smallest circle over the ground that can be flown in this wind."""
     over_m_s = airspeed_m_s + wind_m_s
     return over_m_s * over_m_s / (GRAVITY_M_S2 * math.tan(bank_rad))
 
@@ -123,7 +126,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
     wind_x_m_s, wind_y_m_s, step_s, bank_rad,
 ):  # fmt: skip
-    """Return the heading to and round an orbit at the end of a step, for ``heading_step``."""
+    """Return the heading towards and around an orbit at the end of a step, for ``heading_step``."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
@@ -138,7 +141,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 def at_fork(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
 ):
-    """Return whether a small difference may reverse the direction of the turn to an orbit."""
+    """Return whether a small difference could reverse the direction of the turn to an orbit."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
@@ -154,9 +157,9 @@ def heading_step(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, desired_rad, desired_m_s, wind_x_m_s, wind_y_m_s,
     step_s, bank_rad,
 ):  # fmt: skip
-    """Compute one step of the ideal fixed wing (eq. 1) towards a heading and an airspeed.
+    """Compute one step of an ideal fixed wing (eq. 1) towards a heading and an airspeed.
 
-    Returns x, y, heading and airspeed at the end of the step.
+    Returns x, y, the heading and the airspeed at the end of the step.
     """
     new_m_s = next_airspeed_m_s(airspeed_m_s, desired_m_s, step_s)
     airspeed_m_s = 0.5 * (airspeed_m_s + new_m_s)
@@ -177,9 +180,10 @@ def predict_path(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, desired_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
-    """Fill ``path_m`` (n, 2) with x, y after first_s, first_s + step_s, ... on the way to an orbit.
+    """Fill ``path_m`` (n, 2) with the x and y of a vehicle on its way to and around an orbit.
 
-    With the age of the vehicle's state as ``first_s``, row 0 is the present position.
+    Row i is the position ``first_s + i * step_s`` after the vehicle's state. If ``first_s`` is the
+    age of this state, row 0 is the present position.
     """
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     parts = math.ceil(first_s / step_s)

@@ -1,7 +1,8 @@
-"""Dead reckoning of UAVs whose messages have stopped, along the orbits they sent last.
+"""Dead reckons UAVs whose messages have stopped, along the orbits that they last sent.
 
-Their virtual agents are removed after ``peer_table.LOST_AFTER_S``, so that the other agents take
-their area. The vehicles continue to fly at the common height, so they are avoided much longer.
+The virtual agent of such a UAV is removed after ``peer_table.LOST_AFTER_S``, so that the other
+agents take over its area. The UAV itself may continue to fly at the common height, so the others
+avoid it for much longer.
 """
 
 import math
@@ -11,14 +12,14 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-RECKON_AFTER_US = 3_000_000  # of two states a second all are missing: not by random loss alone
+RECKON_AFTER_US = 3_000_000  # two states a second are sent: random loss rarely takes all of them
 AVOIDED_FOR_US = 120_000_000
 EVERY_US = 500_000
 AGENT_FIELDS = ("agent_x_m", "agent_y_m", "goal_x_m", "goal_y_m")
 
 
 def along_orbit(state: State, at_us: int) -> State:
-    """Return the state of a vehicle that has followed its orbit since ``state``."""
+    """Return the state at ``at_us`` of a vehicle that has followed its orbit since ``state``."""
     off_x_m, off_y_m = state.x_m - state.orbit_x_m, state.y_m - state.orbit_y_m
     rate_rad_s = -state.airspeed_m_s / state.orbit_radius_m
     phase_rad = math.atan2(off_y_m, off_x_m) + rate_rad_s * (at_us - state.at_us) / 1e6
@@ -34,14 +35,14 @@ def along_orbit(state: State, at_us: int) -> State:
 
 
 class LostPeers:
-    """The last state of each other UAV, and its dead reckoning after its messages stop."""
+    """The record of each other UAV's last state, which is dead reckoned when messages stop."""
 
     def __init__(self) -> None:
         self._last: dict[str, State] = {}
         self._due_us = 0
 
     def update(self, state: State) -> None:
-        """Store a received state."""
+        """Store a received state as the sender's last state."""
         self._last[state.sender] = state
 
     def remove(self, name: str) -> None:
@@ -49,7 +50,10 @@ class LostPeers:
         self._last.pop(name, None)
 
     def states(self, at_us: int) -> list[State]:
-        """Return dead-reckoned states of the lost UAVs, at most twice a second."""
+        """Return the dead-reckoned states of lost UAVs.
+
+        They are returned at most twice a second; further calls return an empty list.
+        """
         if at_us < self._due_us:
             return []
         self._due_us = at_us + EVERY_US

@@ -1,7 +1,7 @@
-"""Expected orbits of UAVs of the formation under manual control, by which the others avoid them.
+"""Estimates the orbits of UAVs under manual control, so that the formation can avoid them.
 
 Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid the others.
-Its state is sent with the orbit expected from its motion, so that the others avoid it.
+Its state is sent with the orbit that its motion suggests, so that the others avoid it.
 """
 
 import math
@@ -18,10 +18,10 @@ ObservedMotion = tuple[float, float, float, float, float]
 def expected_orbit(
     before: ObservedMotion, now: ObservedMotion, radius_m: float
 ) -> tuple[float, float, float]:
-    """Estimate the circle (x, y, radius; negative: anticlockwise) that a UAV flies on or to.
+    """Estimate the circle on which, or to which, a UAV flies, from its turn between two moments.
 
-    The estimate follows from its turn between two moments. In straight flight it is a circle of
-    ``radius_m`` (> 0) a minute ahead.
+    Returns the circle's x, y and radius; a negative radius means anticlockwise. In straight flight
+    the circle has the radius ``radius_m`` (> 0) and is a minute ahead.
     """
     at_s, x_m, y_m, vx_m_s, vy_m_s = now
     speed_m_s = math.hypot(vx_m_s, vy_m_s)

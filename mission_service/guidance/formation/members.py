@@ -1,7 +1,7 @@
-"""Agents of a formation in flight, in one process: one for each vehicle, with its own map.
+"""The agents of a formation in flight in one process: one for each vehicle, with its own map.
 
-Events are inputs of the agents. The other agents receive an agent's messages without delay, in the
-order of the scenario.
+Events are the inputs of the agents. An agent's messages reach the other agents without delay, in
+the order in which the scenario lists the vehicles.
 """
 
 import math
@@ -33,11 +33,11 @@ from mission_service.position_fix import PositionFix
 Cells = NDArray[np.int64]
 BURNING = ord("b")
 ASPECT_RATIO = 0.75  # of the image (4:3), for a camera without an angle along the track
-HOT_FOR_S = 1.5  # after the last view of fire straight below
+HOT_FOR_S = 1.5  # duration of heat after the last view of fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
-    """Return table 1 with the scenario's settings of the formation and of a vehicle."""
+    """Return the settings of table 1, replaced by those that the scenario gives for a vehicle."""
     shared = scenario.formation
     camera = camera_of(section)
     if camera.along_rad is None:
@@ -59,9 +59,10 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """Return the burning cells (numbers, rising) that all agents receive before the mission.
+    """Return the numbers, in rising order, of the burning cells that all agents initially know.
 
-    They are the fire at the start if the scenario defines one, else the reported cell of the fire.
+    They are the fire at the start if the scenario defines one, or else the cell where the fire was
+    reported.
     """
     burning = burning_of(scenario, landscape)
     if burning is not None:
@@ -71,7 +72,7 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """One vehicle of the formation: its agent, and its state according to events."""
+    """One vehicle of the formation: its agent, and the vehicle's state as known from events."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
@@ -85,9 +86,9 @@ class FormationMember:
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
-        """Update the agent's map by a camera window; fire straight below counts as heat.
+        """Update the agent's map from a camera window; fire straight below counts as heat.
 
-        Autopilots do not report the outside temperature.
+        This replaces the outside temperature, which autopilots do not report.
         """
         self.correct(observed)
         below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
@@ -105,13 +106,13 @@ class FormationMember:
         self._formation.burns(cells[burns])
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind, rotated from true north to the grid."""
+        """Set the measured wind, converted from true north to the grid's axes."""
         towards = math.radians(from_deg + 180.0)
         true_m_s = (speed_m_s * math.sin(towards), speed_m_s * math.cos(towards))
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Do nothing: positions are inputs of ``Formation.step``."""
+        """Do nothing: ``Formation.step`` receives the positions."""
         return None
 
     def left(self, at_s: float) -> None:
@@ -122,7 +123,7 @@ class FormationMember:
 
 
 class Formation:
-    """All agents of a scenario."""
+    """The formation, with all agents of a scenario."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         grid, fire = map_grid_of(landscape), first_fire(scenario, landscape)
@@ -153,21 +154,21 @@ class Formation:
         }
 
     def burns(self, cells: Cells) -> None:
-        """Extend ``reach_m``, the largest distance of fire from ``centre_m``, by burning cells."""
+        """Extend ``reach_m``, the largest distance from ``centre_m`` to fire, to burning cells."""
         if cells.size:
             rows, cols = np.divmod(cells, self.cols)
             off = np.hypot(rows - self._centre_row_col[0], cols - self._centre_row_col[1])
             self.reach_m = max(self.reach_m, float(off.max()) * self._cell_m)
 
     def on_grid(self, east_m_s: float, north_m_s: float) -> tuple[float, float]:
-        """Convert a velocity relative to true north to (x, y) of the grid."""
+        """Convert a velocity relative to true north to the grid's axes (x, y)."""
         return (
             east_m_s * self._cos - north_m_s * self._sin,
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
     def step(self, name: str, fix: PositionFix) -> Intention:
-        """Advance a vehicle's agent to its position and send its messages; return its intention."""
+        """Advance a vehicle's agent, and send the agent's messages; return its intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
@@ -184,7 +185,7 @@ class Formation:
         return intention
 
     def track_manual(self, name: str, fix: PositionFix) -> None:
-        """Send the state of a vehicle under manual control to the others, twice a second."""
+        """Send the others the state of a vehicle under manual control, at most twice a second."""
         member = self.members[name]
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         if not member.manual_control:
@@ -206,7 +207,7 @@ class Formation:
         self._send(member, member.state)
 
     def is_near_others(self, name: str) -> bool:
-        """Whether another vehicle of the formation is in its neighbourhood."""
+        """Return whether another vehicle of the formation is in this vehicle's neighbourhood."""
         fix = self.members[name].fix
         return fix is not None and any(
             (other.flies or other.manual_control)
@@ -223,14 +224,14 @@ class Formation:
         self._publish(member, at_us)
 
     def on_link_lost(self, name: str) -> None:
-        """Send the last state of a vehicle: the others avoid it by dead reckoning."""
+        """Send the last state of a vehicle, so that the others avoid it by dead reckoning."""
         state = self.members[name].state
         if state is not None:
             self._lost.add(name)
             self._send(self.members[name], state)
 
     def end_tracking(self, name: str, at_us: int) -> None:
-        """End dead reckoning and manual tracking of a vehicle."""
+        """End the dead reckoning and the manual tracking of a vehicle."""
         member = self.members[name]
         if name in self._lost or member.manual_control:
             self._lost.discard(name)
@@ -238,9 +239,9 @@ class Formation:
             self._send(member, Leaving(at_us, name, "tracking ended"))
 
     def deliver(self, name: str, message: AnyMessage) -> None:
-        """Deliver a message to a vehicle's agent; a state only within radio range.
+        """Deliver a message to a vehicle's agent, except a state from beyond radio range.
 
-        Raises MissionServiceError, without a change, for cells that are not on the map.
+        Raises MissionServiceError, and changes nothing, if a cell is not on the map.
         """
         member = self.members[name]
         if isinstance(message, State) and member.fix is not None:
@@ -250,12 +251,12 @@ class Formation:
         member.agent.on_message(message)
 
     def outgoing(self) -> list[BroadcastMessage]:
-        """Return the messages for other processes since the last call."""
+        """Return the messages to other processes that have been sent since the last call."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def _publish(self, member: FormationMember, at_us: int) -> None:
-        """Send the messages of a member's agent to all others."""
+        """Send the messages of a member's agent to all other agents."""
         for message in member.agent.messages(at_us):
             if isinstance(message, State):
                 member.state = message

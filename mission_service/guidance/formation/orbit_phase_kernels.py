@@ -1,9 +1,9 @@
-"""Phase synchronisation on orbits (section 5.3.2): a vehicle ahead of the others flies slower.
+"""Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
 
-In addition to the paper, all vehicles within radio range count, not only the neighbours: a ring of
-vehicles that each follow their neighbours may settle with phases spread over a full turn. If phases
-are spread so evenly that they have no mean, all follow the vehicle with the lowest key. A vehicle
-off its orbit does not count. Kernels; angles are in radians anticlockwise.
+Unlike in the paper, all vehicles within radio range count, not only the neighbours. Otherwise a
+ring of vehicles that each follow their neighbours could settle with phases spread over a full turn.
+If the phases are spread so evenly that they have no mean, all vehicles follow the one with the
+lowest key. A vehicle off its orbit does not count. Angles are in radians, anticlockwise.
 """
 
 import math
@@ -25,28 +25,29 @@ from mission_service.guidance.formation.peer_table import (
 MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # of the maximum thrust (eq. 16)
 STEEPNESS = 2.3  # per radian (eq. 17)
 ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
-NO_MEAN = 0.3  # phases whose mean unit vector is shorter have no mean
+NO_MEAN = 0.3  # phases whose mean unit vector is shorter than this have no mean
 WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
 
 @kernel
 def wrapped_rad(angle_rad):  # type: ignore[no-untyped-def]
-    """Return the same direction within -π to π."""
+    """Return the same direction as an angle from -π to π."""
     return math.atan2(math.sin(angle_rad), math.cos(angle_rad))
 
 
 @kernel
 def thrust_share(ahead_rad):  # type: ignore[no-untyped-def]
-    """Return the share of the maximum thrust for an angle ahead of the mean (eqs. 16 and 17)."""
+    """Return the share of the maximum thrust at an angle ahead of the mean (eqs. 16 and 17)."""
     share = CRUISE_SHARE + 0.3 * 2.0 * (1.0 / (1.0 + math.exp(STEEPNESS * ahead_rad)) - 0.5)
     return min(max(share, MIN_SHARE), MAX_SHARE)
 
 
 @kernel
 def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no-untyped-def]
-    """Return the airspeed of a share: 0.4 minimum, 0.7 cruise (``Airframe``), 1 maximum.
+    """Return the airspeed that replaces a share of the maximum thrust.
 
-    It exceeds the wind speed if the maximum airspeed allows it.
+    A share of 0.4 gives the minimum airspeed, 0.7 the cruise airspeed (see ``Airframe``), and 1 the
+    maximum. The airspeed exceeds the wind speed if the maximum airspeed allows this.
     """
     cruise_m_s = max(CRUISE_SHARE * max_m_s, min_m_s)
     if share < CRUISE_SHARE:
@@ -60,7 +61,7 @@ def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no
 
 @kernel
 def is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):  # type: ignore[no-untyped-def]
-    """Return whether a place is near a circle."""
+    """Return whether a place is near an orbit's circle."""
     distance_m = math.hypot(x_m - orbit_x_m, y_m - orbit_y_m)
     return abs(distance_m - abs(radius_m)) < ON_ORBIT * abs(radius_m)
 
@@ -69,10 +70,11 @@ def is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):  # type: ignore[no-un
 def ahead_of_others_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m
 ):
-    """Compute eq. 18: the angle ahead of the circular mean of others on an orbit of this radius.
+    """Return the angle by which a vehicle is ahead of the mean phase of the others (eq. 18).
 
-    ``peers`` (n, COLUMNS) are rows of ``PeerTable.rows``; old states are advanced on their circles.
-    The angle is positive for a vehicle ahead, in either sense of turn. It is 0 without other
+    The mean is circular, over the vehicles in range that are on an orbit of this radius. ``peers``
+    (n, COLUMNS) is the result of ``PeerTable.rows``; old states are advanced on their circles. The
+    angle is positive if the vehicle is ahead, whichever way it turns. It is 0 without other
     vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):
@@ -112,6 +114,6 @@ def airspeed_in_phase_m_s(  # type: ignore[no-untyped-def]
     x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m,
     min_m_s, max_m_s, wind_m_s,
 ):  # fmt: skip
-    """Return the airspeed that brings the vehicle into phase (eqs. 16 to 18)."""
+    """Return the airspeed that brings a vehicle into phase with the others (eqs. 16 to 18)."""
     ahead_rad = ahead_of_others_rad(x_m, y_m, orbit_x_m, orbit_y_m, radius_m, key, peers, range_m)
     return airspeed_of_share_m_s(thrust_share(ahead_rad), min_m_s, max_m_s, wind_m_s)

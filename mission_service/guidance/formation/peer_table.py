@@ -1,4 +1,4 @@
-"""The last received state of each other UAV, as rows of numbers for the kernels."""
+"""Stores the last received state of each other UAV, as rows of numbers for the kernels."""
 
 import math
 import zlib
@@ -20,12 +20,15 @@ LOST_AFTER_S = 10.0
 
 
 def priority_key(name: str) -> int:
-    """Return a number for a name, equal in all processes; a lower number has priority."""
+    """Return a number for a name, the same in all processes, that sets a UAV's priority."""
     return zlib.crc32(name.encode())
 
 
 class PeerTable:
-    """One row for each UAV that sent a state in the last ``LOST_AFTER_S`` and has not left."""
+    """The table of other UAVs, with a row for each UAV that has sent a state.
+
+    ``rows`` omits the UAVs that have left, or have sent no state in the last ``LOST_AFTER_S``.
+    """
 
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
@@ -33,7 +36,7 @@ class PeerTable:
         self._received_at_us = np.zeros(8, dtype=np.int64)
 
     def apply_state(self, state: State) -> None:
-        """Store a state unless a later one is stored."""
+        """Store a state, unless a state of the same or a later time is stored."""
         row = self._row_of.get(state.sender)
         if row is None:
             row = self._new_row(state.sender)
@@ -57,14 +60,14 @@ class PeerTable:
         )
 
     def remove(self, name: str) -> None:
-        """Remove a UAV until its next state."""
+        """Omit a UAV until its next state is received."""
         row = self._row_of.get(name)
         if row is not None:
             self._rows[row, AGE_S] = np.inf
             self._received_at_us[row] = np.iinfo(np.int64).min
 
     def rows(self, at_us: int) -> Floats:
-        """Return rows (n, COLUMNS) of UAVs with a recent state; column ``AGE_S`` is its age."""
+        """Return the rows (n, COLUMNS) of UAVs with a recent state; column ``AGE_S`` is its age."""
         count = len(self._row_of)
         age_s = (at_us - self._received_at_us[:count].astype(np.float64)) / 1e6
         self._rows[:count, AGE_S] = age_s

@@ -1,4 +1,4 @@
-"""Constants of the formation: table 1 of the paper, and those that the paper does not give."""
+"""The settings of the formation: table 1 of the paper, and values that the paper does not give."""
 
 import math
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from typing import Literal
 
 from mission_service.fire.camera import Camera
 
-NEVER_M = 1e9  # no separation, as a finite number for kernels
-PAPER_CELL_M = 10.0  # unit of distances in forces, on maps of any cell size
+NEVER_M = 1e9  # stands for "no vertical separation", as a finite number for kernels
+PAPER_CELL_M = 10.0  # unit of distances in forces, on maps with any cell size
 
 # The paper's example (eq. 3), with a 4:3 sensor for the angle along the track.
 PAPER_CAMERA = Camera(across_rad=1.047, along_rad=0.817)
@@ -17,7 +17,8 @@ PAPER_CAMERA = Camera(across_rad=1.047, along_rad=0.817)
 class Airframe:
     """The limits of a fixed wing; speeds are airspeeds.
 
-    In the paper the thrust is from 0.4 to 1 of its maximum (eq. 16); here the airspeed replaces it.
+    In the paper the thrust varies from 0.4 to 1 of its maximum (eq. 16). Here the airspeed varies
+    instead.
     """
 
     min_airspeed_m_s: float = 10.0
@@ -27,15 +28,18 @@ class Airframe:
 
     @property
     def cruise_m_s(self) -> float:
-        """Return the airspeed of a vehicle in phase: 0.7 of the maximum (eq. 16)."""
+        """Return the airspeed of a vehicle in phase, which is 0.7 of the maximum (eq. 16).
+
+        It is not below the minimum airspeed.
+        """
         return max(0.7 * self.max_airspeed_m_s, self.min_airspeed_m_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """The eight tunable constants of section 5.2 (c1 to c5, e3, t1, t2).
+    """The eight tunable constants in section 5.2 of the paper (c1 to c5, e3, t1, t2).
 
-    They are results of ``mission-service tune virtual-agents``; ``tuned.json`` is the record.
+    Their values are results of ``mission-service tune virtual-agents``, recorded in ``tuned.json``.
     """
 
     c1: float = 7.63
@@ -50,7 +54,7 @@ class Constants:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Table 1, followed by settings without a value in the paper."""
+    """The settings in table 1 of the paper, followed by settings without a value there."""
 
     monitoring_m: float = 350.0  # d_mon
     altitude_agl_m: float = 300.0  # alt
@@ -73,7 +77,7 @@ class Settings:
 
     @property
     def coverage_radius_m(self) -> float:
-        """Return the radius of the area that the camera covers on a full circle (eq. 2)."""
+        """Return the radius of the area that the camera covers during a full circle (eq. 2)."""
         return self.loiter_radius_m + self.camera.half_width_m(self.altitude_agl_m)
 
     @property
@@ -82,7 +86,7 @@ class Settings:
         return 2.0 * self.coverage_radius_m / math.sqrt(2.0)
 
     def augmentation_m(self, cell_m: float) -> float:
-        """Return the minimum distance of a virtual agent from fire: r_l + a cell (section 5.1)."""
+        """Return the minimum distance between a virtual agent and fire, r_l + a cell (5.1)."""
         return self.loiter_radius_m + cell_m
 
     @property

@@ -1,15 +1,16 @@
-"""A fire map replicated on all UAVs, which converges despite lost messages.
+"""A fire map with a copy on each UAV; the copies converge despite lost messages.
 
-Every cell has a version, the time of its observation. The later version wins, and among equal
-versions a burning cell. A cell is therefore one number, ``2 * seen_at_us + burning`` (0: unknown),
-and a merge takes the larger number, independent of order, repetition and sender.
+Every cell has a version, the time of its observation. The later version wins; among equal versions
+a burning cell wins. A cell is therefore one number, ``2 * seen_at_us + burning``, or 0 if unknown.
+A merge takes the larger number, so order, repetition and sender do not matter.
 
 A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore every UAV regularly
-sends a checksum of each tile of the map (``Digest``), the sum of the hashes of its cells. If the
-receiver's sum differs, the receiver tests whether the difference is the hash of one or two of its
-cells. If so, the sender lacks these cells, and the receiver sends them (``Difference``). If not,
-the receiver may lack cells itself, and requests the tile by a digest. If no UAV can derive the
-missing cells from that digest, one UAV sends the whole tile, and others send their newer cells.
+sends a checksum of each tile of the map (``Digest``), which is the sum of the hashes of the tile's
+cells. If the receiver has another checksum, it tests whether the difference is the hash of one or
+two of its own cells. If so, the sender lacks these cells, and the receiver sends them
+(``Difference``). If not, the receiver may lack cells itself, and requests the tile by a digest. If
+no UAV can derive the missing cells from that digest, one UAV sends the whole tile, and the others
+send the cells that are newer on their maps.
 
 Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
 meantime. The size and the rate of messages are bounded.
@@ -42,15 +43,15 @@ TEAM = 8
 PEER_FOR_US = 120_000_000  # a UAV counts for this time after its last message
 SLOT_US = 250_000
 MAX_SLOTS = 16
-REPEAT_US = 500_000  # minimum interval of requests, and of differences
-MAX_DIGEST_TILES = 128  # in a message
-MAX_DIFFERENCE_RUNS = 96  # after these no tile is added; one tile has up to TILE**2 runs
+REPEAT_US = 500_000  # minimum interval between requests, and between differences
+MAX_DIGEST_TILES = 128  # maximum number of tiles in a message
+MAX_DIFFERENCE_RUNS = 96  # beyond these no tile is added; one tile has up to TILE**2 runs
 
 NONE: Cells = np.empty(0, dtype=np.int64)
 
 
 class SharedMap:
-    """The map of the UAV ``name``. ``fire`` (y, x) is true for burning and burned cells."""
+    """The copy of the map on the UAV ``name``; ``fire`` (y, x) is true where it burns or burned."""
 
     def __init__(self, name: str, shape: tuple[int, int]) -> None:
         self.name = name
@@ -64,18 +65,18 @@ class SharedMap:
         self._unsent: list[Cells] = []
         self._peers: dict[str, int] = {}  # name: time of the last message
         self._cells_due: dict[int, int] = {}  # cell: time to send it
-        self._requests_due: dict[int, tuple[int, int]] = {}  # tile: time, checksum of the sender
-        self._tiles_due: dict[int, tuple[int, int]] = {}  # tile to send completely: the same
+        self._requests_due: dict[int, tuple[int, int]] = {}  # tile: time, checksum at the sender
+        self._tiles_due: dict[int, tuple[int, int]] = {}  # tile to send as a whole: time, checksum
         self._digest_at_us = self._request_at_us = self._difference_at_us = 0  # earliest times
         self._next_tile = 0
         self._map = f"the map of {shape[0]} x {shape[1]} cells; use the same landscape for all"
-        # Arrays that kernels write in.
+        # Arrays that kernels fill.
         self._found: Cells = np.empty(max(tiles, TILE * TILE), dtype=np.int64)
         self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)
         self._theirs: Cells = np.empty(tiles, dtype=np.int64)
 
     def set_initial(self, cells_burning: Cells, at_us: int) -> None:
-        """Set the map that all UAVs share before the mission; it is not sent."""
+        """Set the fire that all UAVs know before the mission; it is not sent."""
         self.add_view(cells_burning, NONE, at_us)
         self._unsent.clear()
 
@@ -84,7 +85,7 @@ class SharedMap:
     ) -> tuple[Cells, Cells]:
         """Apply a camera view, which is newer than all received cells.
 
-        Returns the cells that have begun to burn on this map, and those that have ceased to.
+        Returns the cells that have begun to burn on this map, and the cells that have ceased to.
         """
         self._now_us = max(self._now_us, at_us)
         return self._record(cells_burning, True, at_us), self._record(cells_unburned, False, at_us)
@@ -103,9 +104,9 @@ class SharedMap:
         return changed
 
     def on_message(self, message: MapMessage) -> tuple[Cells, Cells]:
-        """Apply a message of another UAV; return the changed cells as ``add_view``.
+        """Apply a message from another UAV; return the changed cells as ``add_view`` does.
 
-        Raises MissionServiceError, without a change, for cells that are not on the map.
+        Raises MissionServiceError, and changes no cell, if a cell is not on the map.
         """
         if message.sender == self.name:
             return NONE, NONE
@@ -126,7 +127,7 @@ class SharedMap:
         return changed
 
     def messages(self, at_us: int) -> list[MapMessage]:
-        """Return the messages to send now: views since the last call, and due replies."""
+        """Return the messages to send now: views since the last call, due replies, and a digest."""
         self._now_us = max(self._now_us, at_us)
         messages: list[MapMessage] = list(self._updates())
         if at_us >= self._difference_at_us and (self._cells_due or self._tiles_due):
@@ -167,7 +168,7 @@ class SharedMap:
         return tuple(zip(tiles.tolist(), self._sums[tiles].tolist(), strict=True))
 
     def _compare(self, digest: Digest) -> None:
-        """Schedule replies to another UAV's checksums, for cells that either UAV lacks."""
+        """Schedule replies to another UAV's checksums, for the cells that either UAV lacks."""
         listed = np.array(digest.tiles, dtype=np.int64).reshape(-1, 2)
         count = differing_tiles(
             listed, digest.first, digest.end, self._sums, self._theirs, self._found
@@ -190,12 +191,12 @@ class SharedMap:
                 self._requests_due.setdefault(tile, (due_us, checksum))
 
     def _schedule_cells(self, count: int, due_us: int) -> None:
-        """Schedule the first ``count`` cells of ``_found`` for sending."""
+        """Schedule the first ``count`` cells of ``_found`` to be sent at ``due_us``."""
         for cell in self._found[:count].tolist():
             self._cells_due.setdefault(cell, due_us)
 
     def _cells_of(self, difference: Difference) -> tuple[Cells, Cells]:
-        """Return all cells of the runs of a difference, and their stamps."""
+        """Return all cells in the runs of a difference, and the stamps of these cells."""
         if difference.whole and max(difference.whole) >= len(self._sums):
             raise MissionServiceError(
                 f"difference of {difference.sender}: tile {max(difference.whole)} is not on "
@@ -228,7 +229,7 @@ class SharedMap:
             raise MissionServiceError(f"{where}: cell {cells[off_map]} is not on {self._map}")
 
     def _schedule_newer(self, tile: int, cells: Cells, stamps: Cells) -> None:
-        """Schedule the cells of a tile that are newer than in a received whole tile."""
+        """Schedule those cells of a tile that are newer on this map than in the received tile."""
         self._tiles_due.pop(tile, None)
         self._shares[:] = 0
         count = newer_cells(tile, cells, stamps, self.stamps, self._shares, self._found)
@@ -273,12 +274,15 @@ class SharedMap:
         return [Digest(at_us, self.name, self._with_sums(np.array(sorted(tiles))))]
 
     def _slot_us(self) -> int:
-        """Return the time of a reply: now and a pseudo-random number of slots, by team size."""
+        """Return the time of a reply, which is now plus a pseudo-random number of slots.
+
+        The larger the team, the more slots there are.
+        """
         slots = min(max(len(self._peers) // 2, 2), MAX_SLOTS)
         return self._now_us + SLOT_US * self._draw(slots)
 
     def _draw(self, values: int) -> int:
-        """Return a number from 0 to ``values`` - 1 of a pseudo-random sequence, seeded by name."""
+        """Return the next pseudo-random number from 0 to ``values`` - 1; the name is the seed."""
         self._draws += 1
         x = (self._seed + self._draws * 0x9E3779B97F4A7C15) % 2**64
         x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
@@ -286,7 +290,7 @@ class SharedMap:
 
 
 def _runs(cells: Cells, stamps: Cells) -> list[tuple[int, int, int, bool]]:
-    """Return cells as the runs of a ``Difference``; ``stamps`` are those of the map, flattened."""
+    """Return cells as the runs of a ``Difference``; ``stamps`` are the map's stamps, flattened."""
     if not len(cells):
         return []
     cell_stamps = stamps[cells]

@@ -1,8 +1,9 @@
 """Compiled loops of the shared fire map: versioned cells, tiles and their checksums.
 
-``stamps`` (y, x) are the cells, ``2 * seen_at_us + burning``, or 0 if unknown; ``fire`` (y, x) is
-their last bit. ``sums`` (tiles) are the checksums of tiles of ``TILE`` x ``TILE`` cells, numbered
-row by row: the sum of ``cell_checksum`` of the known cells of a tile.
+``stamps`` (y, x) holds the stamp of each cell, ``2 * seen_at_us + burning``, or 0 if the cell is
+unknown. ``fire`` (y, x) is the last bit of the stamps. A tile has ``TILE`` x ``TILE`` cells; tiles
+are numbered row by row. ``sums`` (tiles) holds the checksum of each tile, which is the sum of
+``cell_checksum`` over the tile's known cells.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ CHECKSUM = 2**40 - 1  # largest value; less than 2**53, the limit of exact numbe
 
 @kernel
 def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
-    """Return the hash of a cell (the finaliser of splitmix64); 0 if it is unknown."""
+    """Return the hash of a cell (by the finaliser of splitmix64); 0 if the cell is unknown."""
     if stamp == 0:
         return 0
     x = np.uint64(stamp) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(cell)
@@ -26,7 +27,7 @@ def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
 
 @kernel
 def _set_stamp(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
-    """Set a cell's stamp; return 1 if it has begun to burn, -1 if it has ceased to, else 0."""
+    """Set a cell's stamp; return 1 if the cell begins to burn, -1 if it ceases to, else 0."""
     cols = fire.shape[1]
     row, col = cell // cols, cell % cols
     tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
@@ -41,7 +42,7 @@ def _set_stamp(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
 
 @kernel
 def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
-    """Return the index of the first cell off a map of ``size`` cells; -1 if all are on it."""
+    """Return the index of the first cell off a map of ``size`` cells, or -1 if there is none."""
     for i in range(cells.size):
         if cells[i] < 0 or cells[i] >= size:
             return i
@@ -50,10 +51,10 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Set cells that a camera shows as burning or not; they are newer than all received cells.
+    """Set cells as burning or not, as a camera shows them; they get the newest stamps.
 
-    Fills ``changed``; returns its count and -1. If a cell is off the map nothing changes, and the
-    result is 0 and its index.
+    Fills ``changed`` with the changed cells; returns their number and -1. If a cell is off the map,
+    nothing changes, and the result is 0 and the index of this cell.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -73,10 +74,11 @@ def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: igno
 
 @kernel
 def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Merge received stamps: the later stamp of each cell wins.
+    """Merge received stamps into the map; the later stamp of each cell wins.
 
     Fills ``changed`` from the front with cells that have begun to burn, and from the back with
-    those that have ceased to. Returns both counts and -1, or the index of a cell off the map.
+    cells that have ceased to. Returns the two numbers of cells and -1. If a cell is off the map,
+    nothing changes, and the third result is the index of this cell.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -91,7 +93,7 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
             elif change < 0:
                 off += 1
                 changed[cells.size - off] = cell
-    # A cell that is in a message twice may be in both parts.
+    # A cell that a message contains twice may be in both parts.
     kept_on, kept_off = 0, 0
     for i in range(on):
         if fire[changed[i] // cols, changed[i] % cols]:
@@ -108,7 +110,7 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
 def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
     """Return the number of cells in the runs (n, 4) of a ``Difference``.
 
-    The result is -1 - index for a run that is not on a map of ``size`` cells.
+    If the run at an index i is not on a map of ``size`` cells, the result is -1 - i.
     """
     count = 0
     for i in range(runs.shape[0]):
@@ -120,7 +122,7 @@ def cells_of_runs(runs, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
-    """Fill ``cells`` and ``stamps`` with the cells of runs."""
+    """Fill ``cells`` and ``stamps`` with all cells in the runs (n, 4) and their stamps."""
     count = 0
     for i in range(runs.shape[0]):
         for cell in range(runs[i, 0], runs[i, 0] + runs[i, 1]):
@@ -131,11 +133,12 @@ def expand_runs(runs, cells, stamps):  # type: ignore[no-untyped-def]
 
 @kernel
 def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no-untyped-def]
-    """Find the tiles with a different checksum at a sender.
+    """Find the tiles whose checksum at a sender differs from the checksum on this map.
 
-    ``listed`` (n, 2) are tiles and checksums of the sender, which are 0 in the rest of its range.
-    Fills ``theirs`` (tiles) with the sender's checksums, and ``found`` with the tiles; returns
-    their count, or -1 if a tile is off the map.
+    ``listed`` (n, 2) holds tiles and their checksums at the sender. All other tiles from ``first``
+    to ``end`` (excluded) have the checksum 0 there. Fills ``theirs`` (tiles) with the sender's
+    checksums, and ``found`` with the differing tiles. Returns their number, or -1 if a tile is off
+    the map.
     """
     if not 0 <= first <= end <= sums.size:
         return -1
@@ -155,14 +158,14 @@ def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no
 
 @kernel
 def corner(tile, cols):  # type: ignore[no-untyped-def]
-    """Return the first row and column of a tile."""
+    """Return the first row and the first column of a tile."""
     across = (cols + TILE - 1) // TILE
     return tile // across * TILE, tile % across * TILE
 
 
 @kernel
 def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
-    """Fill ``found`` with the known cells of a tile in rising order; return their count."""
+    """Fill ``found`` with the known cells of a tile in rising order; return their number."""
     rows, cols = stamps.shape
     top, left = corner(tile, cols)
     count = 0
@@ -176,9 +179,10 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
-    """Find the cells of a tile that another UAV lacks, by its checksum: all, one, or two.
+    """Find the cells of a tile that another UAV lacks, from its checksum of the tile.
 
-    Fills ``found``; returns their count, or 0 if no such set has the difference as its checksum.
+    These are all known cells if the checksum is 0, or else one or two cells whose checksum is the
+    difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
     ``shares`` is a work array.
     """
     cols = stamps.shape[1]
@@ -202,9 +206,11 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 
 @kernel
 def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
-    """Find the cells of a tile that are not in ``cells``, or have a later stamp than ``sent``.
+    """Find the known cells of a tile that are newer on this map than in a received message.
 
-    ``theirs`` are zeros (TILE * TILE). Fills ``found`` in rising order; returns their count.
+    The message contains ``cells`` with the stamps ``sent``; all cells that it lacks count as older.
+    ``theirs`` is a work array (TILE * TILE) of zeros. Fills ``found`` in rising order; returns the
+    number of cells.
     """
     rows, cols = stamps.shape
     top, left = corner(tile, cols)

@@ -1,19 +1,19 @@
-"""The virtual forces of the paper (section 5.2, eqs. 5 to 13) on one agent, compiled.
+"""Computes the paper's virtual forces on one agent, in compiled code (section 5.2, eqs. 5 to 13).
 
-Forces are in m/s of the virtual agent. Distances between agents are in the paper's cells of 10 m
-(``PAPER_CELL_M``), so that constants have the same meaning on every map. Where the paper is
-incomplete, these rules apply:
+Forces are velocities of the virtual agent in m/s. Distances between agents are in the paper's cells
+of 10 m (``PAPER_CELL_M``), so that the constants have the same meaning on every map. Where the
+paper is incomplete, these rules apply:
 
-- Eq. 7 raises a negative number to the power e3. Its magnitude, the overlap, is used instead, and
-  the force is repulsive, as the text states.
-- Two agents at the same place, and an agent at the fire's centre, have no defined direction. It is
-  ``tie_rad``, which must differ between vehicles.
-- The escape (eq. 13) leads anticlockwise around the fire, as UAVs loiter, and replaces the weak
-  force.
+- Eq. 7 raises a negative number to the power e3. The magnitude of this number, which is the overlap
+  of the two agents, is used instead. The force is repulsive, as the text states.
+- For two agents at the same place, or for an agent at the fire's centre, the paper's direction is
+  undefined. It is then ``tie_rad``, which must differ between vehicles.
+- The escape (eq. 13) replaces the weak force. It leads anticlockwise around the fire, which is the
+  direction in which UAVs loiter.
 
-``constants`` is ``constants_array(Constants)``. Maps are arrays (rows, cols), row 0 north, and
-nonzero where set; ``west_m``, ``north_m`` are their north-west corner. No cell beyond their edge is
-set.
+``constants`` is the result of ``constants_array``. A map is an array (rows, cols) with row 0 north,
+which is nonzero where the map is set. ``west_m`` and ``north_m`` are the coordinates of the map's
+north-west corner. Outside its edges a map is not set.
 """
 
 import math
@@ -30,12 +30,15 @@ SAME_PLACE_M = 1e-6
 
 
 def constants_array(constants: Constants) -> NDArray[np.float64]:
-    """Return the constants (8), in the order of ``NAMES``."""
+    """Return the eight constants as an array in the order of ``NAMES``."""
     return np.array([getattr(constants, name) for name in NAMES], dtype=np.float64)
 
 
 def tie_rad(number: int) -> float:
-    """Return a direction that differs for each vehicle ``number`` (by the golden angle)."""
+    """Return a direction for a vehicle's number, which is that many times the golden angle.
+
+    The directions of different vehicles differ.
+    """
     return number * 2.399963229728653 % (2.0 * math.pi)
 
 
@@ -50,7 +53,10 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 @kernel
 def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
-    """Return the unit vector to a place, and its distance; ``tie_rad`` breaks a tie."""
+    """Return the unit vector to a place, and the distance to it.
+
+    At the place itself, the vector has the direction ``tie_rad``, and the distance is 0.
+    """
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
     if distance_m < SAME_PLACE_M:
@@ -60,19 +66,19 @@ def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no
 
 @kernel
 def attraction(in_area, constants):  # type: ignore[no-untyped-def]
-    """Return the attraction of an agent to the fire's centre, m/s (eq. 5)."""
+    """Return the attraction of an agent to the fire's centre in m/s (eq. 5)."""
     return constants[C1] if in_area else constants[C2]
 
 
 @kernel
 def avoidance(in_augmentation, constants):  # type: ignore[no-untyped-def]
-    """Return the repulsion of an agent from the fire's centre, m/s (eq. 9)."""
+    """Return the repulsion of an agent from the fire's centre in m/s (eq. 9)."""
     return constants[C4] if in_augmentation else 0.0
 
 
 @kernel
 def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad):  # type: ignore[no-untyped-def]
-    """Return the repulsion by all other agents (n) within the spacing (eqs. 6 to 8), m/s."""
+    """Return the repulsion (m/s) from the n other agents within the spacing (eqs. 6 to 8)."""
     east, north = 0.0, 0.0
     for j in range(others_x_m.size):
         e, n, distance_m = unit_vector(others_x_m[j], others_y_m[j], x_m, y_m, tie_rad)
@@ -85,7 +91,7 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
 
 @kernel
 def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
-    """Return whether all forces cancel despite a strong repulsion by others (section 5.2.5)."""
+    """Return whether the forces cancel despite strong repulsion from others (section 5.2.5)."""
     return force < constants[T1] and formation_force > constants[T2]
 
 
@@ -94,12 +100,13 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
     x_m, y_m, others_x_m, others_y_m, centre_x_m, centre_y_m, augmentation, area,
     west_m, north_m, cell_m, constants, spacing_m, max_m_s, tie_rad,
 ):  # fmt: skip
-    """Compute the velocity (east, north) in m/s of a virtual agent at (x, y) (eqs. 10 to 13).
+    """Compute the velocity (east, north; m/s) of a virtual agent at (x, y) (eqs. 10 to 13).
 
-    ``others_*`` (n) are the other agents in range, ``centre_*`` is the centre of gravity of the
-    fire, ``spacing_m`` is d of eq. 8 and ``max_m_s`` is vel_max.
+    ``others_x_m`` and ``others_y_m`` (n) are the places of the other agents in range.
+    ``centre_x_m`` and ``centre_y_m`` are the fire's centre of gravity. ``spacing_m`` is d in eq. 8,
+    and ``max_m_s`` is vel_max.
     """
-    # At the centre all directions lead outwards: the inward one is defined opposite to tie_rad.
+    # At the centre all directions lead outwards: the inward direction is set opposite to tie_rad.
     in_e, in_n, _ = unit_vector(x_m, y_m, centre_x_m, centre_y_m, tie_rad + math.pi)
     in_area = is_set(area, x_m, y_m, west_m, north_m, cell_m)
     in_augmentation = is_set(augmentation, x_m, y_m, west_m, north_m, cell_m)

@@ -1,4 +1,4 @@
-"""Compilation of the formation's kernels before flight; the first run takes many seconds."""
+"""Compiles the formation's kernels before flight; the first compilation takes many seconds."""
 
 import numpy as np
 
@@ -14,11 +14,11 @@ STEP_US = 250_000
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Run three agents for some steps over a small fire, with the loss of their fire updates.
+    """Run three agents for some steps at a small fire, where all fire updates are lost.
 
-    Every kernel of an agent is thereby called, and compiled or loaded from the disk cache. The
-    compiler distinguishes arrays of one row from those of several, so agents first receive no
-    message, then two.
+    This calls every kernel of an agent, which compiles the kernel or loads it from the disk cache.
+    The compiler distinguishes arrays with one row from arrays with several rows. Therefore each
+    agent first runs without messages, and then receives the messages of the two others.
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])

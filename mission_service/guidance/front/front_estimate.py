@@ -1,9 +1,9 @@
 """Estimates the fire front on 360 bearings, and advances the estimate where the front is unseen.
 
 Each bearing has the distance of the front, the time of the last view, and a factor: the measured
-rate of spread divided by the rate of the fire model. Where the front is in view, the estimate is
-set to the observation. Out of view, it advances at the model's rate (under the wind that the
-vehicle measures) times the factor.
+rate of spread divided by the fire model's rate under the wind that the vehicle measures. Where the
+front is in view, the estimate is set to the observation. Out of view, the estimate advances at the
+model's rate times the factor.
 
 A Kalman filter estimates the factors of 72 sectors. Each factor is correlated with its neighbours
 and, less strongly, with all others. The filter assumes that the advance between two views is the
@@ -113,7 +113,7 @@ class FrontEstimate:
 
     @property
     def modelled(self) -> bool:
-        """Whether the fire model advances the front, and not measured rates alone."""
+        """Whether the fire model advances the front; otherwise only measured rates advance it."""
         return self.model is not None and self.wind_m_s is not None
 
     def _reset_factors(self) -> None:
@@ -202,7 +202,7 @@ class FrontEstimate:
         return found
 
     def slant(self) -> Floats:
-        """Return, for each bearing, the length along it divided by the length across the front."""
+        """Return the speed along each bearing (360) divided by the speed across the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
@@ -289,10 +289,11 @@ class FrontEstimate:
         np.maximum(front, self.burned - 0.5, out=front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
-        """Scale the parts of the front never seen by the change of the nearest part first seen now.
+        """Scale the unseen parts of the front after other parts have been seen for the first time.
 
-        ``new`` are the bearings first seen now, and ``before`` is the front before this view. The
-        scaling weakens with the angle to the nearest new bearing.
+        ``new`` holds the bearings seen for the first time, and ``before`` the front before this
+        view. An unseen bearing is scaled like the nearest new bearing, but less the farther away it
+        is.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False

@@ -3,8 +3,8 @@
 ``front_estimate`` advances each part of the front from its last view. The expected error of a part
 grows at its speed times the standard deviation of the factor in that speed. At every new cell of
 the grid, ``sweeps`` rolls out plans of sweeps and circles on the estimated front. Some plans keep
-the direction, and some turn back now. The vehicle turns if the best plan that turns back has a
-clearly smaller cost, which measures the error.
+the direction, and some turn back now. The cost of a plan measures the error. The vehicle turns if
+the best plan that turns back costs clearly less than the best plan that keeps the direction.
 
 The roll-outs include the time of turns and the effect of the measured wind on the vehicle. A
 landscape and a wind improve the prediction but are not required.

@@ -24,9 +24,9 @@ def front_map_of(planner: Steered) -> FireMap | None:
 
 
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
-    """Return the whole-degree bearings, clockwise, to which no other bearing is nearer than own.
+    """Return the whole-degree bearings to which none of ``others_deg`` is nearer than ``own_deg``.
 
-    The result contains at least ``own_deg``, rounded.
+    The bearings are in clockwise order, and include at least ``own_deg``, rounded.
     """
     bearings = np.arange(BEARINGS)
 
@@ -46,7 +46,10 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 
 
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
-    """Return words for a part of the front: its bearings from the fire's centre, and its length."""
+    """Return a text that gives the bearings and the length of a part of the front.
+
+    Bearings are seen from the fire's centre.
+    """
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST
     steps = np.hypot(np.roll(north, -1) - north, np.roll(east, -1) - east)

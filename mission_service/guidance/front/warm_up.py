@@ -18,10 +18,10 @@ ENOUGH = 2  # number of vehicles that together call every kernel
 
 
 def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
-    """Fly temporary planners for more than one lap around a circular fire.
+    """Run temporary planners for more than one lap around a circular fire.
 
     The circle is at the position of the scenario's fire. Each kernel of the rule is called at least
-    once, which compiles it or loads it from the disk cache.
+    once, which compiles the kernel or loads it from the disk cache.
     """
     heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})

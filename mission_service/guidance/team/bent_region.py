@@ -48,8 +48,8 @@ def course_to(region: Region, target: int) -> Course:
 def is_finished(region: Region, course: Course) -> bool:
     """Return whether a course has no target, or its target is passed or outside the region.
 
-    A vehicle can pass its target without a visit when the ring grows, or when it skips cells in
-    flight.
+    A vehicle can be beyond its target without a visit, because the ring has grown, or because the
+    vehicle has skipped cells in flight.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:

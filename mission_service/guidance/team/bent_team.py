@@ -147,7 +147,7 @@ class RegionTeam:
 
 
 def _with_team(regions: Regions, members: list[int], cells_of: list[int]) -> Regions:
-    """Return the regions after adding vehicles that have joined and removing those that left."""
+    """Return the regions after adding new vehicles and removing those that have left."""
     for member, cell in zip(members, cells_of, strict=True):
         if member not in regions.members:
             at = dict(zip(members, cells_of, strict=True))

@@ -158,9 +158,8 @@ def _begin(nodes, start, legs, room):  # type: ignore[no-untyped-def]
 def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
     """Return the importance of all nodes, integrated over time, when the plans are flown.
 
-    ``legs`` (k, LEGS) holds the number of cells that each vehicle flies before each turn, from
-    ``start.node`` on; with 0 the vehicle turns at once. The result includes a constant, the cost of
-    the initial ages.
+    ``legs`` (k, LEGS) holds the plans, which begin at ``start.node``. A leg of 0 cells means that
+    the vehicle turns at once. The result includes a constant, the cost of the initial ages.
     """
     _begin(nodes, start, legs, room)
     cost = _fly(nodes, start, legs, room, span.late_from_s)

@@ -2,8 +2,8 @@
 
 There are three kinds of patterns: all vehicles circle in single file; all circle and pass a hot arc
 three times (on, back, on); or some sweep the arc while the others circle. On an even front circling
-is best, because the mean age of a cell is 4/3 times as high under a sweep as under laps with as
-many passes. A sweep reduces the cost only if the arc spreads several times as fast as the rest.
+is best: with the same number of passes, sweeping makes the mean age of a cell 4/3 times as high. A
+sweep reduces the cost only if the arc spreads several times as fast as the rest.
 """
 
 from typing import NamedTuple

@@ -71,8 +71,8 @@ class Regions:
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Return regions of equal size, in the vehicles' order along the ring.
 
-    These are Bent's initial regions (section 4.2). The regions begin at the cell of the first
-    vehicle; otherwise positions only set the order.
+    These are Bent's initial regions (section 4.2). The first region begins at the cell of the first
+    vehicle. The positions of the other vehicles only set the order of the regions.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
@@ -215,10 +215,11 @@ def without_member(regions: Regions, member: int) -> Regions:
 
 
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """Return the regions after a vehicle has joined at a cell and received half of its region.
+    """Return the regions after a vehicle has joined at ``cell``, whose region is halved.
 
     ``cells_of`` holds the cells of the other vehicles, clockwise. The owner of the halved region
-    keeps the half in which it is. All offers are cancelled.
+    keeps the half that contains the owner's cell, and the new vehicle receives the other half. All
+    offers are cancelled.
     """
     begins = list(ledger(regions))
     host = int(owners(regions)[cell])

@@ -36,7 +36,7 @@ def vehicles_for_advance(
 ) -> int:
     """Return how many vehicles must lap to keep the unseen advance at most ``advance_m``.
 
-    With the advance D and the largest rate of spread R, n >= R L / (v D).
+    The number is n >= R L / (v D), with the advance D and the largest rate of spread R.
     """
     return _at_least(spread_rate_m_s * length_m / (speed_m_s * advance_m))
 
