@@ -34,6 +34,7 @@ from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import StateView
 from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
 
@@ -47,14 +48,19 @@ class PastRun:
     """The content of a journal that the second run needs."""
 
     scenario: Scenario
-    record: RunStatistics
+    state_view: StateView
     fire: ObservedFire
     requests: list[AnyOperatorEvent] = field(default_factory=list)
+
+    @property
+    def record(self) -> RunStatistics:
+        """The figures of the run."""
+        return self.state_view.statistics
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
         self.fire.apply_history(event, commands)
-        self.record.apply(event, commands)
+        self.state_view.apply(event, commands)
         if isinstance(event, OperatorEvent):
             self.requests.append(event)
 
@@ -66,8 +72,9 @@ def past_run(journal: JournalReader) -> PastRun:
             f"{journal.path}: its beginning, which contains operators' requests, was deleted"
         )
     scenario = journal.scenario
-    names = tuple(section.name for section in scenario.flown)
-    run = PastRun(scenario, RunStatistics(names, round(scenario.start_s * 1e6)), journal.fire())
+    fire = journal.fire()
+    start_us = round(scenario.start_s * 1e6)
+    run = PastRun(scenario, StateView(scenario, fire.world.landscape, start_us), fire)
     event: AnyEvent | None = None
     commands: list[AnyCommand] = []
     for _, entry in journal.intact():

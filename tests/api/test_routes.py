@@ -236,7 +236,7 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
         assert "at_s or in_s" in await refused(http, 422, "GET", "/fire/front?at_s=1&in_s=1")
         for wrong in ("nan", "inf", "1e300", "soon", ""):
             await refused(http, 422, "GET", f"/fire/front?in_s={wrong}")
-        assert "the longest" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
+        assert "is the maximum" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
 
     asked(flying, ask)
 

@@ -41,7 +41,9 @@ def test_a_port_in_use_is_reported_in_one_line() -> None:
     with bound(ANY) as taken:
         port = taken.getsockname()[1]
         with (
-            pytest.raises(MissionServiceError, match=f"HTTP on 127.0.0.1:{port}: in use"),
+            pytest.raises(
+                MissionServiceError, match=f"HTTP on 127.0.0.1:{port}: the port is in use"
+            ),
             bound(HttpSection(listen=f"127.0.0.1:{port}")),
         ):
             pass

@@ -170,7 +170,7 @@ async def loses_its_link_and_gets_it_back(backend: str) -> None:
         lost = await client.next(events.LinkLost)
         assert lost.silent_us >= 3_000_000
         result = await client.transfer(number)
-        expected = {"native": ("failed", "not answer"), "mavsdk": ("unknown", "TIMEOUT")}
+        expected = {"native": ("failed", "not reply"), "mavsdk": ("unknown", "TIMEOUT")}
         outcome, words = expected[backend]
         assert result.outcome == outcome
         assert words in result.reason

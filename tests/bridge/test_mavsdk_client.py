@@ -50,7 +50,7 @@ def test_frames_may_come_several_at_once() -> None:
         ("ardupilot", "SUCCESS", "sent", "accepted", "the new one"),
         ("ardupilot", "SUCCESS", "other", "failed", "a mixture"),
         ("ardupilot", "UNSUPPORTED", "other", "rejected", "a mixture"),
-        ("ardupilot", "UNSUPPORTED", None, "rejected", "unknown"),
+        ("ardupilot", "UNSUPPORTED", None, "rejected", "not known"),
     ],
 )
 def test_results_of_mavsdk_are_judged_by_what_is_read_back(

@@ -170,7 +170,7 @@ def test_to_its_end_as_fast_as_can_be(tmp_path: Path) -> None:
         (("--from", "4", "--to", "2"), "no vehicle in this part of it"),
         (("--from", "1000"), "no vehicle in this part of it"),
         (("--speed", "1", "--listen", "nowhere"), "write it as HOST:PORT"),
-        (("--speed", "1", "--listen", "0.0.0.0:1"), "beyond loopback"),
+        (("--speed", "1", "--listen", "0.0.0.0:1"), "is not a loopback address"),
         (("--scenario", "default"), "no position is on the landscape of default"),
         (("--speed", "1", "--set", "planner.rule=none"), "no such rule"),
     ],

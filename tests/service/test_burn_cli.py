@@ -260,4 +260,4 @@ def test_without_a_run_there_is_one_clear_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["burn", "abort", "--out", str(tmp_path)])
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
-    assert "is mission-service run active with this --out?" in result.stderr
+    assert "start mission-service run with this --out" in result.stderr

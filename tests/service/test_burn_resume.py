@@ -199,7 +199,7 @@ def test_it_can_be_killed_again(tmp_path: Path) -> None:
     assert [type(event) for event in second[len(first) :]] == [Resumed]
     events = verified(path)
     assert [event.at_us for event in events[-2:]] == [AT_US + 7_500_000, AT_US + 10_500_000]
-    assert "restarted since" in str(lock.refuses(drop(2), AT_US + 10_500_000))
+    assert "was restarted" in str(lock.refuses(drop(2), AT_US + 10_500_000))
 
 
 def test_mission_time_never_goes_back() -> None:

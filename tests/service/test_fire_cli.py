@@ -382,7 +382,7 @@ def test_any_name_can_stand_on_the_map(tmp_path: Path) -> None:
 def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     fuel, none = str(write_site(tmp_path) / "fuel.tif"), tmp_path / "none.geojson"
     for words, message in (
-        ((fuel, fuel), "give one file by itself, or the layers of a landscape, each as LAYER=FILE"),
+        ((fuel, fuel), "give one file, or the layers of a landscape, each as LAYER=FILE"),
         ((f"fuel={fuel}", f"fuel={fuel}"), "fuel is given twice"),
         (("fuel=", f"elevation={fuel}"), "files: fuel="),
         ((fuel, "--unit", "slope"), "--unit: slope: write it as LAYER=UNIT"),

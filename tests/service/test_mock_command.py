@@ -25,7 +25,7 @@ from tests.service.test_live import CLI, free_port
         (("--wind", "240,x"), "FROM_DEG,SPEED_M_S"),
         (("--wind", "240,nan"), "nan is not between 0 and 60"),
         (("--home", "95,0,0"), "95 is not between -90 and 90"),
-        (("--terrain", "301"), "would be under the ground"),
+        (("--terrain", "301"), "is below the ground"),
         (("--fault", "rebot@3"), "unknown fault; the faults are loss=SHARE"),
         (("--fault", "refuse=3:0"), "a whole number from 1 to 15"),
         (("--listen", "udpout:127.0.0.1:9"), "not a listening link"),

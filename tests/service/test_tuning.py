@@ -181,7 +181,7 @@ def test_a_missing_scheduler_is_reported_in_one_line(monkeypatch: pytest.MonkeyP
     address = f"tcp://127.0.0.1:{free_port()}"
     result = CliRunner().invoke(main, ["tune", "virtual-agents", "--scheduler", address])
     assert result.exit_code == 1
-    assert f"{address}: no Dask scheduler there" in result.output
+    assert f"no Dask scheduler at {address}" in result.output
     assert "Traceback" not in result.output
 
 
