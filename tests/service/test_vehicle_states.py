@@ -14,7 +14,7 @@ from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
 from tests.service.vehicle_machine import VehicleMachine, run
 from tests.service.vehicle_sites import BURNS, SETTINGS, site_of
 
-STEPS, SEED = 30, 20
+STEPS, SEED = 30, 21
 FRONTS = tuple(SETTINGS)[:-1]
 
 
