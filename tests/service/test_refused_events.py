@@ -69,7 +69,7 @@ def without_alarms(service: Engine) -> dict[str, Any]:
     view.statistics.alarms.clear()
     view.announcements.clear()
     view.changed.clear()
-    view.version = view.announcement_id = 0
+    view.version = view.announcement_id = view.announcement_count = 0
     return kept
 
 
