@@ -133,7 +133,7 @@ class GaussianCorrected:
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
         if not len(self._reachable):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)

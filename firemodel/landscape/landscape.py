@@ -276,7 +276,7 @@ class Landscape:
         return bilinear(z, *self.row_col_of(x_m, y_m))
 
     def transform(self) -> Any:
-        """Return the affine.Affine from (column, row) of cell corners to x, y, for rasterio."""
+        """Return rasterio's transform from (column, row) of cell corners to x, y."""
         from rasterio import Affine
 
         return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)
