@@ -31,7 +31,7 @@ MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
 @dataclass(frozen=True, slots=True)
 class Moisture:
-    """The fuel moisture as fractions of the oven-dry weight."""
+    """The moisture of each fuel class as a fraction of its oven-dry weight."""
 
     dead_1h: float
     dead_10h: float

@@ -135,7 +135,7 @@ class Fire(ABC):
         """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
         A cell is BURNING as long as one of its eight neighbours can still burn. Raises
-        FireModelError if ``time_s`` is after the time of the fire.
+        FireModelError if the fire has not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         cannot = np.isin(self.landscape.fuel_model, list(NON_BURNABLE))
@@ -147,8 +147,8 @@ class Fire(ABC):
     def front(self, time_s: float) -> Any:
         """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
-        Its edge is interpolated between the cells' centres. Raises FireModelError if ``time_s`` is
-        after the time of the fire.
+        Its edge is interpolated between the cells' centres. Raises FireModelError if the fire has
+        not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         found = front_polygons(self._expected_s(), time_s, self.landscape)

@@ -1,4 +1,4 @@
-"""Compute the outward speed of a fire front: how fast straight segments move along normals."""
+"""Compute the outward speed of a fire front, whose straight parts move along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -73,8 +73,8 @@ def fronts_geojson(
 
     The properties have the names of the US interagency perimeters (WFIGS), with times in ms since
     1970 UTC. Their status is that of a perimeter that is not approved. ``time_zero`` is the
-    calendar time of 0 s, if there is one. Raises FireModelError if one of the times is after the
-    time of the fire.
+    calendar time of 0 s, if there is one. Raises FireModelError if the fire has not been advanced
+    to one of the times.
     """
     features = []
     for time_s in times_s:
@@ -108,7 +108,7 @@ def write_fronts(
         time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
-        FireModelError: One of the times is after the time of the fire.
+        FireModelError: The fire has not been advanced to one of the times.
         OSError: The file cannot be written.
     """
     found = fronts_geojson(fire, times_s, name, time_zero)

@@ -61,12 +61,12 @@ def of_two_fuels(north: int, south: int) -> NDArray[np.int16]:
 
 
 def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Return dry weather with this wind."""
+    """Return dry weather with the given wind."""
     return Weather(at_s, speed_m_s, from_deg, 5.0, 6.0, 7.0, 60.0, 90.0)
 
 
 def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Return very dry weather with this wind, in which live fuel burns too."""
+    """Return very dry weather with the given wind, in which live fuel burns too."""
     return Weather(at_s, speed_m_s, from_deg, 3.0, 4.0, 5.0, 30.0, 60.0)
 
 

@@ -45,7 +45,10 @@ class CorrectedFire:
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """Return the fires that receive ignitions: the fire and, if any, the uncorrected fire."""
+        """Return the fire and, if there are corrections, also the fire without corrections.
+
+        Each of them receives every ignition.
+        """
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)

@@ -84,10 +84,11 @@ class MonitoringArea:
         return share
 
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
-        """Return the sum of priorities in the union of the footprints over the sum of their sums.
+        """Return the efficiency of the footprints (section 6.2).
 
-        A cell in two footprints counts once in the first sum and twice in the second. The result is
-        1 if no footprint contains a priority.
+        It is the sum of the priorities in the union of the footprints, divided by the sum over all
+        footprints. A cell in two footprints counts twice in the second sum. The result is 1 if no
+        footprint contains a priority.
         """
         union = total = 0.0
         self._view += 1

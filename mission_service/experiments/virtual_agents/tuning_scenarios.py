@@ -40,8 +40,8 @@ PENALTY = 10.0  # for virtual agents that are at all times so near that UAVs fly
 class Kind:
     """A kind of scenario.
 
-    It has the cells along each side of the map, the steps of a roll-out, the number of agents, and
-    the minimum and maximum number of burned cells.
+    The fields are the number of cells along each side of the map, the number of steps of a
+    roll-out, the number of agents, and the minimum and maximum number of burned cells.
     """
 
     cells: int
