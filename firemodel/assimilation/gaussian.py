@@ -349,7 +349,10 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the mode f under the Gaussian prior k, and alpha = b - w f, with which f = k alpha."""
+    """Return the mode f under the Gaussian prior k, and alpha.
+
+    They satisfy f = k alpha and alpha = b - w f.
+    """
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

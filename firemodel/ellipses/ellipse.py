@@ -232,7 +232,7 @@ def _in_order(found: Any, tiles: Tiles) -> Any:
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """Return M and e such that fire travels in the time |d| - e d_x along d = (x, y) M.
+    """Return M and e such that fire reaches (x, y) after |d| - e d_x, where d = (x, y) M.
 
     The place (x, y) is relative to the source.
 

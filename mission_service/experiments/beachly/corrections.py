@@ -5,10 +5,11 @@ inside the unit to the closest point of the simulated front. Each minute uses on
 made by then. The result has two means over time, both from the start of the first segment on. One
 ends at the end of the second segment, as in the paper; the other includes all minutes.
 
-The remaining error hardly depends on the model's error, so the relative reduction of the error
-does. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute 12 on),
-the reduction was 34 % by the paper's method and 54 % by the Gaussian process. The model error was
-then increased to about the paper's 24.8 m. Fires 100 to 119 were not used for that choice.
+The error that remains after corrections hardly depends on the error of the uncorrected model. The
+relative reduction therefore depends on the error of the uncorrected model. On fires 0 to 19 with a
+smaller model error (17.8 m uncorrected, segments from minute 12 on), the reduction was 34 % by the
+paper's method and 54 % by the Gaussian process. The model error was then increased to about the
+paper's 24.8 m. Fires 100 to 119 were not used for that choice.
 """
 
 from collections.abc import Callable
