@@ -15,10 +15,11 @@ Bools = NDArray[np.bool_]
 class CameraFront:
     """A limited number of observations that are computed from the windows of a camera.
 
-    The edge between a burned cell and an unburned neighbour is observed as burning. A cell whose
-    observed state differs from the simulated one is observed as burned or unburned. For each state,
-    in each square with sides of ``apart_m`` and in each interval of ``every_s``, only the newest
-    observation is kept. Of the kept observations, only the newest ``most`` are used.
+    The edge between a burned cell and an unburned neighbour gives a burning observation. A cell
+    whose observed state differs from its simulated state gives a burned or unburned observation.
+    For each state, in each square with sides of ``apart_m`` and in each interval of ``every_s``,
+    only the newest observation is kept. Of the kept observations, only the newest ``most`` are
+    used.
     """
 
     def __init__(

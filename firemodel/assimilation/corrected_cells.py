@@ -51,7 +51,7 @@ class ArrivalRaster:
         return self._centres(cells[lit])
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Return paths to points (n, 2) from the ignition cell whose fire arrives first at each."""
+        """Return a path to each point (n, 2) from the ignition cell whose fire arrives first."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         row, col = self.landscape.row_col_of(points[:, 0], points[:, 1])
         rows, cols = self.landscape.shape
@@ -68,7 +68,7 @@ class ArrivalRaster:
         return StraightPaths(origin, lit_s, np.maximum(time_s - lit_s, 0.0) * slower)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
         paths = self.paths(points_m)
         return paths.lit_s + paths.takes_s
 

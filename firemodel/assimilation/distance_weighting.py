@@ -44,7 +44,7 @@ class PaperCorrected:
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
-        """Raises FireModelError for observations of another shape or no length."""
+        """Raise FireModelError if the observations or the length cannot be used."""
         self.fire, self.length_m = fire, length_m
         self.observations = np.asarray(observations, dtype=np.float64)
         if self.observations.ndim != 2 or self.observations.shape[1] != 4:
@@ -61,7 +61,7 @@ class PaperCorrected:
         self._ignitions = self.observations[never & (self.observations[:, 3] != UNBURNED), :3]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
         return self.corrected_s(points, self.fire.ignition_time_s(points))
 
@@ -75,7 +75,7 @@ class PaperCorrected:
         return found
 
     def shift_s(self, points_m: Floats) -> Floats:
-        """Return the expected delay to the simulated fire in seconds (n,) at each point (n, 2)."""
+        """Return the expected delay (n,) in s of fire behind the simulation, at points (n, 2)."""
         tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
         total, weight = np.zeros((2, len(tiles.x)))
         room = np.empty((5, NODES * NODES))

@@ -10,10 +10,10 @@ The unknowns are the rates and the wind of the simulation (``paths.AdjustableFir
 w over places, which represents errors in fuel and terrain. All have Gaussian priors and are
 estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
 slowness there, is a time error; it is combined with ``TIME_SD_S``. The likelihood of a burning
-observation is a Student's t, so that a few outliers have little influence. The likelihood of a
-burned or unburned observation is the probability of its state (Laplace's method). The prior sd and
-length of the field are those of a few candidates that are most likely (marginal likelihood of the
-linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+observation is a Student's t distribution, so that a few outliers have little influence. The
+likelihood of a burned or unburned observation is the probability of its state (Laplace's method).
+The prior sd and length of the field are those of a few candidates that are most likely (marginal
+likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
 """
 
 import math
@@ -133,7 +133,7 @@ class GaussianCorrected:
                 self._fit(self._rated, near)
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
         if not len(self._reachable):
             return self.fire.ignition_time_s(points_m)
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -299,7 +299,7 @@ def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) ->
 
 
 def _empty_field(places: Floats) -> tuple[Field, float]:
-    """Return a field around places (k, 2) where w = 0, and the diagonal of their box in metres."""
+    """Return a field with w = 0 around places (k, 2), and the diagonal in m of the places' box."""
     low, high = places.min(axis=0), places.max(axis=0)
     diagonal_m = max(float(np.hypot(*(high - low))), MIN_M)
     margin_m = 2.0 * LENGTHS[1] * diagonal_m
@@ -349,7 +349,10 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the mode f under the Gaussian prior k, and alpha = b - w f, with which f = k alpha."""
+    """Return the mode f under the Gaussian prior k, and alpha.
+
+    They satisfy f = k alpha and alpha = b - w f.
+    """
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root
     factor = cho_factor(inner, lower=True, check_finite=False)

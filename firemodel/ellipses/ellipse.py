@@ -120,11 +120,11 @@ class EllipseFire:
         return more
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
-        """Return the index (n,) of the source whose fire reaches each point (n, 2) first, or -1."""
+        """Return the index (n,) of the source that burns each point (n, 2) first, or -1."""
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
@@ -232,7 +232,7 @@ def _in_order(found: Any, tiles: Tiles) -> Any:
 
 
 def _plane(spread: Spread) -> tuple[Floats, float]:
-    """Return M and e such that fire travels in the time |d| - e d_x along d = (x, y) M.
+    """Return M and e such that fire reaches (x, y) after |d| - e d_x, where d = (x, y) M.
 
     The place (x, y) is relative to the source.
 

@@ -14,7 +14,7 @@ class Simulation(Protocol):
     """A fire with an arrival time at every place, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
-        """Return arrival times in s (n,) at points (n, 2) x, y in metres; infinity if unburned."""
+        """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
 
 
 class PointObservation(NamedTuple):

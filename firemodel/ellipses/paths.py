@@ -27,7 +27,7 @@ class StraightPaths(NamedTuple):
 
 
 class AdjustableFire(Protocol):
-    """A fire that has paths and whose rates of spread can be adjusted."""
+    """A fire that has paths, and rates of spread that can be adjusted."""
 
     @property
     def rates_sd(self) -> Floats:
@@ -41,10 +41,10 @@ class AdjustableFire(Protocol):
         """Return the fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Return the paths to points (n, 2) x, y in metres."""
+        """Return the paths to points (n, 2), which are x, y in metres."""
 
     def places(self) -> Floats:
-        """Return the places (k, 2) x, y in metres that enclose the ignitions."""
+        """Return places (k, 2), as x, y in metres, that enclose the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
@@ -88,13 +88,13 @@ class AdjustableEllipses:
         return AdjustableEllipses(EllipseFire(spreads, self.fire.sources))
 
     def paths(self, points_m: Floats) -> StraightPaths:
-        """Return the paths to points (n, 2) x, y in metres."""
+        """Return the paths to points (n, 2), which are x, y in metres."""
         time_s, number = self.fire.arrivals(points_m)
         lit = self.fire.sources[np.maximum(number, 0)]
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
-        """Return the sources (k, 2) x, y in metres."""
+        """Return the places (k, 2) of the sources, as x, y in metres."""
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:

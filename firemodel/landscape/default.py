@@ -59,7 +59,10 @@ def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
 
 
 def _sample() -> Path:
-    """Return the path of matplotlib's elevation file, without the slow import of matplotlib."""
+    """Return the path of matplotlib's elevation file.
+
+    The function does not import matplotlib, because that is slow.
+    """
     found = find_spec("matplotlib")
     assert found is not None
     assert found.origin is not None

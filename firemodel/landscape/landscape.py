@@ -80,7 +80,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Interpolate values (y, x) at float rows and columns; beyond the edge, its values hold."""
+    """Return values (y, x) interpolated at float rows and columns, constant beyond the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
     if isinstance(row, float):  # one place: much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
@@ -204,13 +204,13 @@ class Landscape:
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
     def grid_deg(self, true_deg: float) -> float:
-        """Convert a direction from true north to one from grid north, both clockwise."""
+        """Convert degrees clockwise from true north to degrees clockwise from grid north."""
         return true_deg - self.grid_convergence_deg
 
     def true_deg(self, grid_deg: Any) -> Any:
-        """Convert directions from grid north to directions from true north, both clockwise.
+        """Convert degrees clockwise from grid north to degrees clockwise from true north.
 
-        The result is 0 to 360 degrees.
+        The result is from 0 to 360.
         """
         return (grid_deg + self.grid_convergence_deg) % 360.0
 
@@ -276,7 +276,7 @@ class Landscape:
         return bilinear(z, *self.row_col_of(x_m, y_m))
 
     def transform(self) -> Any:
-        """Return the affine.Affine from (column, row) of cell corners to x, y, for rasterio."""
+        """Return rasterio's transform from (column, row) of cell corners to x, y."""
         from rasterio import Affine
 
         return Affine(self.cell_size_m, 0.0, self.west_m, 0.0, -self.cell_size_m, self.north_m)

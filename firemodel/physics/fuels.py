@@ -142,7 +142,7 @@ FUEL_MODELS = _ANDERSON | dict(map(_scott_burgan, _SCOTT_BURGAN.strip().splitlin
 
 
 def check_codes(fuel_model: NDArray[np.integer], where: str) -> None:
-    """Raise FireModelError for the first cell whose code is neither a fuel nor non-burnable."""
+    """Raise FireModelError for the first cell whose code is no known fuel code."""
     unknown = ~np.isin(fuel_model, [*FUEL_MODELS, *NON_BURNABLE])
     if unknown.any():
         row, col = np.argwhere(unknown)[0]

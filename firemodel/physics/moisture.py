@@ -40,7 +40,9 @@ def rain_moisture_pct(rain_hours: float) -> Floats:
 def after_time_lag(
     moisture: Floats, tends_to: Floats, elapsed_h: float, time_lag_h: Floats
 ) -> Floats:
-    """Return the moisture after a time; one time lag leaves 1/e of the difference to ``tends_to``.
+    """Return the moisture of fuel classes after ``elapsed_h`` hours.
+
+    After one time lag, 1/e of the difference from ``tends_to`` is left.
 
     The equation is from Byram 1963 and Fosberg 1970.
     """

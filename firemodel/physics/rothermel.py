@@ -31,7 +31,7 @@ MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
 
 @dataclass(frozen=True, slots=True)
 class Moisture:
-    """The fuel moisture as fractions of the oven-dry weight."""
+    """The moisture of each fuel class as a fraction of its oven-dry weight."""
 
     dead_1h: float
     dead_10h: float
@@ -198,7 +198,7 @@ def reaction_part_lb_ft2(
 
 
 def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> float:
-    """Return Σ f_ij ε Q_ig of the dead, or live, fuel in Btu/lb (Rothermel 1972, eq. 77)."""
+    """Return Σ f_ij ε Q_ig in Btu/lb for the dead or the live fuel (Rothermel 1972, eq. 77)."""
     return sum(
         float(share) * effective_heating_number(float(sav)) * heat_of_preignition_btu_lb(float(wet))
         for share, sav, wet in zip(shares, savs_1_ft, moistures, strict=True)

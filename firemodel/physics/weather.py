@@ -83,7 +83,10 @@ class WeatherStream:
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
     def since(self, time_s: float) -> "WeatherStream":
-        """Return the stream from a time on, with the entry then in effect extended back to 0 s."""
+        """Return the stream from a time on.
+
+        The entry in effect at that time is extended back to 0 s.
+        """
         first, *later = self.entries[self.index_at(time_s) :]
         return WeatherStream((replace(first, at_s=min(first.at_s, 0.0)), *later))
 

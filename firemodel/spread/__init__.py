@@ -1,5 +1,6 @@
-"""Fire spread over a landscape: schemes, fronts, and maps and files of the results.
+"""Simulate fire spread over a landscape, and draw and write the results.
 
-``schemes`` lists the spread schemes, ``fire_scheme`` is their common base, ``burning`` starts from
-an existing fire; ``behaviour``, ``writers`` and ``arrival_map`` compute and write the results.
+``schemes`` lists the spread schemes, ``fire_scheme`` is their common base, and ``burning`` starts
+from an existing fire. ``behaviour`` computes results, ``writers`` writes them and ``arrival_map``
+draws them.
 """

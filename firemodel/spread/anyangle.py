@@ -1,15 +1,15 @@
-"""Arrival times at any angle: fire reaches a cell along a straight line from a source.
+"""Compute arrival times along straight lines, at any angle, from sources to cells.
 
-A source is the centre of a burned cell, or a point of the front at a change of the weather. A
-burning cell offers its neighbours two paths: a straight line from its own source, or from itself.
-The time along a line is the sum over the cells it crosses (``travel_time``). Cells are processed in
-order of time (Dijkstra 1959; sources are chosen as the parents in Nash et al. 2007, "Theta*").
-Where conditions are uniform lines may have any length, and arrival times are those of the exact
-ellipse.
+A source is the centre of a burned cell, or a point on the front when the weather changes. A burning
+cell offers each neighbour two paths: a straight line from its own source, and a straight line from
+itself. The time along a line is the sum of the times in the cells that it crosses
+(``travel_time``). Cells are processed in order of time (Dijkstra 1959). A cell's source is chosen
+like a parent in "Theta*" (Nash et al. 2007). Where conditions are uniform, lines may have any
+length and arrival times are those of the exact ellipse.
 
-When the weather changes, each line under way is cut at the position of the fire, and that point
-becomes the source of the remaining line. Only the remaining distance has the new rate, so that the
-progress of the fire is kept.
+When the weather changes, each line along which fire is moving is cut at the position of the fire,
+and that point becomes the source of the remaining line. Only the remaining line has the new spread
+rate, so that the progress of the fire is kept.
 """
 
 import bisect
@@ -44,7 +44,7 @@ class AnyAngleFire(Fire):
         *,
         wind_limit: bool = False,
     ) -> None:
-        """Raises FireModelError for an ignition on ground that cannot burn."""
+        """Raise FireModelError for an ignition on ground that cannot burn."""
         super().__init__(landscape, weather, ignitions, burning, wind_limit)
         if burning and burning.area is not None:
             self.start_area = StartArea(burning.area, burning.at_s)
@@ -163,7 +163,7 @@ class AnyAngleFire(Fire):
         self._start_paths(paths.first(counts[0]), tips.first(counts[1]))
 
     def _start_paths(self, paths: ActivePaths, tips: ActivePaths) -> None:
-        """Start the fire on these paths at ``_since_s``, dropping all other paths."""
+        """Start the fire on these paths at ``_since_s``, and drop all other paths."""
         self._paths = paths
         count = tips.target.size
         while self._points.shape[0] < self._used + count:
@@ -184,7 +184,10 @@ class AnyAngleFire(Fire):
         self._heap = Heap(heap.times, heap.cells, size)
 
     def arrival_vectors(self) -> Floats:
-        """Return vectors (2, y, x) in m north and east from each cell's source; 0 where lit."""
+        """Return the vector (2, y, x) from each cell's source to the cell, in m north and east.
+
+        It is 0 where the fire was lit.
+        """
         labels, (rows, cols) = self._labels, self.landscape.shape
         n, burned = rows * cols, np.isfinite(labels.arrival_s)
         centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)

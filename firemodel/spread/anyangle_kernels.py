@@ -1,4 +1,4 @@
-"""The inner loop of ``anyangle``, which ignites cells in order of time."""
+"""Ignite cells in order of time: the inner loop of ``anyangle``."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
 
 @kernel
 def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Ignite cells from the heap until a time, or until the heap or the points are full.
+    """Ignite cells from the heap until a time, but stop when the heap or the points are full.
 
     Returns the heap's new size and the number of points in use.
     """

@@ -1,4 +1,4 @@
-"""A map of a fire as a PNG: hillshade and fuel, hours of arrival, isochrones, scale."""
+"""Draw a map of a fire as a PNG with hillshade, fuel, hours of arrival, isochrones and scale."""
 
 import math
 from pathlib import Path
@@ -15,12 +15,12 @@ MIN_SCALE_H = 1 / 60  # minimum range of the colour scale in hours
 
 
 def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None:
-    """Draw a fire as a PNG: hillshade, fuel, hours of arrival, isochrones, scale.
+    """Draw a fire as a PNG with hillshade, fuel, hours of arrival, isochrones and scale.
 
     Args:
         path: The file to write.
         land: The landscape.
-        arrival_s: Arrival times in seconds (y, x), infinity where unburned.
+        arrival_s: Arrival times (y, x) in seconds; unburned cells have infinity.
         title: The map's title.
     """
     figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
@@ -31,7 +31,10 @@ def draw_map(path: Path, land: Landscape, arrival_s: Floats, title: str) -> None
 def start_map(
     land: Landscape, arrival_s: Floats, frame: Frame, *, isochrones: bool = False
 ) -> tuple[Any, Any]:
-    """Return a figure and its axes with base map and fire; axes in km from the SW corner."""
+    """Return a figure and its axes, which show the base map and the fire.
+
+    The axes are in km from the south-west corner.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
     from matplotlib.figure import Figure
@@ -68,9 +71,9 @@ def start_map(
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
-    """Return a square frame around the fire and further points (k, 2), with a margin.
+    """Return a square frame, with a margin, around the fire and further points (k, 2).
 
-    Points that are not finite (too far away for the projection) are ignored.
+    Points that are not finite, because they are too far away for the projection, are ignored.
     """
     rows, cols = np.nonzero(np.isfinite(arrival_s))
     points = np.stack(land.xy_of(rows, cols), axis=1)

@@ -1,4 +1,4 @@
-"""Fire behaviour at the arrival in each cell: spread rate, direction, intensity, flame length."""
+"""Compute spread rate, direction, intensity and flame length when fire arrives in each cell."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,10 @@ from firemodel.spread.local_spread import (
 
 
 class Behaviour(NamedTuple):
-    """Behaviour of the front at its arrival in each cell, float32 (y, x), NaN where unburned."""
+    """The behaviour of the front at its arrival in each cell.
+
+    The arrays are float32 (y, x); unburned cells have NaN.
+    """
 
     spread_rate_m_s: NDArray[np.float32]  # along the slope
     toward_deg: NDArray[np.float32]  # direction in which the front moved, from true north
@@ -31,16 +34,16 @@ class Behaviour(NamedTuple):
 def behaviour_of(fire: Fire) -> Behaviour:
     """Return the fire behaviour at the arrival of the front in each cell.
 
-    Rates are normal to the front, from the cell's ellipse (Rothermel 1972; Anderson 1983, INT-305)
-    and the direction from which fire came; in ignition cells they are those of the head. Intensity
-    is Byram's, flame length after Byram 1959.
+    The spread rate is normal to the front. It is computed from the cell's ellipse (Rothermel 1972;
+    Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell it is the
+    rate of the head. The intensity is Byram's, and the flame length is after Byram 1959.
 
     Args:
-        fire: A fire, advanced to the time of interest.
+        fire: A fire that has been advanced to the time of interest.
 
     Returns:
-        Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m),
-        each float32 (y, x), NaN where unburned.
+        Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m), each
+        float32 (y, x). Unburned cells have NaN.
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)

@@ -1,4 +1,4 @@
-"""Initial fires from a mapped perimeter or from arrival times."""
+"""Make initial fires from a mapped perimeter or from arrival times."""
 
 from collections.abc import Iterable
 
@@ -24,9 +24,9 @@ def burning_from_perimeter(
 
     The polygons are in the landscape's CRS.
 
-    Cells (y, x) whose centre is inside burn at that time; a polygon that contains no centre burns
-    one cell. The front is on all outlines on the grid, including those of unburned islands, but not
-    on boundaries between polygons. Raises FireModelError if no front is on the grid.
+    Each cell whose centre is inside burns at that time; if a polygon contains no centre, one cell
+    burns. The front consists of all outlines on the grid, including those of unburned islands, but
+    not of boundaries between polygons. Raises FireModelError if no front is on the grid.
     """
     area = shapely.union_all(list(polygons))
     front = _front_on(area, landscape)
@@ -41,10 +41,11 @@ def burning_from_perimeter(
 
 
 def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -> Burning:
-    """Return the state of a fire at ``at_s`` from arrival times (y, x), infinity where unburned.
+    """Return the state of a fire at ``at_s`` from its arrival times (y, x).
 
-    Later arrivals are used only to locate the front between two cells (``front.front_polygons``).
-    Raises FireModelError if no cell had burned by then, or all cells.
+    Unburned cells have the arrival time infinity. Arrival times after ``at_s`` are used only to
+    locate the front between two cells (``front.front_polygons``). Raises FireModelError if no cell
+    or every cell has burned by then.
     """
     check_shape(arrival_s, landscape)
     burned = arrival_s <= at_s
@@ -64,7 +65,7 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
 
 
 def _front_on(area: BaseGeometry, landscape: Landscape) -> Floats:
-    """Return points (k, 2) on the outlines of an area on the grid, as float (row, column)."""
+    """Return points (k, 2), as float (row, column), on the outlines of an area within the grid."""
     rings = shapely.get_parts(area.boundary)
     drawn = shapely.length(rings) > 0.0  # the others are points: cells that have just ignited
     rings[drawn] = shapely.segmentize(rings[drawn], APART_CELLS * landscape.cell_size_m)

@@ -1,14 +1,15 @@
-"""Discrete-event spread over cells in eight directions, with the rules of DEVS-FIRE.
+"""Simulate spread by discrete events in eight directions, with the rules of DEVS-FIRE.
 
-Hu, Sun & Ntaimo 2012 (Simulation 88, 259-279), and its authors' program, des-fire. A burning cell
-spreads towards each neighbour at the rate of its own fuel, slope and wind, projected onto the map.
-The remaining distance is kept for each direction, so that a change of weather changes the rate and
-keeps the progress. The next event is always the earliest arrival on the landscape.
+The rules are from Hu, Sun & Ntaimo 2012 (Simulation 88, 259-279) and from the authors' program
+des-fire. A burning cell spreads towards each neighbour at the rate that follows from its own fuel,
+slope and wind, projected onto the map. The remaining distance is stored for each direction, so that
+a change of weather changes the rate but not the progress. The next event is always the earliest
+arrival on the landscape.
 
-Spread in only eight directions burns less than the ellipse. On uniform ground it burns the octagon
-with its corners on the ellipse. If the wind blows along one of the directions, the octagon has 78 %
-of the ellipse's area at a length-to-width ratio of 1.43 and 60 % at 2.21. If the wind blows between
-two directions, the area is up to 5 percentage points smaller.
+Spread in only eight directions burns less than the ellipse. On uniform ground it burns an octagon
+whose corners are on the ellipse. If the wind blows along one of the directions, the octagon has 78
+% of the ellipse's area at a length-to-width ratio of 1.43 and 60 % at 2.21. If the wind blows
+between two directions, the area is up to 5 percentage points smaller.
 """
 
 import copy
@@ -59,13 +60,13 @@ class Devs8Fire(Fire):
         wind_limit: bool = False,
         ignition_intensity_kw_m: float = IGNITION_INTENSITY_KW_M,
     ) -> None:
-        """Create the fire; a cell ignites if its fireline intensity exceeds a threshold.
+        """Create a fire whose cells ignite if their fireline intensity exceeds a threshold.
 
-        The intensity is Byram's, at the head. A cell below the threshold ignites when weather
-        raises its intensity above it (in des-fire, when fire comes from another neighbour). A
-        burning cell below the threshold stops spreading (in des-fire it goes out). Cells of
-        ``ignitions`` always burn. An initial fire spreads from the centres of its outermost cells.
-        Raises FireModelError for an ignition on ground that cannot burn.
+        The intensity is Byram's, at the head. A cell below the threshold ignites when the weather
+        raises its intensity above the threshold; in des-fire it ignites when fire comes from
+        another neighbour. A burning cell below the threshold stops spreading; in des-fire it goes
+        out. The cells in ``ignitions`` always burn. An initial fire spreads from the centres of its
+        outermost cells. Raises FireModelError for an ignition on ground that cannot burn.
         """
         if not 0.0 <= ignition_intensity_kw_m < math.inf:
             raise FireModelError(
@@ -93,7 +94,7 @@ class Devs8Fire(Fire):
         self.advance(self.time_s)
 
     def _take_over(self, burning: Burning) -> NDArray[np.int64]:
-        """Take over the cells of an initial fire; returns those with unburned neighbours."""
+        """Copy the cells of an initial fire, and return those with unburned neighbours."""
         burned = np.isfinite(burning.arrival_s)
         self.arrival_time_s[burned] = burning.arrival_s[burned]
         can_burn = self._ground.terrain.fuel.reshape(burned.shape) >= 0
@@ -157,7 +158,7 @@ class Devs8Fire(Fire):
         self._halted = self._halted._replace(size=halted_size)
 
     def _make_room(self, more: int) -> None:
-        """Grow the arrays to twice the size needed for ``more`` events if they are too small."""
+        """If the arrays are too small for ``more`` events, grow them to twice the required size."""
         times, keys, size = self._heap
         if size + more > times.size:
             self._heap = EventHeap(
@@ -180,7 +181,7 @@ class Devs8Fire(Fire):
 
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
-    """Return the rate (entries, fuels) in m/s at which each fuel has a given intensity."""
+    """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity."""
     fuels = [FUEL_MODELS[code] for code in burnable_codes(landscape)]
     beds = [fuel_bed(fuel, entry.moisture) for entry in entries for fuel in fuels]
     per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])

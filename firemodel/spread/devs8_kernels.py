@@ -1,4 +1,4 @@
-"""The inner loops of ``devs8``: events on a heap and their effects."""
+"""Process the events of ``devs8``, which are kept in a heap."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,7 @@ STEP_CELLS = np.array([1.0, math.sqrt(2.0)] * 4)
 
 
 class Ground(NamedTuple):
-    """Inputs of the spread rates; cells are flattened (n)."""
+    """The inputs of the spread rates; cells are flattened (n)."""
 
     cols: int
     cell_m: float
@@ -30,7 +30,7 @@ class Ground(NamedTuple):
 
 
 class EventHeap(NamedTuple):
-    """Future events by time (see ``heap``)."""
+    """The future events, ordered by time (see ``heap``)."""
 
     times: Floats
     keys: NDArray[np.int64]
@@ -38,7 +38,7 @@ class EventHeap(NamedTuple):
 
 
 class Halted(NamedTuple):
-    """Paths without spread under the present weather, and their remaining distances."""
+    """The paths on which fire does not spread in the present weather, with remaining distances."""
 
     keys: NDArray[np.int64]
     left_m: Floats
@@ -52,7 +52,7 @@ def _passes(cell, rate, ground, entry):  # type: ignore[no-untyped-def]
 
 @kernel
 def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
-    """Spread rate on the map towards a neighbour (m/s): along the slope, then projected."""
+    """Return the spread rate in m/s towards a neighbour along the slope, projected to the map."""
     rate, head_north, head_east, e = head
     north, east = -STEP_ROW[side] / STEP_CELLS[side], STEP_COL[side] / STEP_CELLS[side]
     along = rate * (1.0 - e) / (1.0 - e * (head_north * north + head_east * east))
@@ -62,7 +62,7 @@ def _rate_towards(cell, side, head, terrain):  # type: ignore[no-untyped-def]
 
 @kernel
 def _queue_path(key, left_m, now, head, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
-    """Put a path into the heap, or among the halted ones; returns the new sizes of both."""
+    """Put a path into ``heap`` or ``halted``, and return the new sizes of both."""
     cell, side = key // SIDES, key % SIDES
     if not _passes(cell, head[0], ground, entry):
         halted.keys[halted_size], halted.left_m[halted_size] = key, left_m
@@ -73,7 +73,10 @@ def _queue_path(key, left_m, now, head, heap, halted, heap_size, halted_size, gr
 
 @kernel
 def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, ground, entry):  # type: ignore[no-untyped-def]
-    """Start paths from a cell to all neighbours that can still burn; returns as ``_go``."""
+    """Start paths from a cell to all neighbours that can still burn.
+
+    Returns the new sizes of the heap and of the halted paths.
+    """
     cols, fuel = ground.cols, ground.terrain.fuel
     row, col = cell // cols, cell % cols
     for side in range(8):
@@ -91,7 +94,10 @@ def _spread(cell, head, now, arrival_s, heap, halted, heap_size, halted_size, gr
 
 @kernel
 def start_paths(cells, now, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Start paths from several cells; returns as ``_go``."""
+    """Start paths from several cells.
+
+    Returns the new sizes of the heap and of the halted paths.
+    """
     heap_size, halted_size = heap.size, halted.size
     for cell in cells:
         head = head_of(cell, entry, ground.terrain, ground.tables)
@@ -103,7 +109,10 @@ def start_paths(cells, now, arrival_s, heap, halted, ground, entry):  # type: ig
 
 @kernel
 def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Process events from the heap until a time, or until an array is full; returns as ``_go``."""
+    """Process events from the heap until a time, but stop when an array is full.
+
+    Returns the new sizes of the heap and of the halted paths.
+    """
     times, keys, heap_size = heap
     halted_size = halted.size
     while heap_size > 0 and times[0] <= to_time_s:
@@ -129,9 +138,9 @@ def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: igno
 
 @kernel
 def change_rates(now, before, halted_before, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Put all paths, moving and halted, on the heap at the rates of the next weather entry.
+    """Queue all paths, moving and halted, again with the rates of the next weather entry.
 
-    The distance already covered is kept. Returns as ``_go``.
+    The distance already covered is kept. Returns the new sizes of the heap and of the halted paths.
     """
     terrain, tables = ground.terrain, ground.tables
     heap_size, halted_size = 0, 0

@@ -1,4 +1,4 @@
-"""The common base of all spread schemes: one burning fire, its states and its front."""
+"""Define the common base of all spread schemes: a burning fire, its states and its front."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -29,17 +29,17 @@ class Burning(NamedTuple):
 
 
 class StartArea(NamedTuple):
-    """Burned area of an initial fire as it was mapped; shapely, in the landscape's CRS."""
+    """The mapped burned area of an initial fire, as a shapely geometry in the landscape's CRS."""
 
     area: Any
     at_s: float
 
 
 class Fire(ABC):
-    """One burning fire. Time is in seconds and only increases.
+    """One burning fire, whose time in seconds only increases.
 
-    ``arrival_time_s`` is float64 (y, x): the ignition time of each cell, infinity where unburned.
-    It is the internal array of the fire, not a copy. Callers must not write to it.
+    ``arrival_time_s`` (y, x), float64, is the ignition time of each cell; unburned cells have
+    infinity. It is the internal array of the fire, not a copy. Callers must not write to it.
     """
 
     landscape: Landscape
@@ -57,7 +57,7 @@ class Fire(ABC):
         burning: Burning | None,
         wind_limit: bool = False,
     ) -> None:
-        """Raises FireModelError for an invalid ignition, or an initial fire on another grid."""
+        """Raise FireModelError for an invalid ignition, or for an initial fire on another grid."""
         self.landscape = landscape
         self.weather = weather
         self.wind_limit = wind_limit
@@ -84,9 +84,9 @@ class Fire(ABC):
     def _light(self, ignition: Ignition) -> None: ...
 
     def light(self, row: int, col: int, at_s: float) -> None:
-        """Light a cell now or later; no effect if the cell has burned by then.
+        """Light a cell now or later; this has no effect if the cell has burned by then.
 
-        Raises FireModelError for a past time, or a cell that cannot burn.
+        Raises FireModelError for a past time, or for a cell that cannot burn.
         """
         check_ignitions(self.landscape, [(row, col, at_s)], self.time_s)
         self._light((int(row), int(col), float(at_s)))
@@ -96,7 +96,7 @@ class Fire(ABC):
     def copy(self) -> Self:
         """Return an independent copy of this fire; data that never changes is shared.
 
-        Takes a few ms with 500 x 500 cells.
+        A copy of 500 x 500 cells takes a few ms.
         """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
@@ -105,17 +105,17 @@ class Fire(ABC):
 
     @abstractmethod
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """Change wind and spread from now on, relative to ``weather``.
+        """Change wind and spread rate from now on, relative to ``weather``.
 
-        The wind speed is multiplied by ``wind_factor``, the wind direction turned clockwise by
-        ``turn_deg``, and the spread rate multiplied by ``spread_factor``.
+        The wind speed is multiplied by ``wind_factor`` and the spread rate by ``spread_factor``.
+        The wind direction is turned clockwise by ``turn_deg``.
         """
 
     def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """Return arrival times (y, x) of burned cells, and expected times next to the fire.
+        """Return the arrival times (y, x) of burned cells, and expected times next to fire.
 
         Other cells have infinity. ``front`` is computed from these times.
         """
@@ -127,7 +127,7 @@ class Fire(ABC):
 
     @property
     def burned_ha(self) -> float:
-        """Burned area in hectares, in whole cells."""
+        """The burned area in hectares, counted in whole cells."""
         cells = int(np.count_nonzero(self.burned()))
         return cells * self.landscape.cell_size_m**2 / 1e4
 
@@ -135,7 +135,7 @@ class Fire(ABC):
         """Return the state of each cell (y, x) at a time: UNBURNED, BURNING, BURNED or CANNOT_BURN.
 
         A cell is BURNING as long as one of its eight neighbours can still burn. Raises
-        FireModelError for a time after the fire's.
+        FireModelError if the fire has not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         cannot = np.isin(self.landscape.fuel_model, list(NON_BURNABLE))
@@ -147,23 +147,24 @@ class Fire(ABC):
     def front(self, time_s: float) -> Any:
         """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
-        Its edge is interpolated between the cells' centres. Raises FireModelError for a time after
-        the fire's.
+        Its edge is interpolated between the cells' centres. Raises FireModelError if the fire has
+        not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         found = front_polygons(self._expected_s(), time_s, self.landscape)
         return with_start(found, self.start_area, time_s)
 
     def arrival_vectors(self) -> Floats:
-        """Return vectors (2, y, x) in m north and east of the last straight path to each cell.
+        """Return the last straight path to each cell as a vector (2, y, x) in m north and east.
 
-        By default from the neighbour that burned first; 0 where the fire was lit.
+        By default the path comes from the neighbour that burned first. It is 0 where the fire was
+        lit.
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
-        """Return arrival times (y, x), with the expected times of unburned cells if computed."""
+        """Return the arrival times (y, x), with expected times of unburned cells if known."""
         return self.arrival_time_s
 
     def _check_past(self, time_s: float) -> None:
@@ -181,7 +182,7 @@ def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:
-    """Raise FireModelError for the first ignition that is off the grid, too early or unburnable."""
+    """Raise FireModelError for the first ignition off the grid, before ``from_s`` or unburnable."""
     rows, cols = landscape.shape
     for row, col, time_s in ignitions:
         if not (0 <= row < rows and 0 <= col < cols):
@@ -198,7 +199,7 @@ def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s:
 
 
 def check_burning(burning: Burning, landscape: Landscape) -> None:
-    """Raise FireModelError unless an initial fire fits the landscape and its own time."""
+    """Raise FireModelError unless an initial fire fits the landscape and its own ``at_s``."""
     at_s, arrival_s, front, _ = burning
     if not np.isfinite(at_s):
         raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")

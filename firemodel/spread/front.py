@@ -1,4 +1,4 @@
-"""The fire's front from burned cells, as an ordered loop of cells or as polygons."""
+"""Find the front of a fire, as an ordered loop of cells or as polygons."""
 
 from typing import Any
 
@@ -25,11 +25,11 @@ def largest_region(burned: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the outer boundary cells of the largest burned region, (n, 2) as (row, col).
+    """Return the outer boundary cells (n, 2) of the largest burned region, as (row, col).
 
-    The loop is closed and anticlockwise on a north-up map. Consecutive cells are neighbours (8). A
-    branch one cell wide is passed in both directions. The method is Moore tracing, which ends
-    before it repeats the first step (Jacob's criterion).
+    The loop is closed and anticlockwise on a north-up map. Each cell is one of the eight neighbours
+    of the cell before it. A branch one cell wide is passed in both directions. The method is Moore
+    tracing, which ends when its first step would be repeated (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
     if not region.any():
@@ -60,7 +60,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask (y, x) of cells with at least one of ``cells`` as one of eight neighbours."""
+    """Return a mask (y, x) that is True where one of the eight neighbours is in ``cells``."""
     padded = np.pad(cells, 1)
     rows, cols = cells.shape
     found = np.zeros_like(cells)
@@ -70,7 +70,7 @@ def neighbours_of(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def earliest_neighbour(arrival_s: Floats) -> tuple[Floats, Floats]:
-    """Return steps (rows, columns), each (y, x), to the neighbour that burned first.
+    """Return the steps in rows and in columns, each (y, x), to the neighbour that burned first.
 
     The step is (0, 0) where no neighbour burned before the cell itself.
     """
@@ -93,7 +93,7 @@ def multipolygon(area: Any) -> Any:
 
 
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
-    """Return the burned area at a time, from arrival times (y, x), as a shapely MultiPolygon.
+    """Return the burned area at a time as a MultiPolygon, computed from arrival times (y, x).
 
     The edge is interpolated linearly between the centres of cells. It is at most halfway to a cell
     that fire does not reach, or to the edge of the landscape.

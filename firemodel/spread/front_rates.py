@@ -1,4 +1,4 @@
-"""Outward speed of a fire front: the spread of its straight segments along their normals."""
+"""Compute the outward speed of a fire front, whose straight parts move along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 
 
 class FrontRates:
-    """Spread rates of fronts on a landscape, under its weather or under a measured wind."""
+    """The spread rates of fronts on a landscape, in its weather or in a measured wind."""
 
     def __init__(
         self, landscape: Landscape, weather: WeatherStream, wind_limit: bool = False
@@ -26,7 +26,7 @@ class FrontRates:
     def at(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
-        """Return the speed in m/s (n,) at which the front in each cell moves along its normal.
+        """Return the speed (n,) in m/s at which the front in each cell moves along its normal.
 
         Args:
             rows, cols: The cells (n).
@@ -34,8 +34,8 @@ class FrontRates:
             at_s: The time of the weather.
 
         The speed is 0 where fire does not spread. It is the support function of the ellipse A |v| -
-        B v = 1 in the direction (north, east), with |v| measured on the slope (Huygens; A and B are
-        those of ``local_spread``).
+        B v = 1 in the direction (north, east) (Huygens). |v| is measured on the slope; A and B are
+        those of ``local_spread``.
         """
         entry = self._weather.index_at(at_s)
         return self._of(self._tables, entry, rows, cols, north, east)
@@ -49,7 +49,11 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """Return speeds as ``at``, under a wind (m/s at 20 ft, direction from in degrees)."""
+        """Return speeds as ``at`` does, but in a given wind.
+
+        ``wind`` is the speed in m/s at 20 ft and the direction in degrees from which the wind
+        blows.
+        """
         entry = self._weather.index_at(at_s)
         toward = np.deg2rad(self._landscape.grid_deg(wind[1] + 180.0))
         blowing = np.array([[wind[0], np.cos(toward), np.sin(toward)]])

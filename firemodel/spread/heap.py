@@ -1,11 +1,11 @@
-"""A compiled binary heap of times and keys in two arrays; equal times are ordered by key."""
+"""Keep times and keys in a compiled binary heap; entries with equal times are ordered by key."""
 
 from firemodel.compiled import kernel
 
 
 @kernel
 def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
-    """Add an entry; the arrays must have room for it. Returns the heap's new size."""
+    """Add an entry and return the new size of the heap; the arrays must have room for the entry."""
     child = size
     while child > 0:
         parent = (child - 1) // 2
@@ -19,7 +19,7 @@ def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
 
 @kernel
 def drop_first(times, keys, size):  # type: ignore[no-untyped-def]
-    """Remove the earliest entry (at index 0); returns the heap's new size."""
+    """Remove the earliest entry (at index 0) and return the new size of the heap."""
     size -= 1
     time, key = times[size], keys[size]
     parent = 0

@@ -1,4 +1,4 @@
-"""Arrival times and sources of cells in the any-angle scheme."""
+"""Store the arrival times and the sources of cells in the any-angle scheme."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from firemodel.compiled import kernel
 
 
 class Labels(NamedTuple):
-    """Arrival time and source of fire in each cell; cells are flattened (n)."""
+    """The arrival time and the source of fire in each cell; cells are flattened (n)."""
 
     arrival_s: Floats  # (n) infinity until it burns
     best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns
@@ -18,7 +18,7 @@ class Labels(NamedTuple):
 
 
 class Heap(NamedTuple):
-    """Cells that fire reaches next, by time (see ``heap``)."""
+    """The cells that fire reaches next, ordered by time (see ``heap``)."""
 
     times: Floats
     cells: NDArray[np.int32]
@@ -26,7 +26,7 @@ class Heap(NamedTuple):
 
 
 class ActivePaths(NamedTuple):
-    """Lines along which fire was moving when the weather last changed."""
+    """The lines along which fire was moving when the weather last changed."""
 
     target: NDArray[np.int32]  # (k) the cell at the end of the line
     at: Floats  # (k, 2) position of the fire: row, column
@@ -43,7 +43,7 @@ def empty_paths(room: int) -> ActivePaths:
 
 @kernel
 def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
-    """Return Row, column and time of a source."""
+    """Return the row, the column and the time of a source."""
     n = labels.source.size
     if source < n:
         return float(source // cols), float(source % cols), labels.arrival_s[source]

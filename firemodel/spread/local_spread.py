@@ -1,4 +1,4 @@
-"""Rothermel's spread ellipse in every cell: rate, direction of the head and eccentricity.
+"""Compute Rothermel's spread ellipse in every cell: the head's rate and direction, eccentricity.
 
 The equations are those of ``rothermel``, compiled. The terms of each fuel are computed by
 ``rothermel.fuel_bed`` once for each weather entry; only wind and slope are computed for each cell.
@@ -24,7 +24,7 @@ _eccentricity = kernel(rothermel.eccentricity)
 
 
 class Terrain(NamedTuple):
-    """Inputs of a cell's spread that do not change with time; cells are flattened (n)."""
+    """The inputs of a cell's spread that do not change with time; cells are flattened (n)."""
 
     fuel: NDArray[np.int16]  # (n) index in the tables, -1 where nothing burns
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
@@ -32,7 +32,7 @@ class Terrain(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Inputs of the spread for each weather entry."""
+    """The inputs of the spread for each weather entry."""
 
     terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
     wind: Floats  # (entries, 3): speed m/s at 20 ft, unit vector it blows to (grid north, east)
@@ -49,7 +49,7 @@ def terrain_of(landscape: Landscape) -> Terrain:
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
-    """Return the ratio (y, x) of the midflame wind to the wind at 20 ft, with shelter by trees."""
+    """Return the ratio (y, x) of midflame wind to wind at 20 ft, including shelter by trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
     depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
@@ -74,9 +74,10 @@ def burnable_codes(landscape: Landscape) -> list[int]:
 
 
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
-    """Return the terms of the landscape's fuels for each entry; ``wind_limit`` as in ``rothermel``.
+    """Return the terms of the landscape's fuels for each weather entry.
 
-    Wind directions are converted from true north to grid north.
+    Wind directions are converted from true north to grid north. ``wind_limit`` has the same meaning
+    as in ``rothermel``.
     """
     codes = burnable_codes(landscape)
     terms = np.empty((len(entries), len(codes), 6))
@@ -101,10 +102,11 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 def perturbed(
     tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
 ) -> Tables:
-    """Return tables with an entry split into two; the second part and later entries change.
+    """Return tables with an entry split into two, of which the second part is changed.
 
-    Their wind speed is multiplied by ``wind_factor`` and their wind direction turned clockwise by
-    ``turn_deg``. Their spread rate is multiplied by ``spread_factor``.
+    All later entries are changed too. In these entries the wind speed is multiplied by
+    ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
+    multiplied by ``spread_factor``.
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
@@ -119,9 +121,10 @@ def perturbed(
 
 @kernel
 def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """Compute the fastest spread: (rate m/s along the slope, north, east (unit), eccentricity).
+    """Return the fastest spread in a cell, and the eccentricity of the ellipse.
 
-    Wind and slope are added as vectors (``rothermel.fastest_spread``).
+    The result is the rate in m/s along the slope, the unit vector (north, east) of its direction,
+    and the eccentricity. Wind and slope are added as vectors (``rothermel.fastest_spread``).
     """
     terms, fuel = tables.terms, terrain.fuel[cell]
     b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]
@@ -149,11 +152,11 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 @kernel
 def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """Compute (A, B north, B east) in s/m: the time along a horizontal vector v is A |v| - B v.
+    """Return A and the vector B (north, east) in s/m, with which fire takes A |v| - B v along v.
 
-    |v| is the length on the sloping plane, B is horizontal. In that plane the ellipse with the
-    ignition in a focus gives A = 1/(R (1 - e)) and B = e A towards the fastest spread R; here B is
-    projected to the horizontal. A is 0 where fire does not spread.
+    v is horizontal; |v| is its length on the sloping plane. In that plane, an ellipse with the
+    ignition in a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
+    spread R. The result contains the horizontal projection of B. A is 0 where fire does not spread.
     """
     if terrain.fuel[cell] < 0:
         return 0.0, 0.0, 0.0

@@ -1,21 +1,23 @@
-"""The cellular automaton of the virtual-agents paper (section 3.3), with random spread.
+"""Simulate random spread by the cellular automaton of the virtual-agents paper (section 3.3).
 
 At each update a burning cell ignites each unburned neighbour with the same probability p_spread.
-The automaton uses only the landscape's shape and its non-burnable cells (the paper has none), and
+The automaton uses the shape of the landscape and its non-burnable cells (the paper has none), but
 no weather.
 
 The paper leaves these points open:
 
-- Burning time of a cell. "Cells that were burning in the previous time step become burned" means
-  ``burning_steps = 1``. But with p_spread = 0.01 such a fire dies out after one or two updates (a
-  cell ignites 0.04 others), while the paper's fires burn for 190. By default a cell therefore burns
-  until all its neighbours have burned.
-- Neighbours of a cell: the four that share a side. With p_spread = 0.01 and this burning time,
-  fires of 460 and 2600 cells grow in 190 updates to 830 and 3430 on average (table 2: about 800 and
-  3400); with eight neighbours they would grow to 1670 and 5070. With 0.025 a fire of 1000 cells
-  grows to 2510, where table 2 has about 3050. No other interpretation tried (eight neighbours, 25
-  to 100 burning_steps, an initial shape grown with another probability) is closer to all three.
-- The state between updates does not change. 190 updates in 20 minutes are 6.3 s each.
+- The burning time of a cell. "Cells that were burning in the previous time step become burned"
+  means ``burning_steps = 1``. With p_spread = 0.01, however, such a fire dies out after one or two
+  updates, because a cell ignites 0.04 others; the paper's fires burn for 190 updates. By default a
+  cell therefore burns until all its neighbours have burned.
+- The neighbours of a cell. Here they are the four cells that share a side with it. With p_spread =
+  0.01 and the default burning time, fires of 460 and 2600 cells grow in 190 updates to 830 and 3430
+  cells on average; table 2 has about 800 and 3400. With eight neighbours, these fires would grow to
+  1670 and 5070 cells. With p_spread = 0.025, a fire of 1000 cells grows to 2510 cells; table 2 has
+  about 3050. The other interpretations that were tried (eight neighbours, 25 to 100 burning_steps,
+  an initial shape grown with another probability) are not closer to all three sizes.
+- The time between updates. 190 updates in 20 minutes are 6.3 s apart. The state does not change
+  between two updates.
 """
 
 import copy
@@ -46,10 +48,10 @@ from firemodel.spread.probabilistic_kernels import update
 class ProbabilisticFire(Fire):
     """The automaton described in the module's docstring.
 
-    ``burned_out_s`` (y, x) is the time at which each cell stopped burning, infinity before. Updates
-    are every ``update_s`` after the start; a cell lit between two updates, or at the time of one,
-    spreads from the next one on. Random numbers are generated only for burning cells, in an order
-    that does not depend on the steps of ``advance``.
+    ``burned_out_s`` (y, x) is the time at which each cell stopped burning, and infinity before
+    that. There is an update every ``update_s`` after the start. A cell that is lit between two
+    updates, or at the time of an update, spreads from the next update on. Random numbers are
+    generated only for burning cells, in an order that does not depend on the steps of ``advance``.
     """
 
     def __init__(
@@ -64,12 +66,12 @@ class ProbabilisticFire(Fire):
         rng: np.random.Generator,
         burning_steps: int | None = None,
     ) -> None:
-        """Create the fire; ``burning_steps`` is the number of updates for which a cell burns.
+        """Create a fire whose cells burn for ``burning_steps`` updates each.
 
-        None: a cell burns until all its neighbours have burned.
+        If ``burning_steps`` is None, a cell burns until all its neighbours have burned.
 
         Cells of an initial fire burn for the remaining updates, counted from their arrival times.
-        Raises FireModelError for an ignition on a cell that cannot burn, or an invalid number.
+        Raises FireModelError for an ignition on a cell that cannot burn, or for an invalid number.
         """
         _check(p_spread, update_s, burning_steps)
         super().__init__(landscape, weather, ignitions, burning)
@@ -108,7 +110,7 @@ class ProbabilisticFire(Fire):
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
-        """Copy the fire with the state of its generator, so that both fires burn identically."""
+        """Return a copy with the state of the random generator, so that both burn identically."""
         found = copy.copy(self)
         found.arrival_time_s = self.arrival_time_s.copy()
         found.burned_out_s = self.burned_out_s.copy()
@@ -118,7 +120,7 @@ class ProbabilisticFire(Fire):
         return found
 
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """Multiply p_spread by ``spread_factor``; the changes of wind have no effect."""
+        """Multiply p_spread by ``spread_factor``; the other arguments have no effect."""
         self._p_spread = min(self._p_spread * spread_factor, 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
@@ -161,7 +163,7 @@ class ProbabilisticFire(Fire):
         self._cells, self._lasted = cells[:size], lasted[:size]
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """Return states as in ``Fire``; a cell is BURNING until it is marked burned out."""
+        """Return the states as in ``Fire``; a cell is BURNING until it is marked as burned out."""
         self._check_past(time_s)
         state = np.where(self.burned_out_s <= time_s, BURNED, BURNING)
         unburned = np.where(self._can_burn, UNBURNED, CANNOT_BURN)

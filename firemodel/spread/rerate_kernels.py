@@ -1,8 +1,8 @@
 """Restart an any-angle fire when the weather changes.
 
-Each active line is cut at the position of the fire. The cuts on the best lines to neighbouring
-cells are joined where they are close together, so that fire spreads from the whole front (Huygens)
-and not only from single points. Otherwise frequent changes of the weather would distort the fire.
+Each active line is cut at the position of the fire. On the best lines to neighbouring cells, cuts
+that are close together are joined. Fire then spreads from the whole front (Huygens) and not only
+from single points; otherwise frequent changes of weather would distort the fire.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ WINDOW_CELLS = 3  # maximum distance of a cell from the segment of the front tha
 
 
 def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
-    """Return paths from the points (k, 2) of a front to the unburned cells around each."""
+    """Return the paths from each point (k, 2) of a front to the unburned cells around it."""
     rows, cols = shape
     around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
     cell = np.floor(front + 0.5).astype(np.int64)
@@ -33,11 +33,12 @@ def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActiveP
 
 @kernel
 def active_paths(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
-    """Find every line along which fire is moving at a time; returns the numbers (found, tips).
+    """Find every line along which fire is moving at a time.
 
-    ``found`` receives the paths of the last change that are not completed, and those from cells
-    burned since then to their neighbours. ``tips`` receives, for each cell next to the fire, the
-    position of the fire on the best line to it.
+    ``found`` receives the paths from the last weather change that are not completed, and the paths
+    to neighbours of cells that have burned since then. ``tips`` receives, for each cell next to the
+    fire, the position of the fire on the best line to this cell. Returns the number of paths in
+    ``found`` and in ``tips``.
     """
     arrival_s, best_s, sources = labels
     cols = ground.cols
@@ -103,7 +104,7 @@ def active_paths(at_s, since_s, heap, paths, points, labels, ground, entry, foun
 def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyped-def]
     """Return the place on the joined front from which fire is estimated to reach a cell first.
 
-    NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
+    The result is NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
     """
     cols = ground.cols
     rows = sources.size // cols
@@ -137,7 +138,7 @@ def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyp
 
 @kernel
 def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-untyped-def]
-    """Store a path in ``best`` (time, row, column) of tip k if it is faster."""
+    """Store a path in row k of ``best`` (time, row, column) if tip k has no faster path yet."""
     target, cols = tips.target[k], ground.cols
     limit_s = best[k, 0] - at_s
     path_s, _ = travel(
@@ -149,7 +150,7 @@ def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-
 
 @kernel
 def start_paths(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Restart the fire from paths and tips: sets the labels, the heap and the source points.
+    """Restart the fire from paths and tips: set the labels, the heap and the source points.
 
     ``best`` (tips, 3) is a work array. Returns the number of points in use and the heap's size.
     """

@@ -1,7 +1,8 @@
-"""Table of spread schemes: name, class and settings. A new scheme needs a module and an entry.
+"""List the spread schemes with name, class and settings, and create fires.
 
-Scenario files, experiments and the command line use this table. The module of a scheme is imported
-only when a fire is created, because the module imports Numba.
+A new scheme needs a module and an entry in ``SCHEMES``. Scenario files, experiments and the command
+line use this table. The module of a scheme is imported only when a fire is created, because it
+imports Numba.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ SchemeName = Literal["anyangle", "devs8", "probabilistic"]
 
 
 class Scheme(NamedTuple):
-    """The ``Fire`` class of a scheme and its settings."""
+    """The ``Fire`` class of a scheme, and the settings of the scheme."""
 
     module: str
     fire: str  # the name of the class
@@ -52,7 +53,7 @@ def new_fire(
         weather: The weather from 0 s on.
         ignitions: (row, column, time in s) of each cell that is lit.
         burning: An initial fire that the model continues.
-        seed: Seed of the random generator, for schemes that draw from one.
+        seed: Seed of the random generator, for schemes that use random numbers.
         settings: The scheme's ``settings``, by name; omitted settings have their defaults.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Travel time of fire along a straight line over cells, each with its own spread ellipse."""
+"""Compute the travel time of fire along a line over cells with different spread ellipses."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
 
 class Ground(NamedTuple):
-    """Inputs of travel times; cells are flattened (n)."""
+    """The inputs of travel times; cells are flattened (n)."""
 
     cols: int
     cell_m: float
@@ -55,9 +55,9 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
-    """Return chessboard distances to the next cell with an unlike neighbour.
+    """Return the chessboard distance from each cell to the nearest cell with an unlike neighbour.
 
-    By the two-pass algorithm of Rosenfeld & Pfaltz 1966.
+    The algorithm is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
     """
     fuel, gradient, midflame = terrain
     n = fuel.size
@@ -110,7 +110,8 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
 def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
     """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
-    ``length2`` is the squared length of the vector. 0 if fire does not spread in the cell.
+    ``length2`` is the squared length of the vector. The result is 0 if fire does not spread in the
+    cell.
     """
     slowness, rise = ground.slowness, ground.rise
     if slowness[cell, 0] != slowness[cell, 0]:
@@ -133,8 +134,9 @@ def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
 def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no-untyped-def]
     """Follow a line to the centre of a cell for at most ``limit_s``.
 
-    Positions are float rows and columns. Returns (time, fraction of the line covered); the time is
-    ``limit_s`` if the line is not completed by then, or crosses a cell that does not burn.
+    Positions are float rows and columns. Returns the time and the fraction of the line that is
+    covered. The time is ``limit_s`` if the line is not completed by then, or if it crosses a cell
+    that does not burn.
     """
     down, right = to_row - row, to_col - col
     north, east = -down * ground.cell_m, right * ground.cell_m
@@ -176,14 +178,14 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
 
 @kernel
 def from_segment(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
-    """Find the point of a segment of a front from which fire first reaches a cell.
+    """Return the point on a straight piece of the front from which fire first reaches a cell.
 
-    Returns (time, row, col).
+    The result is the time, the row and the column.
 
-    The slowness of the target cell is used for the whole path. Let d be the segment and w the
-    vector from one end of it to the cell. The time A |w - s d| - B (w - s d) has its minimum where
-    its derivative by s is 0. The time is in s/m times cells. It is infinite if the ends are too far
-    apart for one segment, or if fire does not spread in the cell.
+    The slowness of the target cell is used for the whole path. Let d be the vector along the piece,
+    w the vector from its start to the cell, and s the fraction of d. The time A |w - s d| - B (w -
+    s d) has its minimum where its derivative by s is 0. Its unit is s/m times cells. The time is
+    infinite if the ends are too far apart, or if fire does not spread in the cell.
     """
     d_north, d_east = row - other_row, other_col - col
     d2 = d_north * d_north + d_east * d_east

@@ -20,7 +20,7 @@ MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
 def write_geotiff(
     path: Path, values: NDArray[Any], landscape: Landscape, nodata: float | None = None
 ) -> None:
-    """Write an array (y, x) of the landscape's shape as one band on its grid."""
+    """Write an array (y, x) of the landscape's shape as a file with one band on its grid."""
     import rasterio
 
     with rasterio.open(
@@ -69,11 +69,12 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 def fronts_geojson(
     fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> dict[str, Any]:
-    """Return the burned area at each time as a MultiPolygon feature of RFC 7946 (WGS84).
+    """Return GeoJSON (RFC 7946, WGS84) with the burned area at each time as a MultiPolygon.
 
-    Properties have the names of the US interagency perimeters (WFIGS), times in ms since 1970 UTC;
-    the status is that of a perimeter that is not approved. ``time_zero`` is the calendar time of
-    0 s, if there is one. Raises FireModelError for a time after the fire's.
+    The properties have the names of the US interagency perimeters (WFIGS), with times in ms since
+    1970 UTC. Their status is that of a perimeter that is not approved. ``time_zero`` is the
+    calendar time of 0 s, if there is one. Raises FireModelError if the fire has not been advanced
+    to one of the times.
     """
     features = []
     for time_s in times_s:
@@ -97,17 +98,17 @@ def fronts_geojson(
 def write_fronts(
     path: Path, fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
 ) -> None:
-    """Write burned areas as GeoJSON (RFC 7946; see ``fronts_geojson``).
+    """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
     Args:
         path: The file to write.
-        fire: A fire, advanced at least to the last of the times.
-        times_s: Times in seconds, one feature for each.
+        fire: A fire that has been advanced at least to the last of the times.
+        times_s: Times in seconds; each gives one feature.
         name: The incident's name.
         time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
-        FireModelError: One of the times is after the fire's.
+        FireModelError: The fire has not been advanced to one of the times.
         OSError: The file cannot be written.
     """
     found = fronts_geojson(fire, times_s, name, time_zero)
@@ -115,15 +116,15 @@ def write_fronts(
 
 
 def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
-    """Write arrival times and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
+    """Write the arrival time and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
 
     Args:
         folder: An existing folder.
-        fire: A fire, advanced to the time of interest.
+        fire: A fire that has been advanced to the time of interest.
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m. Values are float32, -1 where unburned.
+        fireline_intensity_kw_m. Values are float32; unburned cells have -1.
 
     Raises:
         OSError: A file cannot be written.

@@ -1,1 +1,1 @@
-"""The papers' experiments: planners flown over fires that were simulated once."""
+"""Run the papers' experiments: fly planners over fires that are simulated once."""

@@ -1,4 +1,4 @@
-"""Flight along the true front of a burn from cell to cell, as assumed by Islam & Hu.
+"""Fly along the true front of a burn from cell to cell, as Islam & Hu assume.
 
 "We assume that the UAS has the capability of boundary following and always flies on top of the
 fire perimeter" (section III). A planner decides the direction; this module gives the next cell.
@@ -15,10 +15,10 @@ AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 
 
 def enclosed_s(arrival_s: Floats) -> Floats:
-    """Return when each cell (y, x) joins the filled fire: burned, or cut off from the outside.
+    """Return the time (y, x) at which each cell burns or is cut off from the outside.
 
     Holes and closed inlets are not part of the front around the fire. The best path out of a cell,
-    over cell sides, is the path whose earliest burning cell burns last (Dijkstra).
+    across sides of cells, is the one that stays free of fire for the longest time (Dijkstra).
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)
@@ -41,7 +41,7 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 
 
 class BoundaryFollower:
-    """A vehicle on the front of a growing fire, by its cell and the side that is outside."""
+    """A vehicle on the front of a growing fire, with its cell and the side that is outside."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:
         """Start at the northernmost cell of the filled fire (``enclosed_s``)."""
@@ -52,13 +52,13 @@ class BoundaryFollower:
 
     @property
     def cell(self) -> tuple[int, int]:
-        """Row and column of the vehicle's cell."""
+        """The row and the column of the vehicle's cell."""
         return self._row - 1, self._col - 1
 
     def onwards(self, clockwise: bool, at_s: float) -> None:
         """Move to the next cell of the present front (one step of Moore's neighbour tracing).
 
-        A vehicle that the fire has passed first moves outwards to the front.
+        If the fire has spread past the vehicle, the vehicle first moves outwards to the front.
         """
         fire = self._enclosed_s
         step_row, step_col = AROUND[self._outside]

@@ -1,4 +1,4 @@
-"""The fires of the papers' experiments, simulated once and evaluated at any time."""
+"""Simulate the fires of the papers' experiments once, to evaluate them at any time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +21,7 @@ SHORT_GRASS, TALL_GRASS, BRUSH, TIMBER_LITTER = 1, 3, 5, 8
 
 @dataclass(frozen=True)
 class Burn:
-    """A complete fire; ``arrival_s`` (y, x) is the time of ignition of each cell."""
+    """A complete fire; ``arrival_s`` (y, x) is the time at which each cell ignites."""
 
     name: str
     scheme: SchemeName
@@ -39,7 +39,7 @@ class Burn:
 
     @cached_property
     def enclosed_s(self) -> Floats:
-        """Time (y, x) at which each cell burned or was cut off from the outside."""
+        """The time (y, x) at which each cell burned or was cut off from the outside."""
         return enclosed_s(self.arrival_s)
 
 
@@ -54,19 +54,19 @@ def of_one_fuel(code: int) -> NDArray[np.int16]:
 
 
 def of_two_fuels(north: int, south: int) -> NDArray[np.int16]:
-    """Return an array (y, x) with one fuel in the northern half, another in the southern half."""
+    """Return an array (y, x) with one fuel in the northern half and one in the southern half."""
     fuel = of_one_fuel(north)
     fuel[CELLS // 2 :] = south
     return fuel
 
 
 def wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Dry weather with this wind."""
+    """Return dry weather with the given wind."""
     return Weather(at_s, speed_m_s, from_deg, 5.0, 6.0, 7.0, 60.0, 90.0)
 
 
 def dry_wind(at_s: float, speed_m_s: float, from_deg: float) -> Weather:
-    """Return very dry weather with this wind, in which live fuel burns too."""
+    """Return very dry weather with the given wind, in which live fuel burns too."""
     return Weather(at_s, speed_m_s, from_deg, 3.0, 4.0, 5.0, 30.0, 60.0)
 
 

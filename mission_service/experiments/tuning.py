@@ -1,9 +1,9 @@
-"""Tuning of the virtual forces' constants by a genetic algorithm (section 5.2.6), with DEAP.
+"""Tune the constants of the virtual forces by a genetic algorithm (section 5.2.6) with DEAP.
 
 DEAP is one small package, while pymoo depends on autograd, cma and others. DEAP uses Python's
-global random generator, which is seeded for the search and restored after it. Only the breeding
-draws random numbers; evaluations do not, and their results are in order. So a run is bitwise
-reproducible with any number of processes or equal machines.
+global random generator, which is seeded before the search and restored afterwards. Only breeding
+draws random numbers. Evaluations draw none, and their results are in a fixed order. A run is
+therefore bitwise reproducible with any number of processes or equal machines.
 """
 
 import random
@@ -44,10 +44,10 @@ def tune(
     generations: int = GENERATIONS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Return the best constants found, rounded to 3 digits, and the settings of the search.
+    """Return the best constants, rounded to 3 digits, and the settings of the search.
 
-    ``history`` has the best and the mean fitness of each generation. Raises MissionServiceError
-    without DEAP, or for a population that is too small for breeding.
+    ``history`` has the best and the mean fitness of each generation. Raises MissionServiceError if
+    DEAP is not installed, or if the population is too small for breeding.
     """
     base, tools = _deap()
     if population < 4 or generations < 1:
@@ -132,7 +132,7 @@ def _seeded(seed: int) -> Iterator[None]:
 
 
 def fitnesses(many: Sequence[Genes], seed: int) -> list[float]:
-    """Return the fitness of some chromosomes on the scenarios of a seed (a worker's task)."""
+    """Return the fitness of each chromosome on the scenarios of a seed (a worker's task)."""
     return [fitness(genes, seed) for genes in many]
 
 
@@ -143,7 +143,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Yield a function that evaluates in ``workers`` processes; for 1, in this process."""
+    """Yield a function that evaluates in ``workers`` processes or, for 1, in this process."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return
@@ -165,8 +165,8 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Workers need this package; the others repeat the work of a lost worker. Raises
-    MissionServiceError without Dask, or without a scheduler or workers.
+    Each worker needs this package. If a worker is lost, the others repeat its work. Raises
+    MissionServiceError if Dask is not installed, or if there is no scheduler or no worker.
     """
     try:
         import distributed

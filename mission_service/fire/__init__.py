@@ -1,1 +1,1 @@
-"""The simulated fire, its observation, forecasts, and the estimated fire of a burn."""
+"""Simulate the fire, observe and forecast it, and estimate the fire of a burn."""

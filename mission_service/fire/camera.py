@@ -1,4 +1,4 @@
-"""A camera that looks straight down, and its footprint on the ground."""
+"""Compute the footprint on the ground of a camera that looks straight down."""
 
 import math
 from dataclasses import dataclass
@@ -14,27 +14,27 @@ EDGE = 1e-9  # tolerance: a place on an edge is inside
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A camera with a disc as footprint or, with ``along_rad``, a rectangle aligned to the heading.
+    """A camera whose footprint is a disc or, with ``along_rad``, a rectangle along the heading.
 
-    ``across_rad`` and ``along_rad`` are the fields of view across and along the track, in rad.
+    ``across_rad`` and ``along_rad`` are the fields of view across and along the track in rad.
     """
 
     across_rad: float
     along_rad: float | None = None
 
     def half_width_m(self, height_m: float) -> float:
-        """Return the disc's radius, or half the width across the track, at a height (AGL)."""
+        """Return the disc's radius, or half the rectangle's width, at a height above ground."""
         return max(height_m, 0.0) * math.tan(self.across_rad / 2.0)
 
     def half_length_m(self, height_m: float) -> float:
-        """Return half the length along the track; 0 for a disc."""
+        """Return half the rectangle's length along the track; 0 for a disc."""
         return max(height_m, 0.0) * math.tan((self.along_rad or 0.0) / 2.0)
 
 
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Return the mask of places outside a rectangle around (0, 0), its length along a heading."""
+    """Return the mask of the places outside a rectangle around (0, 0) that points to a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))

@@ -1,9 +1,9 @@
-"""A cellular fire that operators correct by pens, eraser, undo and changes of the wind.
+"""Correct a cellular fire by operators' pens, eraser, undo and wind reports.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
-change the corrected fire is restarted at that time from corrected arrival times. With more than
-``MAX_STEPS`` corrections and erasures the older half is settled: it becomes part of the fire
-without corrections, is no longer listed and cannot be undone.
+change, the corrected fire is restarted from corrected arrival times at the time of the change. If
+there are more than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes
+part of the fire without corrections, is no longer listed and cannot be undone.
 """
 
 import copy
@@ -33,7 +33,10 @@ Begin = Callable[[Burning, WeatherStream], Fire]
 
 
 class CorrectedFire:
-    """Applies operators' reports; ``begin`` starts a fire from its burning state at a time."""
+    """The corrections of a fire by operators' reports.
+
+    ``begin`` starts a fire from its burning state at a time.
+    """
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
         self.log = CorrectionLog()
@@ -42,14 +45,17 @@ class CorrectedFire:
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
     def all_of(self, fire: Fire) -> list[Fire]:
-        """Return the fire and, with corrections, also the fire without them; both get ignitions."""
+        """Return the fire and, if there are corrections, also the fire without corrections.
+
+        Each of them receives every ignition.
+        """
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
         return [fire, self._base]
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """Apply a report; return the fire from now on, the same object if it has not changed.
+        """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
 
         Raises FireModelError for an invalid report, which changes nothing.
         """
@@ -78,7 +84,7 @@ class CorrectedFire:
                 return fire
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """Return the corrected fire; ``base`` itself if the corrections give no observation."""
+        """Return the corrected fire, or ``base`` itself if the corrections give no observation."""
         spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
         observations = thinned(observations_held(held, self._landscape, spacing_m))
         if not len(observations):
@@ -94,9 +100,9 @@ class CorrectedFire:
 
 
 def thinned(observations: Floats) -> Floats:
-    """Return at most ``MAX_OBSERVATIONS`` of observations (n, 4), evenly chosen.
+    """Return at most ``MAX_OBSERVATIONS`` evenly chosen rows of observations (n, 4).
 
-    They are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
+    These are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -106,15 +112,16 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning:
-    """Return the burning state of a fire at its time."""
+    """Return the burning state of a fire at its present time."""
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
 
 
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
     """Return arrival times (y, x) in which every drawn cell has exactly the drawn state.
 
-    A fit weighs observations against each other and the model; a drawn cell is certain. Later
-    strokes override earlier ones. A burning area sets only the cells on its outline.
+    A fit weighs the observations against each other and against the model, but a drawn cell is
+    certain. Later strokes override earlier strokes. A burning area sets only the cells on its
+    outline.
     """
     found = arrival_s.copy()
     for each in held:
@@ -131,7 +138,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 
 def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
-    """Return the cells (n, 2) of a stroke without the erased ones."""
+    """Return the cells (n, 2) of a stroke, without erased cells."""
     correction = held.correction
     places = landscape.xy_of_places(correction.points)
     shape: BaseGeometry = shapely.Point(places[0])

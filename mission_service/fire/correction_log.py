@@ -1,4 +1,4 @@
-"""The corrections of the fire in effect after drawing, erasing, undo and redo. Pure."""
+"""Keep track of the corrections in effect after drawing, erasing, undo and redo. Pure."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -18,18 +18,18 @@ STATES = {"burned": BURNED, "burning": BURNING, "unburned": UNBURNED}
 
 
 class Held(NamedTuple):
-    """A correction in effect, except in the circles of ``erasures``, which are all later."""
+    """A correction that is in effect outside the circles of all later ``erasures``."""
 
     correction: Corrected
     erasures: tuple[Erased, ...]
 
 
 class CorrectionLog:
-    """The steps in effect and the undone steps, of all operators together.
+    """The steps in effect and the undone steps, shared by all operators.
 
-    An erasure removes only corrections drawn before it. Undo reverts the last step, a correction or
-    an erasure; a new step clears the steps that can be redone. Undo and redo without such a step
-    have no effect.
+    A step is a correction or an erasure. An erasure removes only corrections drawn before it. Undo
+    reverts the last step, and redo restores the step undone last. A new step clears the undone
+    steps. Without a step to undo or to redo, undo and redo have no effect.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class CorrectionLog:
         self.taken_back: list[Step] = []  # undone steps, in the order of undo
 
     def apply(self, event: AnyEvent) -> bool:
-        """Process an event; return whether the set of valid corrections changed."""
+        """Process an event, and return whether the corrections in effect changed."""
         match event:
             case Corrected() | Erased():
                 self.steps.append(event)
@@ -64,14 +64,14 @@ class CorrectionLog:
         return tuple(reversed(found))
 
     def settle(self, count: int) -> tuple[Held, ...]:
-        """Remove the first ``count`` steps; returns their corrections that are in effect now."""
+        """Remove the first ``count`` steps, and return their corrections that are in effect."""
         settled = {id(step) for step in self.steps[:count]}
         found = tuple(each for each in self.held() if id(each.correction) in settled)
         del self.steps[:count]
         return found
 
     def status(self) -> list[dict[str, Any]]:
-        """Return each correction in effect: state, shape, operator, station, times."""
+        """Return the state, shape, operator, station and times of each correction in effect."""
         return [
             {
                 "state": held.correction.state,
@@ -90,7 +90,7 @@ class CorrectionLog:
 def observations_of_correction(
     correction: Corrected, landscape: Landscape, spacing_m: float
 ) -> Floats:
-    """Return observations (n, 4) x, y, at_s, state of a correction.
+    """Return the observations (n, 4) that a correction represents: x, y, at_s and state.
 
     Raises FireModelError for a shape that cannot be used.
     """
@@ -100,7 +100,7 @@ def observations_of_correction(
 
 
 def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: float) -> Floats:
-    """Return observations (n, 4) of all corrections in effect, without the erased ones."""
+    """Return the observations (n, 4) of all corrections in effect, without erased observations."""
     found = [np.empty((0, 4))]
     for each in held:
         observations = observations_of_correction(each.correction, landscape, spacing_m)
@@ -111,7 +111,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """Return the mask (n,) of the places (n, 2) x, y that lie in no circle of an erasure."""
+    """Return the mask (n,) of the places (n, 2) that lie outside the circles of all erasures."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
@@ -125,7 +125,7 @@ def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
 
 
 def _is_erased(correction: Corrected, erasures: tuple[Erased, ...]) -> bool:
-    """Return whether a correction is an erased point; lines and polygons are never erased."""
+    """Return whether a correction is an erased point; a line or polygon is never fully erased."""
     return correction.shape == "point" and all(
         any(erases(erasure, *place) for erasure in erasures) for place in correction.points
     )

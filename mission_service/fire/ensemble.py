@@ -1,4 +1,4 @@
-"""Forecasts of a fire: one expected run, and an ensemble of perturbed runs."""
+"""Forecast a fire by one expected run and by an ensemble of perturbed runs."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 class Arrival(NamedTuple):
-    """Arrival times of a fire: the past as simulated, the future as forecast."""
+    """The arrival times of a fire: simulated in the past, forecast in the future."""
 
     at_s: float  # time of the forecast
     until_s: float  # at least the requested time
@@ -33,7 +33,7 @@ class Arrival(NamedTuple):
 
 
 class Member(NamedTuple):
-    """Arrival times of one run, in a window of rows from ``top`` and columns from ``left``."""
+    """The arrival times of one run in a window that begins at row ``top`` and column ``left``."""
 
     top: int
     left: int
@@ -41,7 +41,7 @@ class Member(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Perturbed runs of one fire from the same state."""
+    """The perturbed runs of one fire, all from the same state."""
 
     at_s: float
     until_s: float
@@ -59,9 +59,10 @@ class Perturbation(NamedTuple):
 
 
 def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
-    """Return perturbations by Latin hypercube sampling (McKay et al. 1979).
+    """Return perturbations drawn by Latin hypercube sampling (McKay et al. 1979).
 
-    They depend only on seed and count, so that successive forecasts differ only by the fire.
+    They depend only on seed and count, so that successive forecasts differ only because the fire
+    differs.
     """
     rng = np.random.default_rng((seed, count))
     middle = ndtri((np.arange(count) + 0.5) / count)
@@ -71,9 +72,10 @@ def perturbations(seed: int, count: int = MEMBERS) -> list[Perturbation]:
 
 
 def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival:
-    """Advance a fire to a time and return its arrival times. ``fire`` is changed: pass a copy.
+    """Advance a fire to a time and return its arrival times; pass a copy, because it is changed.
 
-    A random scheme gets another generator, so that the forecast does not predict the fire's draws.
+    A random scheme receives another generator, so that the forecast does not predict the random
+    numbers of the fire.
     """
     at_s = fire.time_s
     fire.draw_from(np.random.default_rng((seed, 0)))
@@ -86,7 +88,7 @@ def ensemble_of(
 ) -> Ensemble:
     """Return the ensemble of a fire until a time; the fire is not changed.
 
-    It has fewer members if ``go_on()`` returns False during the computation.
+    The ensemble has fewer members if ``go_on()`` returns False during the computation.
     """
     members = []
     for number, perturbation in enumerate(perturbations(seed), start=1):
@@ -110,7 +112,10 @@ def probability_at(ensemble: Ensemble, at_s: float) -> Floats:
 
 
 def _compact(arrival_s: Floats, at_s: float) -> Member:
-    """Return arrival times as a float32 window; cells burned by ``at_s`` stay at 0 s or less."""
+    """Return the window of burned cells, with arrival times in s after ``at_s`` as float32.
+
+    The times of cells that have burned by ``at_s`` stay at 0 s or less.
+    """
     burned = np.isfinite(arrival_s)
     rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
     if not rows.size:

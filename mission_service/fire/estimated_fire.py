@@ -1,4 +1,4 @@
-"""The estimated fire of a burn, from ignitions, wind, corrections and cameras."""
+"""Estimate the fire of a burn from ignitions, wind, corrections and cameras."""
 
 import math
 from typing import TYPE_CHECKING
@@ -34,7 +34,7 @@ WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit
 
 
 class EstimatedFire:
-    """One simulation based on all reports and observations; ``version`` counts its changes."""
+    """A simulation that uses all reports and observations; ``version`` counts its changes."""
 
     def __init__(self, burn: BurnSection, landscape: Landscape, weather: WeatherStream) -> None:
         self.log = CorrectionLog()
@@ -59,13 +59,13 @@ class EstimatedFire:
 
     @property
     def simulation(self) -> Simulation:
-        """The present estimate of the fire with corrections, without the spheres in ``held``."""
+        """The present estimate of the corrected fire, without the spheres in ``held``."""
         if self._simulation is None:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """Return the arrival time of fire (s) at a place, with fire from spheres in ``held``."""
+        """Return the arrival time of fire in s at a place, with fire from spheres in ``held``."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)
@@ -78,7 +78,10 @@ class EstimatedFire:
         return self._base
 
     def lights(self, sources: Floats) -> EllipseFire:
-        """Return a fire from sources (n, 3) x, y, at_s only, with the burn's fuel and weather."""
+        """Return a fire that has only the given sources (n, 3), with the burn's fuel and weather.
+
+        A source is x, y, at_s.
+        """
         if self._spreads is None:
             stream = WeatherStream(tuple(self._entries))
             fuel = self._burn.fuel_model
@@ -104,7 +107,7 @@ class EstimatedFire:
         return self._fitted
 
     def apply(self, event: object) -> bool:
-        """Apply an event; return whether the estimate changed.
+        """Apply an event, and return whether the estimate changed.
 
         Raises FireModelError for a correction with an invalid shape, which changes nothing.
         """
@@ -143,14 +146,14 @@ class EstimatedFire:
             self._collect_observations()
 
     def ignite(self, sources: Floats) -> None:
-        """Add sources (n, 3) x, y, at_s to the estimate."""
+        """Add sources (n, 3), which are x, y, at_s, to the estimate."""
         self._sources = np.vstack([self._sources, sources])
         if self._base is not None:
             self._base = self._base.lit(sources)
         self._changed()
 
     def blow(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Set the wind (at 20 ft) from a time on; it replaces all later weather entries."""
+        """Set the wind (at 20 ft) from a time on, and remove all later weather entries."""
         stream = WeatherStream(tuple(self._entries))
         self._entries = list(stream.blown(speed_m_s, from_deg, at_s).entries)
         self._spreads = self._base = self._fitted = None
@@ -174,7 +177,10 @@ class EstimatedFire:
             self._changed()
 
     def _changed(self) -> None:
-        """Fit at once: a fit depends on the one before it, so it must not depend on reads."""
+        """Fit at once and count the change.
+
+        A fit depends on the previous fit, so the times of fits must not depend on reads.
+        """
         self._simulation = self._corrected(self.base) if len(self._observations) else None
         self.version += 1
 
@@ -186,6 +192,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """Return a wind (from, relative to true north) as a velocity x, y on the grid in m/s."""
+    """Return the velocity x, y on the grid, in m/s, of a wind from a true direction."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

@@ -1,4 +1,4 @@
-"""Forecasts of a burn's estimated fire, on which plans are based; not of the simulated truth."""
+"""Forecast a burn's estimated fire, on which plans are based, instead of the simulated truth."""
 
 import asyncio
 from collections.abc import Callable
@@ -20,7 +20,10 @@ UNCORRECTED_SD = 0.37
 
 
 class EstimatedForecasts:
-    """The interface of ``Forecasts`` for an estimate that includes future arrival times."""
+    """The forecasts of an estimate that includes future arrival times.
+
+    The interface is that of ``Forecasts``.
+    """
 
     def __init__(
         self,
@@ -38,7 +41,7 @@ class EstimatedForecasts:
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Return arrival times by the current estimate."""
+        """Return the arrival times of the current estimate."""
         version, _, arrival_s = await self._arrivals()
         return Arrival(self._now_s(), until_s, arrival_s, version)
 

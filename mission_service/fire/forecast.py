@@ -1,4 +1,4 @@
-"""The latest forecasts of the simulated fire, computed in a thread on request."""
+"""Compute forecasts of the simulated fire in a thread on request, and keep the latest."""
 
 import asyncio
 import math
@@ -33,7 +33,7 @@ ForecastT = TypeVar("ForecastT", Arrival, Ensemble)
 
 
 class _Slot(Generic[ForecastT]):
-    """The latest forecast of one kind, and the task that computes the next."""
+    """The latest forecast of one kind, and the task that computes the next forecast."""
 
     def __init__(self, make: Callable[[Fire, float, int], ForecastT]) -> None:
         self.make: Callable[[Fire, float, int], ForecastT] = make
@@ -44,11 +44,13 @@ class _Slot(Generic[ForecastT]):
 
 
 class Forecasts:
-    """Forecasts of ``fire_of()``; ``version_of()`` changes with each correction of that fire.
+    """The forecasts of the fire that ``fire_of()`` returns.
 
-    They are computed only on request. The event loop waits for a copy of the fire (3 ms with 500 x
-    500 cells); the rest runs in one thread, in which kernels release the GIL. Concurrent requests
-    share one computation, with at most one of each kind at a time. Not for several event loops.
+    ``version_of()`` changes with each correction of that fire. Forecasts are computed only on
+    request. The event loop waits while the fire is copied (3 ms with 500 x 500 cells). The rest of
+    the computation runs in one thread, in which kernels release the GIL. Concurrent requests share
+    one computation, and at most one computation of each kind runs at a time. One object must not be
+    used in several event loops.
     """
 
     def __init__(
@@ -68,9 +70,10 @@ class Forecasts:
         )
 
     async def arrival(self, until_s: float) -> Arrival:
-        """Return arrival times until ``until_s`` or later; for a past time, of the present fire.
+        """Return the arrival times until ``until_s`` or later.
 
-        Raises FireModelError for a time more than LONGEST_S from now, or not a number.
+        If ``until_s`` is in the past, these are the times of the present fire. Raises
+        FireModelError if ``until_s`` is more than ``LONGEST_S`` from now or is not finite.
         """
         fire = self._fire_of()
         _check(until_s, fire.time_s)
@@ -80,9 +83,9 @@ class Forecasts:
         return await self._fresh(self._arrivals, until_s)
 
     async def probability(self, at_s: float) -> Floats:
-        """Return the probability (y, x) that each cell has burned by a time (0 or 1 in the past).
+        """Return the probability (y, x) that each cell has burned by a time.
 
-        Raises FireModelError as ``arrival``.
+        For a past time the probability is 0 or 1. Raises FireModelError like ``arrival``.
         """
         fire = self._fire_of()
         _check(at_s, fire.time_s)

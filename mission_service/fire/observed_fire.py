@@ -1,6 +1,6 @@
-"""The fire of a run, changed by operators' reports, ignitions and drops, and observed by cameras.
+"""Change the fire of a run by reports, ignitions and drops, and observe it by cameras.
 
-The service advances it with the clock; a replay advances it by a journal.
+The service advances it with the clock; a replay advances it by the events of a journal.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ OF_FIRE = (events.Corrected, events.Erased, events.Undone, events.Redone, events
 
 
 class ObservedFire:
-    """Applies events to a ``SimulatedFire`` and takes the images of the vehicles' cameras."""
+    """A ``SimulatedFire`` that events change and the vehicles' cameras observe."""
 
     def __init__(self, scenario: Scenario, world: SimulatedFire) -> None:
         self.world = world
@@ -31,25 +31,26 @@ class ObservedFire:
         self._ignition_delay_s = scenario.burn.ignition_delay_s if scenario.burn else 0.0
 
     def camera_observation(self, fix: events.Telemetry) -> events.Observed | None:
-        """Return the observation of a vehicle's camera at a position, if an image is due.
+        """Return the observation of a vehicle's camera from a position if an image is due, or None.
 
-        None while the vehicle's position is unreliable, because the image would be misplaced.
+        The result is also None while the vehicle's position is unreliable, because the image would
+        be misplaced.
         """
         return self.seen_from(fix) if self._is_due(fix) else None
 
     def _is_due(self, fix: events.Telemetry) -> bool:
-        """Return whether an image is due; if so, the next is due one period later."""
+        """Return whether an image is due; if so, the next image becomes due one period later."""
         if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
         self._due_us[fix.vehicle] = fix.at_us + self._every_us[fix.vehicle]
         return True
 
     def seen_from(self, fix: events.Telemetry, wider_cells: float = 0.0) -> events.Observed | None:
-        """Return the observation from a position; the footprint is widened by ``wider_cells``."""
+        """Return the observation from a position, with a footprint widened by ``wider_cells``."""
         return self.world.observe(fix, self._cameras[fix.vehicle], wider_cells)
 
     def apply_report(self, event: events.AnyOperatorEvent) -> Window | None:
-        """Apply an operator's report; return a window around the changed cells, or None.
+        """Apply an operator's report, and return a window around the changed cells or None.
 
         Raises FireModelError for an invalid report, which changes nothing.
         """
@@ -58,7 +59,7 @@ class ObservedFire:
         return self.world.apply_report(event)
 
     def on_event(self, event: events.AnyEvent) -> None:
-        """Apply an event: ignitions, completed drops, changes of a position's reliability."""
+        """Apply an ignition, a completed drop or a change in the reliability of a position."""
         if isinstance(event, events.GpsFixChanged):
             self._set_fault(event.vehicle, "fix", event.good)
         elif isinstance(event, events.EstimatorStatusChanged):
@@ -83,7 +84,7 @@ class ObservedFire:
     def apply_history(
         self, event: events.AnyEvent, commands: Iterable[AnyCommand] = ()
     ) -> Window | None:
-        """Apply an event of a journal; returns the window of changed cells."""
+        """Apply an event from a journal, and return the window around the changed cells or None."""
         found = None
         if isinstance(event, OF_FIRE):
             # An invalid report is in a journal if the run was killed before its reversal.
@@ -97,7 +98,7 @@ class ObservedFire:
         return found
 
     def on_command(self, command: AnyCommand) -> None:
-        """Record the predicted landing of a sphere until its drop is confirmed."""
+        """Store the predicted landing place of a sphere until its drop is confirmed."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place

@@ -1,4 +1,4 @@
-"""Creates the landscape, the weather and the fire of a scenario."""
+"""Create the landscape, the weather and the fire of a scenario."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -53,7 +53,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
 
 
 def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
-    """Return a vehicle's home on the ground: lat_deg, lon_deg, altitude_amsl_m."""
+    """Return lat_deg, lon_deg and altitude_amsl_m of a vehicle's home on the ground."""
     place = (section.home_lat_deg, section.home_lon_deg)
     return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
 
@@ -88,7 +88,7 @@ def _from_file(section: WeatherFile) -> WeatherStream:
 
 
 def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
-    """Return the cells (row, column) that a scenario's ignition lights."""
+    """Return the cells (row, column) that an ignition of a scenario lights."""
     if ignition.file is not None:
         return cells_of_file(ignition.file, landscape)
     assert ignition.lat_deg is not None
@@ -97,14 +97,14 @@ def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[in
 
 
 def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
-    """Return the burnable cells (row, column) of a point or a line (lat, lon)."""
+    """Return the burnable cells (row, column) that a point or line in (lat, lon) touches."""
     places = landscape.xy_of_places(points)
     shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
     return burnable_cells([shape], landscape)
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """Return the initial fire of a scenario, or None."""
+    """Return the initial fire of a scenario, or None if it has none."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -127,7 +127,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
 
 
 def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
-    """Return an initial fire of at least ``cells`` cells, grown by the probabilistic scheme."""
+    """Return an initial fire of at least ``cells`` cells, grown with the probabilistic scheme."""
     from firemodel.spread.burning import burning_from_arrival
 
     fire = new_fire(
@@ -168,7 +168,7 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 
 
 def notes_on(scenario: Scenario) -> list[str]:
-    """Return notes on settings that are valid but possibly not intended."""
+    """Return notes on settings that are valid but may be unintended."""
     if scenario.weather_file is None:
         return []
     entries = weather_of(scenario).entries
@@ -190,7 +190,7 @@ def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
 
 
 def check_fire(scenario: Scenario, landscape: Landscape) -> None:
-    """Raise the errors of ``fire_of``, without loading a spread scheme."""
+    """Raise the errors that ``fire_of`` would raise, without loading a spread scheme."""
     burning, at_s = burning_of(scenario, landscape), 0.0
     weather_of(scenario)
     if burning is not None:
@@ -202,7 +202,7 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
 def begun_again(
     scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
 ) -> Fire:
-    """Return the fire of a scenario restarted from a burning state, with the later ignitions."""
+    """Return the fire of a scenario, restarted from a burning state and with later ignitions."""
     later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
     return _fire(scenario, landscape, weather, later, burning)
 
@@ -237,9 +237,9 @@ def _fire(
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Return the reported position of the fire (x, y): its ignition or a point inside it.
+    """Return the reported position (x, y) of the fire, which is its ignition or a point inside it.
 
-    In a burn it is the position of the firing boss.
+    In a burn, the position of the firing boss is returned instead.
     """
     planner, burn = scenario.planner, scenario.burn_flown
     if burn is not None:

@@ -1,4 +1,4 @@
-"""The simulated truth: the landscape, the fire on it, and the cameras that observe it.
+"""Simulate the truth: a landscape, the fire on it, and the cameras that observe the fire.
 
 Planners receive only observations from this module.
 """
@@ -26,7 +26,7 @@ AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the 
 
 
 class Window(NamedTuple):
-    """A window of cells as in ``Observed``."""
+    """A window of cells, encoded as in ``Observed``."""
 
     row: int
     col: int
@@ -53,12 +53,12 @@ def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:
 
 
 class SimulatedFire:
-    """The simulated truth and the observations of it by cameras."""
+    """The simulated truth, which cameras observe."""
 
     def __init__(
         self, fire: Fire, landscape: Landscape, corrected: CorrectedFire | None = None
     ) -> None:
-        """Set the fire; ``corrected`` applies operators' reports, if they change this fire."""
+        """Set the fire, and ``corrected`` if operators' reports change this fire."""
         self.fire = fire
         self.landscape = landscape
         self._corrected = corrected
@@ -70,14 +70,14 @@ class SimulatedFire:
             self.fire.advance(at_s)
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
-        """Light the burnable cells of a point or a line (lat, lon) at ``at_s``, or now if later."""
+        """Light the burnable cells of a point or line (lat, lon) at ``at_s`` or, if past, now."""
         fires = [self.fire] if self._corrected is None else self._corrected.all_of(self.fire)
         for row, col in cells_lit(points, self.landscape):
             for fire in fires:
                 fire.light(row, col, max(at_s, fire.time_s))
 
     def apply_report(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply a report of fire or wind; return a window around the changed cells, or None.
+        """Apply a report of fire or wind, and return a window around the changed cells or None.
 
         Raises FireModelError for an invalid report, which changes nothing.
         """
@@ -94,7 +94,7 @@ class SimulatedFire:
     def observe(
         self, telemetry: Telemetry, camera: Camera, wider_cells: float = 0.0
     ) -> Observed | None:
-        """Return the observation of a vehicle's camera at its position; None outside the landscape.
+        """Return the observation of a vehicle's camera at its position, or None off the landscape.
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
@@ -133,9 +133,9 @@ class SimulatedFire:
 
 
 def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
-    """Return the fire of a scenario, corrected by operators.
+    """Return the fire of a scenario, which operators' reports correct.
 
-    In a burn it is the simulated truth: reports change the estimate, not this fire.
+    In a burn, reports change the estimate and not this fire.
     """
     corrected = None
     if scenario.burn_flown is None:
@@ -144,7 +144,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
 
 
 def check(scenario: Scenario) -> dict[str, object]:
-    """Load all inputs of a scenario and return a summary; raises an error for any problem."""
+    """Load all inputs of a scenario and return a summary; raise an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
     sharing(scenario.vehicles)

@@ -23,7 +23,7 @@ LCP_NODATA = -9999.0  # fixed by the format, whose header has no nodata value
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Position of a raster's cells; the corner is the outer one of cell (0, 0)."""
+    """The position of a raster's cells; ``west_m`` and ``north_m`` are its north-west corner."""
 
     crs: str
     shape: tuple[int, int]

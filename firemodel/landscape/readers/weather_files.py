@@ -89,8 +89,8 @@ def read_weather(
     Args:
         path: The file.
         start: The time of the stream's 0 s, by default the time of the first record. It must lie
-            within the file; records that end before it are ignored. For .raws and .wxs it has no
-            UTC offset.
+            within the file; records that end before it are ignored. For .raws and .wxs, it must
+            have no UTC offset.
         moisture: Fuel moistures (fractions) of the classes that have no column in the file.
         conditioned: True if the dead moistures begin with ``moisture`` at the file's first record
             and then follow temperature, humidity and rain (``physics/moisture.py``).

@@ -1,1 +1,1 @@
-"""Beachly's experiments: ignition lines and corrections of a fire model."""
+"""Run Beachly's experiments: ignition lines, and corrections of a fire model."""

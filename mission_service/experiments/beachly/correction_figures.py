@@ -1,4 +1,4 @@
-"""Figs. 10 and 11 of Beachly et al., drawn from simulated participants."""
+"""Draw figs. 10 and 11 of Beachly et al. from the results of simulated participants."""
 
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,13 @@ SHOWN_MIN = (WATCHING.begins_s[1] + WATCHING.segment_s) / MINUTE_S
 
 
 def draw(out: Path, studies: list[Study]) -> None:
-    """Draw fig. 10 from all studies and fig. 11 from the median one."""
+    """Draw fig. 10 from all studies and fig. 11 from the median study."""
     draw_errors(out / "fig10.png", studies)
     draw_fronts(out / "fig11.png", usual(studies))
 
 
 def usual(studies: list[Study]) -> Study:
-    """Return the median study by the remaining fraction of the error with the Gaussian process."""
+    """Return the study with the median fraction of the error left by the Gaussian process."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))
@@ -45,7 +45,7 @@ def usual(studies: list[Study]) -> Study:
 
 
 def draw_errors(path: Path, studies: list[Study]) -> None:
-    """Draw fig. 10: one fire with its participants on the left, the mean of all on the right."""
+    """Draw fig. 10: one fire with its participants (left) and the mean of all studies (right)."""
     figure = Figure(figsize=(12.0, 4.8), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
     one = usual(studies)
@@ -80,7 +80,7 @@ def draw_errors(path: Path, studies: list[Study]) -> None:
 
 
 def draw_fronts(path: Path, one: Study) -> None:
-    """Draw fig. 11: true and simulated fronts at the end of the second segment."""
+    """Draw fig. 11: the true and simulated fronts at the end of the second segment."""
     figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
     at_s = SHOWN_MIN * MINUTE_S
     number = int(np.argmin(np.abs(one.case.at_s - at_s)))

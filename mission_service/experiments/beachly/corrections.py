@@ -1,14 +1,15 @@
-"""Section VII of Beachly et al.: the effect of participants' corrections on a simulated fire.
+"""Measure how participants' corrections improve a simulated fire (Beachly et al., section VII).
 
-Front errors follow VII.B: every minute, the mean distance from the true front, inside the unit, to
-the closest point of the simulated front. Each minute uses only the observations made by then. The
-result has two means: from the start of the first segment to the end of the second one, as in the
-paper, and over all minutes from the start of the first segment on.
+The front error is that of VII.B, computed every minute: the mean distance from the true front
+inside the unit to the closest point of the simulated front. Each minute uses only the observations
+made by then. The result has two means over time, both from the start of the first segment on. One
+ends at the end of the second segment, as in the paper; the other includes all minutes.
 
-The relative reduction of the error depends on the model's error, because the remaining error hardly
-depends on it. On fires 0 to 19 with a smaller model error (17.8 m uncorrected, segments from minute
-12 on) it was 34 % by the paper's method and 54 % by the Gaussian process; the model's error was
-then increased to about the paper's 24.8 m. Fires 100 to 119 were not used for that choice.
+The error that remains after corrections hardly depends on the error of the uncorrected model. The
+relative reduction therefore depends on the error of the uncorrected model. On fires 0 to 19 with a
+smaller model error (17.8 m uncorrected, segments from minute 12 on), the reduction was 34 % by the
+paper's method and 54 % by the Gaussian process. The model error was then increased to about the
+paper's 24.8 m. Fires 100 to 119 were not used for that choice.
 """
 
 from collections.abc import Callable
@@ -48,7 +49,7 @@ METHODS: dict[str, Method] = {
 
 
 class Case(NamedTuple):
-    """A true fire and its model, common to all participants and methods."""
+    """A true fire and its model, which all participants and methods share."""
 
     name: str
     at_s: Floats  # times at which errors are measured
@@ -84,7 +85,7 @@ def study(burn: Burn, participants: int) -> list[Study]:
 
 
 def case_of(burn: Burn) -> Case:
-    """Return the case of one fire, with errors each minute from the first segment's start on."""
+    """Return the case of one fire, evaluated each minute from the start of the first segment."""
     at_s = np.arange(WATCHING.begins_s[0], END_S + 1.0, MINUTE_S)
     fronts = [front_points(burn.arrival_s, float(time), burn.landscape) for time in at_s]
     fronts = [front[inside(front, unit_box())] for front in fronts]
@@ -94,7 +95,10 @@ def case_of(burn: Burn) -> Case:
 
 
 def observations_of_participant(burn: Burn, participant: int) -> Floats:
-    """Return one participant's observations (n, 4), determined by the fire and the participant."""
+    """Return the observations (n, 4) of one participant of the study on one fire.
+
+    The same fire and participant give the same observations.
+    """
     rng = np.random.default_rng((burn.seed, participant))
     count = int(rng.integers(MIN_CORRECTIONS, MAX_CORRECTIONS + 1))
     return random_observations(
@@ -115,19 +119,19 @@ def grid_around(
 
 
 def cells_of(grid: Landscape) -> Floats:
-    """Return the centres of all cells (n, 2)."""
+    """Return the centres (n, 2) of all cells."""
     return np.column_stack([axis.ravel() for axis in grid.xy_of(*np.indices(grid.shape))])
 
 
 def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Return the arrival times (rows, cols) of the model, corrected unless ``method`` is None."""
+    """Return the model's arrival times (rows, cols), corrected unless ``method`` is None."""
     fire = method(case.model, observations) if method else case.model
     found = fire.ignition_time_s(case.points).reshape(case.grid.shape)
     return np.minimum(found, case.before_s)
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Return the front error in metres at each time, from the observations made by then."""
+    """Return the front error in metres at each time, using the observations made by then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):
@@ -145,7 +149,7 @@ def in_period(at_s: Floats) -> NDArray[np.bool_]:
 
 
 def rows_of(one: Study) -> list[dict[str, Any]]:
-    """Return the result of a study, one row for each method."""
+    """Return the result of a study as one row for each method."""
     period = in_period(one.case.at_s)
     return [
         {

@@ -1,9 +1,10 @@
-"""Corrections compared with the Maria fire (California, 2019) as the truth.
+"""Test corrections with the Maria fire (California, 2019) as the truth.
 
-The model has ellipses from all points of the first mapped perimeter, with one fuel and, at all
-times, the wind recorded for that perimeter. Without corrections it does not match the later
-perimeters, because the terrain is steep and the fuel varies. Participants mark points of each
-perimeter with noise; the error is measured at the following perimeter, which is not marked yet.
+In the model, ellipses grow from all points of the first mapped perimeter. The model has one fuel
+and always the wind that was recorded for that perimeter. Without corrections it does not match the
+later perimeters, because the terrain is steep and the fuel varies. Participants mark points on each
+perimeter with random errors. The front error is measured at the following perimeter, on which
+nothing is marked yet.
 """
 
 from collections.abc import Callable
@@ -67,7 +68,7 @@ def folder() -> Path | None:
 
 
 def read_perimeters(path: Path) -> list[Perimeter]:
-    """Return the mapped perimeters in order of time; times are seconds after the first."""
+    """Return the mapped perimeters in order of time, with times in seconds after the first."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -91,7 +92,7 @@ def read_perimeters(path: Path) -> list[Perimeter]:
 
 
 def case_of(perimeters: list[Perimeter]) -> Case:
-    """Return the case with the model from the first perimeter and the others as the truth."""
+    """Return the case whose model starts at the first perimeter; the others are the truth."""
     bounds = shapely.total_bounds([one.area for one in perimeters])
     box = tuple(float(bound) for bound in bounds)
     grid = grid_around((box[0], box[1], box[2], box[3]), BEYOND_M, CELL_M, CRS)
@@ -115,9 +116,9 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 
 
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
-    """Return noisy observations (n, 4) along all perimeters but the last, in order of time.
+    """Return noisy observations (n, 4) on all perimeters except the last, in order of time.
 
-    They are 1 s later than their perimeter and so do not affect the error measured there.
+    They are 1 s later than their perimeter, so that they do not affect the error measured there.
     """
     found = []
     for at_s, front, number in zip(
@@ -135,7 +136,7 @@ def random_observations(rng: np.random.Generator, count: int, case: Case) -> Flo
 
 
 def maria_rows(progress: Callable[[str], None], data: Path | None = None) -> list[dict[str, Any]]:
-    """Return a row for each participant and method, as for random fires; none without the data."""
+    """Return a row for each participant and method, or no rows if the data is missing."""
     data = data or folder()
     if data is None:
         progress(f"Maria is skipped: no folder {FOLDER} next to the repository")

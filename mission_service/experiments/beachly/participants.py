@@ -1,4 +1,4 @@
-"""Observations of simulated participants in Beachly's study, and errors of simulated fronts."""
+"""Simulate the participants of Beachly's study, and measure the errors of simulated fronts."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ NEVER_S = 1e6  # arrival time of unburned cells, which places the edge at the bu
 
 
 class Watching(NamedTuple):
-    """Parameters of a study, such as the paper's five segments of three minutes."""
+    """The parameters of a study, such as the paper's five segments of three minutes."""
 
     begins_s: tuple[float, ...]
     segment_s: float
@@ -36,7 +36,7 @@ class Watching(NamedTuple):
 def front_points(
     arrival_s: Floats, at_s: float, landscape: Landscape, apart_m: float = APART_M
 ) -> Floats:
-    """Return points (n, 2) x, y on the fire's edge at a time, from arrival times (y, x)."""
+    """Return points (n, 2) on the fire's edge at a time, computed from arrival times (y, x)."""
     finite_s = np.where(np.isfinite(arrival_s), arrival_s, at_s + NEVER_S)
     lines: Any = contourpy.contour_generator(z=finite_s).lines(at_s)
     found = [np.empty((0, 2))]
@@ -49,17 +49,17 @@ def front_points(
 
 
 def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
-    """Return the mask of the points (n, 2) in a box."""
+    """Return a mask that is True for each of the points (n, 2) inside a box."""
     west, south, east, north = box
     x_m, y_m = points.T
     return np.asarray((x_m >= west) & (x_m <= east) & (y_m >= south) & (y_m <= north))
 
 
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
-    """Return the mean distance from the true front to the closest point of the other (VII.B).
+    """Return the mean distance from the true front to the closest point of the found front.
 
-    Each distance is at most ``max_m``. Without a second front the result is ``max_m``, without a
-    true front NaN.
+    This is the error of VII.B, with each distance limited to ``max_m``. If there is no found front,
+    the result is ``max_m``; if there is no true front, it is NaN.
     """
     if not true_front.size:
         return float("nan")
@@ -80,10 +80,10 @@ def random_observations(
 ) -> Floats:
     """Return about ``count`` observations (n, 4) of one participant in order of time.
 
-    In each segment the camera shows a part of the front. Most observations are ``burning`` on the
-    true front; the others, ``burned`` behind it and ``unburned`` ahead of it, are placed where the
-    uncorrected simulation is wrong, so that they are the same for every method. All positions have
-    the participant's constant offset and a random error.
+    In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
+    on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of it, at
+    places where the uncorrected simulation is wrong; they are therefore the same for every method.
+    All positions have the participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

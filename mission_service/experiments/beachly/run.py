@@ -1,4 +1,4 @@
-"""The experiments of Beachly et al.: trajectories (section VI) and corrections (section VII)."""
+"""Run the experiments of Beachly et al.: trajectories (section VI), corrections (section VII)."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ Progress = Callable[[str], None]
 
 
 def run(out: Path | None, progress: Progress) -> dict[str, Any]:
-    """Run both experiments; with ``out``, draw pictures like figs. 6, 7, 10 and 11 there."""
+    """Run both experiments; if ``out`` is given, draw figs. 6, 7, 10 and 11 in that folder."""
     return {
         "trajectories": run_trajectories(out, progress),
         "corrections": run_corrections(out, progress),
@@ -27,7 +27,7 @@ def run(out: Path | None, progress: Progress) -> dict[str, Any]:
 
 
 def run_trajectories(out: Path | None, progress: Progress) -> list[dict[str, Any]]:
-    """Fly all four scenarios; with ``out``, draw pictures like figs. 6 and 7 there."""
+    """Fly all four scenarios; if ``out`` is given, draw figs. 6 and 7 in that folder."""
     rows = []
     for number in (1, 2, 3, 4):
         flown = fly(number, out)
@@ -46,7 +46,7 @@ def run_corrections(
     fires: tuple[int, ...] = FIRES,
     participants: int = PARTICIPANTS,
 ) -> list[dict[str, Any]]:
-    """Run all fires, and Maria if its data exists; with ``out``, draw the figures there."""
+    """Run all fires, and Maria if its data exists; if ``out`` is given, draw the figures there."""
     studies: list[Study] = []
     for number, seed in enumerate(fires, 1):
         studies += study(random_burn(seed), participants)

@@ -1,4 +1,4 @@
-"""The result as text."""
+"""Convert the result to text."""
 
 from typing import Any
 

@@ -1,9 +1,9 @@
-"""The four scenarios of Beachly's section VI, flown on a mock copter with a simulated crew.
+"""Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
-All have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along the
-southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. Scenario 3
-has a second front at 45 degrees from the southern edge; in scenario 4 this front is reported to the
-planner during the flight.
+All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
+the southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. In
+scenario 3 there is a second front, at 45 degrees to the southern edge. In scenario 4 this front is
+reported to the planner during the flight.
 """
 
 import math
@@ -43,7 +43,7 @@ BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), 
 
 @dataclass
 class Sample:
-    """Position of the vehicle and estimated fire, recorded once a second."""
+    """The position of the vehicle and the estimated fire, recorded once a second."""
 
     at_s: float
     x_m: float
@@ -66,13 +66,13 @@ class Flown:
 
     @property
     def lines(self) -> list[IgnitionPlan]:
-        """Plans with at least one dropped sphere, in order."""
+        """The plans from which at least one sphere was dropped, in order."""
         flown = {sphere.plan_hash for sphere in self.spheres}
         return [plan for name, plan in self.plans.items() if name in flown]
 
 
 def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
-    """Return the initial fire lines; corners of the unit are anticlockwise from the south-west."""
+    """Return the initial fire lines in a unit with anticlockwise corners from the south-west."""
     (south, west), (_, east) = corners[0], corners[1]
     edge = LitLine(points=((south, west), (south, east)))
     if scenario == 2:
@@ -89,7 +89,7 @@ def lit_lines(scenario: int, corners: tuple[Place, ...]) -> tuple[LitLine, ...]:
 
 
 def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
-    """Return a line from the southern edge at 45 degrees to the eastern one."""
+    """Return a line at 45 degrees from the southern to the eastern edge of the unit."""
     (south, west), (_, east) = corners[0], corners[1]
     start = west + 0.55 * (east - west)
     north = south + (east - start) * math.cos(math.radians(south))
@@ -97,7 +97,7 @@ def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
 
 
 def scenario_of(number: int) -> Scenario:
-    """Return the shipped burn with the fires of one of the paper's scenarios."""
+    """Return the shipped burn scenario with the fires of one of the paper's scenarios."""
     base = load_scenario("burn", (f"duration_s={ENDS_S}", f"deploy_at_s={STARTS_S}"))
     assert base.burn is not None
     assert base.burn.unit is not None
@@ -119,7 +119,7 @@ class RecordingCrew:
         self._reported = flown.scenario != 4
 
     def due(self, now_us: int, core: Core) -> list[AnyOperatorEvent]:
-        """Return the crew's events that are due at ``now_us``."""
+        """Return the events of the crew that are due at ``now_us``."""
         guidance = burn_flight(core.guidance)
         if now_us >= self._next_us:
             self._next_us = now_us + 1_000_000
@@ -149,7 +149,7 @@ class RecordingCrew:
 
 
 def fly(number: int, out: Path | None = None) -> Flown:
-    """Fly one scenario; with ``out``, keep its journal there."""
+    """Fly one scenario; if ``out`` is given, store the journal in that folder."""
     scenario = scenario_of(number)
     landscape = landscape_of(scenario)
     assert scenario.burn is not None
@@ -164,9 +164,10 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """Return the minimum time, over all samples at low height, until fire reaches the vehicle.
+    """Return the shortest time until fire reaches the vehicle, of all samples at low height.
 
-    The time is by the estimate at the time of the sample, and negative on burned ground.
+    The time follows from the estimate of the fire at the time of the sample. It is negative on
+    burned ground.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -177,7 +178,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 
 def row_of(flown: Flown) -> dict[str, Any]:
-    """Return the figures of a scenario for the table."""
+    """Return the row of the table for a scenario."""
     lines = flown.lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)

@@ -1,4 +1,4 @@
-"""Pictures like Beachly's figures 6 and 7: fire, burn unit, path and drops."""
+"""Draw pictures like Beachly's figures 6 and 7, with fire, burn unit, path and drops."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ GRID_M = 2.0
 
 
 def draw_trajectory(path: Path, flown: Flown) -> None:
-    """Draw one scenario: burned area at the first drop and at the end, flown path and drops."""
+    """Draw the burned areas at the first drop and at the end, the path and the drops."""
     figure = Figure(figsize=(8.0, 7.6), dpi=110, layout="constrained")
     axes = figure.subplots()
     west, south, east, north = flown.area.bounds
@@ -54,7 +54,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
 
 
 def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
-    """Draw the path: solid at low height, dashed at the safe height and during the climb to it."""
+    """Draw the path, solid at low height and dashed above (climb and safe height)."""
     track = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
     safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
     low = np.array([each.height_m < LOW_SHARE * safe_m for each in flown.samples])

@@ -1,9 +1,9 @@
-"""Random fires and models with wrong settings, for the study of Beachly's section VII.
+"""Draw random fires, and models with wrong settings, for the study of Beachly's section VII.
 
-The truth is a fire of the cellular model with patches of fuels, random moistures and varying wind.
-The model to be corrected has the true ignitions, but one fuel, one wind and one moisture
-everywhere. Coordinates are metres of the landscape. The unit is a square; fire also burns beyond
-it, where it is not evaluated.
+The truth is a fire of the cellular model, with patches of different fuels, random moistures and
+varying wind. The model to be corrected has the true ignitions, but one fuel, one wind and one
+moisture everywhere. Coordinates are in metres, in the CRS of the landscape. The unit is a square;
+fire also burns beyond it, where it is not evaluated.
 """
 
 import math
@@ -59,10 +59,10 @@ def unit_box() -> tuple[float, float, float, float]:
 
 
 def random_burn(seed: int) -> Burn:
-    """Return the burn of a seed.
+    """Return the burn that belongs to a seed.
 
-    Fires are drawn until one is small after 15 minutes, and after 80 minutes has burned most but
-    not all of the unit. The result is the same on every machine.
+    Fires are drawn until one of them is small after 15 minutes and has burned most but not all of
+    the unit after 80 minutes. The result is the same on every machine.
     """
     rng = np.random.default_rng(seed)
     inner = slice(round(MARGIN_M / CELL_M), CELLS - round(MARGIN_M / CELL_M))
@@ -85,7 +85,7 @@ def random_burn(seed: int) -> Burn:
 
 
 def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
-    """Draw fuels in patches of 30 to 80 m with noise of single cells, on gently rolling ground."""
+    """Return random fuels in patches of 30 to 80 m, with noise in cells, on rolling ground."""
     patch_cells = rng.uniform(30.0, 80.0) / CELL_M / 2.0
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), patch_cells)
     rough += 0.3 * rough.std() * rng.standard_normal((CELLS, CELLS))
@@ -97,7 +97,7 @@ def _landscape(rng: np.random.Generator, fuels: NDArray[np.int64]) -> Landscape:
 
 
 def _weather(rng: np.random.Generator) -> WeatherStream:
-    """Draw wind that changes every few minutes around its mean, and constant moistures."""
+    """Return random weather: wind that varies around its mean, and constant moistures."""
     speed_m_s, from_deg = rng.uniform(1.0, 5.0), rng.uniform(0.0, 360.0)
     dead_pct, live_pct = rng.uniform(6.0, 14.0), rng.uniform(60.0, 120.0)
     entries = []
@@ -118,7 +118,7 @@ def _entry(
 
 
 def _lit(rng: np.random.Generator, from_deg: float) -> Floats:
-    """Draw sources (n, 3): a line along a side, then one to three lines or spots inside."""
+    """Return random sources (n, 3): first a line along a side, then one to three lines or spots."""
     west, south, east, north = unit_box()
     middle = np.array([(west + east) / 2.0, (south + north) / 2.0])
     # The first line is across the wind on the downwind side, as in a burn; others lie anywhere.
@@ -149,7 +149,7 @@ def _ignitions(landscape: Landscape, lit: Floats) -> list[tuple[int, int, float]
 def _misset(
     rng: np.random.Generator, fuels: NDArray[np.int64], weather: WeatherStream, landscape: Landscape
 ) -> tuple[Spread, ...]:
-    """Draw one spread for all cells: the median fuel's, with errors of wind and rate.
+    """Return one spread for all cells: that of the median fuel, with errors in wind and rate.
 
     The standard deviations are ``WRONG_SPEED``, ``WRONG_DEG`` and ``WRONG_RATE``.
     """

@@ -1,4 +1,4 @@
-"""Figures 5.1 to 5.3 of Bent's thesis, drawn from the runs of this experiment."""
+"""Draw figures 5.1 to 5.3 of Bent's thesis from the runs of this experiment."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ UNIT = {"linear": "m", "exponential": "s$^{1 + \\mathrm{ROS}}$"}
 
 
 def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) -> None:
-    """Draw all three figures as PNG; ``single`` are the runs of one vehicle for figure 5.3."""
+    """Draw all three figures as PNG; ``single`` are the runs with one vehicle for figure 5.3."""
     draw_combinations(out / "bent_5_1.png", "5.1", runs, "linear")
     draw_combinations(out / "bent_5_2.png", "5.2", runs, "exponential")
     combination = ("back-and-forth", "importance", "linear")
@@ -23,7 +23,7 @@ def draw(out: Path, runs: Sequence[Run], single: Sequence[Run], every_s: float) 
 
 
 def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: str) -> None:
-    """Draw figures 5.1 and 5.2: mean and standard deviation, averaged over numbers of vehicles."""
+    """Draw figure 5.1 or 5.2: the cost of each combination, averaged over numbers of vehicles."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -58,7 +58,7 @@ def draw_combinations(path: Path, number: str, runs: Sequence[Run], importance: 
 
 
 def draw_team_sizes(path: Path, runs: Sequence[Run], every_s: float) -> None:
-    """Draw figure 5.3: cost over time of teams of different sizes."""
+    """Draw figure 5.3: the cost over time for teams of different sizes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 5.0), dpi=120, layout="constrained")

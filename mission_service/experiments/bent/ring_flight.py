@@ -1,8 +1,8 @@
-"""Ideal flight of a team around the growing ring of a fire, as in Bent's experiments.
+"""Simulate the ideal flight of a team around the growing ring of a fire, as Bent does.
 
 Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
-is in; at each cell it reaches, the rule takes one decision. Growth of the ring moves cells,
-vehicles and regions.
+is in. At each cell that it reaches, the rule takes one decision. When the ring grows, cells,
+vehicles and regions move.
 """
 
 import math
@@ -26,7 +26,8 @@ LAYER_M = 30.0
 class TeamFlight:
     """The results of a flight; costs are evaluated at each step of the ring.
 
-    Cost is Bent's (3.3): the mean over the cells of an importance (3.2) with spread rates in m/s.
+    The cost is Bent's (3.3): the mean of the importance (3.2) of all cells, with spread rates in
+    m/s.
     """
 
     at_s: Floats
@@ -38,29 +39,33 @@ class TeamFlight:
     min_separation_m: float  # of any two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
-        """Return mean and standard deviation over time of the "linear" or "exponential" cost."""
+        """Return the mean and the standard deviation over time of one of the two costs."""
         cost = self.exponential if importance == "exponential" else self.linear
         return float(cost.mean()), float(cost.std())
 
 
 def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Return importance by Bent 3.2: metres that the front may have advanced unseen."""
+    """Return Bent's linear importance (3.2): metres that the front may have advanced unseen."""
     return spread_rate_m_s * age_s
 
 
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
-    """Return importance by Bent 3.2, with the spread rate in m/s as exponent, as in the thesis.
+    """Return Bent's exponential importance (3.2), with the spread rate in m/s in the exponent.
 
-    The thesis's tables exclude other units: a linear cost of 64 with an exponential one of 3,000
-    corresponds to ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5
-    (300 ** 1.5 = 5,200). In m/min, 64 would correspond to ages of 5 s, and 5 ** 13 = 10 ** 9.
+    The tables of the thesis exclude other units. A linear cost of 64 and an exponential cost of
+    3,000 fit ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 m/s (300 ** 1.5 =
+    5,200). If rates were in m/min, a linear cost of 64 would mean ages of 5 s, and the exponential
+    cost would be 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance
 
 
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
-    """Return ``count`` cells that divide a ring of these steps (n) equally, from cell 0 on."""
+    """Return ``count`` cells, beginning with cell 0, that divide a ring into equal parts.
+
+    ``step_m`` (n) is the distance from each cell to the next one.
+    """
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
     goal_m = along_m[-1] * np.arange(count) / count
     after = np.searchsorted(along_m, goal_m)
@@ -71,7 +76,7 @@ def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
 
 @dataclass
 class _Vehicle:
-    """A vehicle on its flight from a position (row, col) to a cell of the ring."""
+    """A vehicle that is flying from a position (row, col) to a cell of the ring."""
 
     member: int
     speed_m_s: float
@@ -93,13 +98,13 @@ def fly_team(
     joining: Sequence[tuple[float, int]] = (),
     layer_m: float = LAYER_M,
 ) -> TeamFlight:
-    """Fly ``uavs`` vehicles over a history of a ring; at its start the whole ring has been seen.
+    """Fly ``uavs`` vehicles over the history of a ring, all of which has been seen at the start.
 
-    They start at equal distances, members 0, 1, 2 ... clockwise. ``leaving`` and ``joining`` hold
-    (time in s, member) and take effect at the first step of the ring from that time on; a vehicle
-    joins at the cell with the oldest visit. ``rule.decide`` receives one ``FrontRing`` per step and
-    one ``ActiveFleet`` until the team changes; it must copy arrays that it stores, because they are
-    modified in place.
+    The vehicles start at equal distances, as members 0, 1, 2 ... clockwise. ``leaving`` and
+    ``joining`` contain (time in s, member). Each takes effect at the first step of the ring at or
+    after that time. A vehicle joins at the cell with the oldest visit. ``rule.decide`` receives the
+    same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team changes. It must
+    copy arrays that it stores, because they are modified in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -138,7 +143,7 @@ def _costs(ring: FrontRing, at_s: float) -> tuple[float, float, float]:
 
 
 class _Team:
-    """The vehicles in the air and the ring they fly on."""
+    """The vehicles in the air, and the ring on which they fly."""
 
     def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float) -> None:
         self.ring: FrontRing
@@ -151,7 +156,7 @@ class _Team:
         self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
 
     def on(self, step: RingStep, visited_at_s: Floats) -> None:
-        """Replace the ring from now on."""
+        """Replace the ring."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
         # Lists, because access to single items of arrays is slow.
@@ -159,7 +164,7 @@ class _Team:
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Replace the ring by the next one: cells inherit their last visit, and goals move."""
+        """Replace the ring by the next ring, whose cells inherit visits, and move the goals."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:
@@ -195,7 +200,10 @@ class _Team:
         )
 
     def fly_until(self, end_s: float) -> None:
-        """Fly from cell to cell until a time; of equal arrivals the lower member decides first."""
+        """Fly from cell to cell until a time.
+
+        If two vehicles arrive at the same time, the member with the lower number decides first.
+        """
         arrivals_s = [vehicle.arrival_s for vehicle in self._vehicles]
         while arrivals_s:
             at_s = min(arrivals_s)
@@ -222,7 +230,7 @@ class _Team:
 
 
 def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
-    """Return the position of a vehicle between two cells: time, row, column."""
+    """Return the time, row and column of a vehicle between two cells."""
     left_s, row, col = vehicle.left
     share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
     to_row, to_col = vehicle.goal_place
@@ -230,9 +238,10 @@ def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
 
 
 def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -> float:
-    """Return the minimum 3-D distance of two vehicles in m; tracks (n, 3) are polylines.
+    """Return the minimum 3-D distance in m between any two vehicles; tracks are polylines.
 
-    Each member flies in its own layer; layers are ``layer_m`` apart. Infinite for one vehicle.
+    A track (n, 3) contains time, row and column. Each member flies in its own layer, and layers are
+    ``layer_m`` apart. For a single vehicle, the result is infinity.
     """
     closest_m = math.inf
     for (member, one), (other_member, other) in combinations(tracks.items(), 2):
@@ -252,7 +261,7 @@ def min_separation_m(tracks: dict[int, Floats], cell_m: float, layer_m: float) -
 
 
 def _closest_to_origin(points: Floats) -> float:
-    """Return the minimum distance of a polyline through points (n, 2) from (0, 0)."""
+    """Return the minimum distance from (0, 0) to a polyline through points (n, 2)."""
     start, along = points[:-1], np.diff(points, axis=0)
     squared = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(-(start * along).sum(axis=1) / squared, 0.0, 1.0)

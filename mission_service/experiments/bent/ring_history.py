@@ -1,8 +1,8 @@
-"""The true front of a fire as a growing ring of cells, as in Bent's experiments.
+"""Represent the true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-At each time step the ring has its cells, clockwise, and for each the cell of the previous ring
-whose last visit it inherits. A new front cell inherits the age of the front behind it, because
-importance measures unseen growth.
+At each time step, the ring has its cells in clockwise order. For each cell, it also has the cell of
+the previous ring whose last visit is inherited. A new front cell inherits the age of the front
+behind it, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ TANGENT_CELLS = 3
 
 @dataclass(frozen=True)
 class RingStep:
-    """The front from one time until the next step; arrays over its n cells, clockwise."""
+    """The front from ``at_s`` until the next step; arrays are over its n cells, clockwise."""
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
@@ -60,9 +60,10 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 
 
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
-    """Return the front of a fire (y, x): (n, 2) row, column, clockwise, no cell twice.
+    """Return the front (n, 2) of a burned area (y, x): row, column, clockwise, no cell twice.
 
-    A tail one cell wide, which a walk along the edge passes twice, is counted once, outbound.
+    A walk along the edge passes a tail one cell wide twice. The cells of the tail are counted only
+    on the way out.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)
     _, first = np.unique(loop, axis=0, return_index=True)
@@ -70,7 +71,7 @@ def outer_cells(burned: NDArray[np.bool_]) -> Integers:
 
 
 def facing(cells: Integers) -> tuple[Floats, Floats]:
-    """Return outward unit vectors (north, east), each (n), of a clockwise ring (n, 2)."""
+    """Return the outward unit vectors of a clockwise ring (n, 2), as north (n) and east (n)."""
     along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
     length = np.maximum(np.hypot(*along.T), 1e-9)
     # Clockwise on a north-up map has the outside on its left.
@@ -78,7 +79,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Return the places on a ring of ``count`` made monotonic, at most once around."""
+    """Return places on a ring of ``count`` cells, made monotonic and at most once around it."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -1,4 +1,4 @@
-"""Bent's experiments (thesis, chapter 5): all planners with all negotiations, and benchmarks."""
+"""Run Bent's experiments (thesis, chapter 5): planners with negotiations, and benchmarks."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -41,7 +41,7 @@ def _fly_shared(case: Case) -> Run:
 
 
 def fly_case(case: Case, history: Sequence[RingStep], speed_m_s: float) -> Run:
-    """Fly one case over the ring of a fire."""
+    """Fly one case along the ring of a fire."""
     rule = rule_of(case)
     flight = fly_team(history, rule, case.uavs, speed_m_s)
     cost = flight.exponential if case.importance == "exponential" else flight.linear
@@ -54,7 +54,7 @@ def fly_cases(
     speed_m_s: float,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Run]:
-    """Fly many cases in separate processes; results are in the order of the cases."""
+    """Fly many cases in separate processes, and return the results in the order of the cases."""
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _share, (history, speed_m_s)) as pool:
         found = []
         for run in pool.map(_fly_shared, cases, chunksize=4):
@@ -69,7 +69,7 @@ def run(
     speed_m_s: float = SPEED_M_S,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Fly all cases and return the result; with ``out``, draw figures as PNG there."""
+    """Fly all cases and return the result; if ``out`` is given, draw figures in that folder."""
     burn = uneven()
     history = ring_history(burn)
     groups = {"runs": thesis_cases(), "later": later_cases(), "balanced": balanced_cases()}

@@ -1,4 +1,4 @@
-"""The fire of Bent's experiments, and the cases: planners, negotiations, team sizes."""
+"""Define the fire of Bent's experiments, and its cases: planners, negotiations, team sizes."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -37,7 +37,7 @@ SIZES = (2, 3, 4, 5, 6)
 
 
 def uneven() -> Burn:
-    """Return a fire on brush in the north and grass in the south, in wind that changes twice."""
+    """Return a fire on brush (north) and grass (south) in wind that changes twice."""
     weather = WeatherStream(
         (wind(0.0, 4.0, 30.0), wind(2.0 * HOUR_S, 6.0, 60.0), wind(3.5 * HOUR_S, 3.0, 20.0))
     )
@@ -46,7 +46,10 @@ def uneven() -> Burn:
 
 
 class Case(NamedTuple):
-    """One run; a benchmark has no negotiation, and uses importance only for its cost."""
+    """The settings of one run.
+
+    A benchmark has no negotiation; its importance is used only for the cost.
+    """
 
     planner: str
     negotiation: str | None
@@ -92,7 +95,7 @@ def thesis_cases() -> list[Case]:
 
 
 def later_cases() -> list[Case]:
-    """Return the cases with the two ideas that the thesis proposes as future work (6.1)."""
+    """Return the cases that use the two ideas proposed in the thesis as future work (6.1)."""
     cases = product(PLANNERS | LATER_PLANNERS, NEGOTIATIONS | LATER_NEGOTIATIONS)  # type: ignore[operator]
     return [
         Case(planner, negotiation, importance, uavs)
@@ -102,14 +105,14 @@ def later_cases() -> list[Case]:
 
 
 def balanced_cases() -> list[Case]:
-    """Return the cases of ``team.balanced``."""
+    """Return the cases of the rule ``team.balanced``."""
     return [
         Case("balanced", None, importance, uavs) for importance in IMPORTANCES for uavs in SIZES
     ]
 
 
 def team_size_cases() -> list[Case]:
-    """Return the further case of figure 5.3, with one vehicle."""
+    """Return the additional case of figure 5.3, which has one vehicle."""
     return [Case("back-and-forth", "importance", "linear", 1)]
 
 

@@ -1,4 +1,4 @@
-"""Tables 5.1 to 5.4 of Bent's thesis, with the results of the thesis and of this experiment."""
+"""Write tables 5.1 to 5.4 of Bent's thesis with its results and those of this experiment."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -46,12 +46,12 @@ Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation o
 
 
 def name_of(planner: str, negotiation: str | None) -> str:
-    """Return the thesis's name of a combination."""
+    """Return the name of a combination in the thesis."""
     return PLANNER_NAMES[planner] + NEGOTIATION_NAMES[negotiation]
 
 
 def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
-    """Return the costs of the combinations, averaged over numbers of vehicles."""
+    """Return the cost of each combination, averaged over numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
         if run["importance"] == importance and run["uavs"] in sizes:
@@ -64,7 +64,7 @@ def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES)
 
 
 def best(costs: Averages, which: int) -> str:
-    """Return the combination of lowest mean (0) or standard deviation (1)."""
+    """Return the combination with the lowest mean cost (0) or standard deviation (1)."""
     return min(costs, key=lambda name: costs[name][which])
 
 

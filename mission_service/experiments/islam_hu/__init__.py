@@ -1,1 +1,1 @@
-"""Islam & Hu, section VI: one vehicle that follows the front of six fires."""
+"""Run the experiments of Islam & Hu, section VI: one vehicle follows the front of six fires."""

@@ -1,6 +1,6 @@
-"""The figures of Islam & Hu, section VI, drawn from the flights of this experiment.
+"""Draw the figures of Islam & Hu, section VI, from the flights of this experiment.
 
-Axes are in cells.
+The axes of maps are in cells.
 """
 
 from pathlib import Path
@@ -50,7 +50,7 @@ def _new(columns: int, rows: int, size: tuple[float, float]) -> tuple[Figure, li
 
 
 def draw_tracks(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Draw figs. 9 and 11 to 14: the vehicle's track on a map of the fire's arrival times."""
+    """Draw the vehicle's tracks on maps of the fire's arrival times (figs. 9 and 11 to 14)."""
     columns = 2 if len(flights) in (2, 4) else 3
     rows = -(-len(flights) // columns)
     figure, panels = _new(columns, rows, (4.0 * columns + 0.8, 4.2 * rows + 0.3))
@@ -95,7 +95,7 @@ def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
 
 
 def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Draw fig. 16: the maximum distance error over time, and its running mean (thick line)."""
+    """Draw fig. 16: the maximum distance error over time, and its mean so far (thick line)."""
     figure, (axes,) = _new(1, 1, (8.0, 4.0))
     for planner, flight in flights.items():
         hours, colour = flight.at_s / HOUR_S, COLOURS.get(planner, OTHER_COLOUR)
@@ -118,10 +118,11 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 
 
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
-    """Draw fig. 10: importance of the cells behind and ahead at two decisions of the damped rule.
+    """Draw fig. 10: the importance of cells behind and ahead at two decisions (damped rule).
 
-    Left: the decision after the change of the fire with the lowest importance behind relative to
-    ahead. Right: the first turn after the change, or the decision nearest to a turn.
+    Both decisions are after the fire changes. On the left is the decision with the lowest ratio of
+    the importance behind to the importance ahead. On the right is the first turn or, without a
+    turn, the decision with the highest ratio.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]
     share = later[:, 1] / np.maximum(later[:, 2], 1e-9)

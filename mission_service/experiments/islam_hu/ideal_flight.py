@@ -1,7 +1,7 @@
-"""Ideal flight of one vehicle over a simulated fire, without autopilot, wind or MAVLink.
+"""Simulate an ideal flight of one vehicle over a fire, without autopilot, wind or MAVLink.
 
 As in Islam & Hu, the vehicle flies from cell to cell of the true front at constant speed, in the
-direction of the planner's decision, turns on the spot, and observes the cells around it.
+direction that the planner decides. It turns on the spot and observes the cells around it.
 """
 
 import math
@@ -32,9 +32,10 @@ VEHICLE = "uas"
 class Flight:
     """The results of a flight.
 
-    ``track`` (n, 3) holds time in s, row and column of all steps, ``reversals`` (k, 3) those of
-    turns, ``windows`` (d, 3) the time of each decision and its importances behind and ahead. The
-    errors, in cells, are evaluated at each step (m) from the end of the first lap on.
+    ``track`` (n, 3) contains the time in s, the row and the column of each step, and ``reversals``
+    (k, 3) those of each turn. ``windows`` (d, 3) contains the time of each decision, and the
+    importance behind and ahead. From the end of the first lap on, the errors (m) in cells are
+    evaluated at each step, at the times ``at_s`` (m).
     """
 
     track: Floats
@@ -46,7 +47,7 @@ class Flight:
 
 
 def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
-    """Return the view of the vehicle's camera: the cells within ``VIEW_CELLS``."""
+    """Return what the vehicle's camera observes: the cells within ``VIEW_CELLS``."""
     rows, cols = burn.arrival_s.shape
     top, left = max(row - REACH, 0), max(col - REACH, 0)
     bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)
@@ -66,11 +67,12 @@ def fly(
     measured: MeasuredWind | None = None,
     before: Callable[[float, int, int], None] | None = None,
 ) -> Flight:
-    """Fly a planner from deployment to the end; the error is evaluated at each new cell.
+    """Fly a planner from deployment to the end, and evaluate the error at each new cell.
 
-    With ``hull`` the error is that of the convex hull of the planner's estimate, as in the paper,
-    otherwise that of the estimate. ``measured`` gives the wind for the planner at each step; None
-    gives no wind. ``before`` is called with time, row and column of each step before the decision.
+    If ``hull`` is True, the error is that of the convex hull of the planner's estimate, as in the
+    paper; otherwise it is that of the estimate itself. ``measured`` gives the planner the wind at
+    each step; None gives no wind. ``before`` is called at each step before the decision, with the
+    time, the row and the column.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s

@@ -1,4 +1,4 @@
-"""The wind measured by a small vehicle: the wind of the fire, at its height, with errors."""
+"""Simulate wind measurements of a small vehicle: the fire's wind at its height, with errors."""
 
 import math
 
@@ -13,7 +13,7 @@ WIND_20FT_SHARE = 0.75
 
 
 class MeasuredWind:
-    """A seeded series of measurements; their times must increase."""
+    """A seeded series of measurements, whose times must increase."""
 
     def __init__(self, weather: WeatherStream, seed: int) -> None:
         self._weather = weather
@@ -22,7 +22,10 @@ class MeasuredWind:
         self._at_s: float | None = None
 
     def at(self, at_s: float) -> tuple[float, float]:
-        """Return the wind speed in m/s at the vehicle's height, and the direction it comes from."""
+        """Return the wind speed in m/s at the vehicle's height, and the wind direction.
+
+        The direction is the one from which the wind blows, in degrees clockwise from north.
+        """
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)
             fresh = math.sqrt(1.0 - kept * kept)

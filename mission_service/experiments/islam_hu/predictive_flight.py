@@ -1,7 +1,8 @@
-"""The predictive planner in the experiments: its inputs and its flights.
+"""Fly the predictive planner in the experiments.
 
-Its inputs are the landscape, the initial moistures, and a measured wind with errors of 0.8 m/s and
-8 degrees, correlated over two minutes (``measured_wind``); not the true fire and not a forecast.
+The planner receives the landscape, the initial moistures and a measured wind. The wind has errors
+of 0.8 m/s and 8 degrees, correlated over two minutes (``measured_wind``). The planner receives
+neither the true fire nor a forecast.
 """
 
 from mission_service.experiments.fires import Burn
@@ -35,6 +36,6 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
 
 
 def fly_predictive(burn: Burn, seed: int = SEED) -> Flight:
-    """Fly the predictive planner with a measured wind; errors are of the estimated front."""
+    """Fly the predictive planner with a measured wind; errors are those of its estimated front."""
     measured = MeasuredWind(burn.weather, seed)
     return fly(burn, predictive_planner(burn), hull=False, measured=measured)

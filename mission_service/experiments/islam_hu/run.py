@@ -1,4 +1,4 @@
-"""Islam & Hu, section VI: one vehicle on six fires."""
+"""Run the experiments of Islam & Hu, section VI: one vehicle on six fires."""
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -28,10 +28,11 @@ def run(
     names: tuple[str, ...] = tuple(ISLAM_HU),
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Fly all planners over all fires, on two cores; with ``out``, draw figures as PNG there.
+    """Fly all planners over all fires on two cores; if ``out`` is given, draw figures there.
 
-    Cells are 30 m. ``alpha_sweep`` is of the damped rule; ``attention`` has its reversals and the
-    share of time north of the ignition, at alpha 1, before and after the fire changes.
+    Cells are 30 m wide. ``alpha_sweep`` has the reversals of the damped rule for several alphas.
+    ``attention`` has, for the damped rule with alpha 1, the reversals and the share of time north
+    of the ignition, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
     cases = list(product(names, COMPARED))
@@ -80,7 +81,10 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:
-    """Return reversals and the share of time north of the ignition, before and after the change."""
+    """Return reversals and the share of time in the north, before and after the fire changes.
+
+    The north is the area north of the ignition.
+    """
     at_s = changes_s(burn)
     earlier, turns_earlier = flight.track[:, 0] < at_s, flight.reversals[:, 0] < at_s
     north = flight.track[:, 1] < burn.ignition[0]

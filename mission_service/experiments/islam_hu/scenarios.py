@@ -1,4 +1,4 @@
-"""Six fires like the paper's, by two spread schemes, and three of its planners."""
+"""Define six fires like the paper's, with two spread schemes, and three of its planners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ ISLAM_HU: dict[str, FireScenario] = {
 
 
 def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
-    """Return one of the fires of Islam & Hu, section VI, by the names of ``ISLAM_HU``."""
+    """Return the fire of Islam & Hu, section VI, that has this name in ``ISLAM_HU``."""
     scenario = ISLAM_HU[name]
     return burn(
         name,
@@ -90,7 +90,7 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 
 def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
-    """Return the planner of Islam & Hu for a known ignition, with a scenario's defaults."""
+    """Return the planner of Islam & Hu for a known ignition, with the defaults of scenarios."""
     path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)  # paths are not flown
     speed_cells_s = burn.speed_m_s / burn.landscape.cell_size_m
     settings = perimeter_settings(PlannerSection(rule=rule, alpha=alpha), speed_cells_s, path)
@@ -106,7 +106,10 @@ PLANNERS: dict[str, Callable[[Burn], Planner]] = {
 
 
 def changes_s(burn: Burn) -> float:
-    """Return when weather or fuel changes (arrival in the southern fuel); else half-way."""
+    """Return the time at which weather or fuel changes, or else the middle of the flight.
+
+    The fuel changes when the fire arrives in the southern fuel.
+    """
     fuel = burn.landscape.fuel_model
     if len(burn.weather.entries) > 1:
         return burn.weather.change_times()[0]

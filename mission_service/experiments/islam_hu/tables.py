@@ -1,4 +1,4 @@
-"""The result and the paper's figures as tables of text."""
+"""Convert the result, with the paper's numbers, to tables of text."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""The "Virtual agents" paper, section 6: fixed wings in formation around a fire."""
+"""Run the experiments of the "Virtual agents" paper: fixed wings in formation around a fire."""

@@ -1,7 +1,7 @@
-"""Cells of a map in the footprint of a camera that looks straight down.
+"""Find the cells of a map in the footprint of a camera that looks straight down.
 
-A footprint is x_m, y_m, the course (radians anticlockwise from east), and half of its width across
-the track and of its length along the track in metres.
+A footprint is a tuple: x_m, y_m, the course in radians anticlockwise from east, half the width
+across the track and half the length along the track, both in metres.
 """
 
 import math
@@ -20,10 +20,11 @@ Footprint = tuple[float, float, float, float, float]
 def changed_cells(
     grid: MapGrid, footprint: Footprint, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
 ) -> tuple[Cells, Cells]:
-    """Return the cells in a footprint that burn but are not mapped, and the opposite.
+    """Return the cells in a footprint that burn but are not mapped as fire, and vice versa.
 
-    ``arrival_s`` (y, x) is of the true fire, infinity for cells that never burn; burned cells count
-    as burning. ``fire`` (y, x) is the map. Returns two arrays of cell numbers in ascending order.
+    ``arrival_s`` (y, x) are the arrival times of the true fire; cells that never burn have
+    infinity. Burned cells count as burning. ``fire`` (y, x) is the map. Returns two arrays of cell
+    numbers in ascending order.
     """
     cells = cells_in_view(grid, footprint)
     burns, mapped = arrival_s.ravel()[cells] <= at_s, fire.ravel()[cells]

@@ -1,4 +1,4 @@
-"""Figures 6 to 12 of the "Virtual agents" paper, drawn from the flights of this experiment."""
+"""Draw figures 6 to 12 of the "Virtual agents" paper from the flights of this experiment."""
 
 from pathlib import Path
 from typing import Any
@@ -61,7 +61,7 @@ def _zoom(axes: Any, tracks: Any) -> None:
 
 
 def draw_agents(path: Path, flight: Flight) -> None:
-    """Draw fig. 6: tracks of the virtual agents before and after 500 s."""
+    """Draw fig. 6: the tracks of the virtual agents before and after 500 s."""
     figure, panels = _figure((11.0, 5.2), 2)
     ends = ((0.0, HALFWAY_S), (HALFWAY_S, flight.track_s[-1]))
     for axes, (from_s, until_s) in zip(panels, ends, strict=True):
@@ -93,7 +93,7 @@ def draw_uav(path: Path, flight: Flight) -> None:
 
 
 def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool) -> None:
-    """Draw figs. 8 to 11: a metric over time, averaged over the seeds, one line per experiment."""
+    """Draw one of figs. 8 to 11: a metric over time, averaged over seeds, for each experiment."""
     figure, (axes,) = _figure((8.4, 4.4))
     for k, (experiment, runs) in enumerate(flights.items()):
         mean = np.mean([run.series[name] for run in runs], axis=0)
@@ -114,7 +114,7 @@ def draw_series(path: Path, flights: Flights, name: str, label: str, share: bool
 
 
 def draw_safety(path: Path, flights: Flights) -> None:
-    """Draw fig. 12: conflicts and collisions, averaged over the seeds."""
+    """Draw fig. 12: the numbers of conflicts and collisions, averaged over the seeds."""
     figure, (axes,) = _figure((8.4, 4.0))
     names = [experiment.name for experiment in EXPERIMENTS if experiment.name in flights]
     places = np.arange(len(names))

@@ -1,4 +1,4 @@
-"""An ideal world for a formation: equations of fixed wings and a radio, without autopilots.
+"""Simulate a formation in an ideal world: equations of fixed wings and a radio, no autopilots.
 
 Agents receive inputs only from their cameras and the radio. The six metrics of the paper (section
 6.2) are computed from the true fire and the true positions.
@@ -43,7 +43,7 @@ QUEUE = 8  # UAVs in a queue
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Deviations of a flight from the paper's nominal flight."""
+    """The deviations of a flight from the paper's nominal flight."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
@@ -57,7 +57,10 @@ class Rules:
 
 @dataclass(frozen=True)
 class Flight:
-    """The measurements of a flight; ``series`` by name at ``series_s``, counts are cumulative."""
+    """The measurements of a flight.
+
+    ``series`` contains each metric by name at the times ``series_s``; counts are cumulative.
+    """
 
     arrival_s: Floats
     series_s: Floats
@@ -73,7 +76,10 @@ class Flight:
 
 
 class Radio:
-    """Messages in transit: states reach receivers in range, all others reach every receiver."""
+    """The messages in transit.
+
+    A state reaches the receivers in range; any other message reaches every receiver.
+    """
 
     def __init__(self, count: int, rules: Rules, range_m: float, seed: int) -> None:
         self._uavs = np.arange(count)
@@ -83,7 +89,7 @@ class Radio:
         self._in_transit: deque[tuple[float, AnyMessage, list[int]]] = deque()
 
     def send(self, sender: int, message: AnyMessage, at_s: float, places_m: Floats) -> None:
-        """Send a message from UAV ``sender``; ``places_m`` (n, 2) are the positions of all UAVs."""
+        """Send a message from a UAV; ``places_m`` (n, 2) are the positions of all UAVs."""
         receives = self._uavs != sender
         if isinstance(message, State):
             off_m = places_m - places_m[sender]
@@ -95,7 +101,7 @@ class Radio:
         self._in_transit.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
-        """Yield receivers and the messages that reach them now."""
+        """Yield each receiver with a message that reaches it now."""
         while self._in_transit and self._in_transit[0][0] <= at_s + 1e-9:
             _, message, receivers = self._in_transit.popleft()
             for receiver in receivers:
@@ -103,10 +109,11 @@ class Radio:
 
 
 class Safety:
-    """Counts conflicts and collisions of pairs, each when it begins (section 5.3.3).
+    """The counts of conflicts and collisions between pairs of UAVs (section 5.3.3).
 
-    In a conflict the velocity with which one UAV follows its virtual agent is inside the other's
-    reciprocal velocity obstacle. In a collision they are nearer than twice the safety radius.
+    Each is counted when it begins. In a conflict, the velocity with which one UAV follows its
+    virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a collision, the
+    distance between the two UAVs is less than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:
@@ -119,7 +126,7 @@ class Safety:
 
     def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, desired_m_s: Floats,
         heights_m: Floats) -> None:  # fmt: skip
-        """Count the conflicts and collisions that begin now; rows of the arrays are vehicles."""
+        """Count the conflicts and collisions that begin now; an array row is a vehicle."""
         conflicts, collisions, closest_m = count_meetings(
             at_s, places_m, velocities_m_s, desired_m_s, heights_m,
             2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
@@ -131,16 +138,19 @@ class Safety:
 
 
 class FormationWorld:
-    """Fire, vehicles, agents and radio; ``tick`` advances them by a quarter of a second."""
+    """The fire, the vehicles, their agents and the radio.
+
+    ``tick`` advances all of them by a quarter of a second.
+    """
 
     def __init__(
         self, arrival_s: Floats, uavs: int, settings: Settings, rules: Rules, seed: int
     ) -> None:
-        """Set up the world; ``arrival_s`` (y, x) is 0 or less for cells that burn at the start.
+        """Set up the world from the arrival times (y, x) of the fire.
 
-        The UAVs are in the air, in queues of eight, and fly towards the centre of the map. Cells
-        have the paper's size. All maps contain the cells that burn at 0 s, as if sent by the ground
-        base.
+        Cells that burn at the start have arrival times of 0 or less. The UAVs are in the air, in
+        queues of eight, and fly towards the centre of the map. Cells have the paper's size. All
+        maps contain the cells that burn at 0 s, as if the ground base had sent them.
         """
         self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s
@@ -202,7 +212,7 @@ class FormationWorld:
         return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
     def view(self, number: int) -> Footprint:
-        """Return a camera's present footprint: x, y, course, half width and half length."""
+        """Return the present footprint of a UAV's camera (see ``camera_footprint``)."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()
@@ -237,11 +247,11 @@ class FormationWorld:
         self.heights_m[:] = self.settings.altitude_agl_m + self.layers_m + climbs_m
 
     def agents_m(self) -> Floats:
-        """Return the positions (n, 2) of the virtual agents; NaN for a UAV without one."""
+        """Return the positions (n, 2) of the virtual agents, NaN for a UAV without an agent."""
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
-        """Count conflicts of the velocities of eqs. 14 and 15, which circle the virtual agents."""
+        """Count conflicts between velocities (eqs. 14 and 15) that circle the virtual agents."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
         orbits = np.array(
             [
@@ -259,7 +269,7 @@ class FormationWorld:
         self.safety.look(self.at_s, self.places_m, self.velocities_m_s, desired_m_s, self.heights_m)
 
     def _clear_heading(self, number: int, agent: Agent, desired_rad: float) -> float:
-        """Return the heading of the paper's avoidance, from the other UAVs' states."""
+        """Return the heading that the paper's avoidance chooses from the other UAVs' states."""
         intention = self.intentions[number]
         heading_rad, _ = clear_heading_rad(
             *self.places_m[number],
@@ -275,20 +285,20 @@ class FormationWorld:
 
 
 def world_grid(shape: tuple[int, int]) -> MapGrid:
-    """Return the paper's cells around the middle of the map."""
+    """Return a grid of the paper's cells, centred on (0, 0)."""
     rows, cols = shape
     return MapGrid(rows, cols, CELL_M, -cols * CELL_M / 2.0, rows * CELL_M / 2.0)
 
 
 def _start(number: int) -> tuple[float, float]:
-    """Return the start position of a UAV, in queues of eight."""
+    """Return the start position of a UAV; UAVs start in queues of eight."""
     queue, place = divmod(number, QUEUE)
     along, across = place * QUEUE_M * math.sqrt(0.5), queue * QUEUE_M * math.sqrt(0.5)
     return BASE_M[0] - along + across, BASE_M[1] - along - across
 
 
 def fly(world: FormationWorld) -> Flight:
-    """Advance a world to the end of its flight, measure it (section 6.2), return the flight."""
+    """Advance a world to the end of its flight, and return the measurements (section 6.2)."""
     grid, settings = world.grid, world.settings
     area = MonitoringArea(grid, settings.augmentation_m(grid.cell_m), settings.monitoring_m)
     measured: list[tuple[float, ...]] = []

@@ -1,4 +1,4 @@
-"""The inner loops of ``ideal_world``: conflicts, headings and flight of all vehicles."""
+"""Count conflicts, compute headings and move all vehicles: inner loops of ``ideal_world``."""
 
 import math
 
@@ -48,7 +48,7 @@ def count_meetings(  # type: ignore[no-untyped-def]
 
 @kernel
 def desired_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad, headings_rad):  # type: ignore[no-untyped-def]
-    """Fill ``headings_rad`` (n) with the headings of eqs. 14 and 15."""
+    """Write the headings of eqs. 14 and 15 into ``headings_rad`` (n)."""
     for k in range(headings_rad.size):
         headings_rad[k] = wanted_heading_rad(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],
@@ -60,7 +60,7 @@ def desired_headings(places_m, motion, orbits, wind_x, wind_y, step_s, bank_rad,
 def fly_all(  # type: ignore[no-untyped-def]
     places_m, motion, headings_rad, airspeeds_m_s, wind_x, wind_y, step_s, bank_rad, velocities_m_s
 ):
-    """Move all vehicles by one step; ``motion`` (n, 2) is heading and airspeed."""
+    """Move all vehicles by one step; ``motion`` (n, 2) contains heading and airspeed."""
     for k in range(headings_rad.size):
         x_m, y_m, heading_rad, airspeed_m_s = heading_step(
             places_m[k, 0], places_m[k, 1], motion[k, 0], motion[k, 1],

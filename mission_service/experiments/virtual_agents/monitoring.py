@@ -1,8 +1,8 @@
-"""The area to be monitored around the true fire, and metrics of its monitoring (section 6.2).
+"""Compute the area to monitor around the true fire, and the metrics of section 6.2.
 
-UAVs do not receive it. Like the agents' maps it counts the burning cells within reach of each cell:
-a cell that begins to burn adds a disc. Cells with a priority are also stored in a list, because the
-metrics are computed far more often than the fire grows.
+The UAVs do not receive this area. Like the agents' maps, it counts the burning cells within reach
+of each cell; a cell that begins to burn adds a disc. The cells with a priority are also stored in a
+list, because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -23,10 +23,11 @@ SEEN_WITHIN_S = 60.0  # interval of UAV coverage
 
 
 class MonitoringArea:
-    """Priorities of all cells for a fire that only grows.
+    """The priorities of all cells around a fire that only grows.
 
-    ``priority`` (y, x) is 1 within ``near_m`` of fire, 0.2 within ``monitoring_m``, 0 on fire and
-    elsewhere; ``cells`` (n) are the cells above 0, with ``priorities`` (n).
+    ``priority`` (y, x) is 1 within ``near_m`` of fire and 0.2 within ``monitoring_m``; on fire and
+    elsewhere it is 0. ``cells`` (n) are the cells with a priority above 0, and ``priorities`` (n)
+    are their priorities.
     """
 
     def __init__(self, grid: MapGrid, near_m: float, monitoring_m: float) -> None:
@@ -46,7 +47,7 @@ class MonitoringArea:
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
-        """Add the cells that burn at ``at_s`` by the true fire's arrival times (y, x)."""
+        """Add the cells that burn at ``at_s`` according to the true fire's arrival times (y, x)."""
         self.add_fire(np.flatnonzero((arrival_s <= at_s) & ~self.fire))
 
     def add_fire(self, cells: Cells) -> None:
@@ -65,7 +66,7 @@ class MonitoringArea:
         self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
-        """Return the share of the priorities within ``coverage_m`` of virtual agents (n, 2)."""
+        """Return the share of all priorities within ``coverage_m`` of any virtual agent (n, 2)."""
         cell_m = self.grid.cell_m
         rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
         cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
@@ -75,12 +76,20 @@ class MonitoringArea:
         return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
-        """Return the share of the priorities seen in the last ``within_s``; ``seen_s`` (y, x)."""
+        """Return the share of all priorities in cells that were seen in the last ``within_s``.
+
+        ``seen_s`` (y, x) is the time at which each cell was seen last.
+        """
         share: float = _seen(self.cells, self.priorities, seen_s.ravel(), at_s - within_s)
         return share
 
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
-        """Return the priorities in the union of the footprints over their sum; 1 without any."""
+        """Return the efficiency of the footprints (section 6.2).
+
+        It is the sum of the priorities in the union of the footprints, divided by the sum over all
+        footprints. A cell in two footprints counts twice in the second sum. The result is 1 if no
+        footprint contains a priority.
+        """
         union = total = 0.0
         self._view += 1
         priorities, views = self.priority.ravel(), self._views.ravel()
@@ -93,7 +102,7 @@ class MonitoringArea:
 
 
 def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bool_]]) -> float:
-    """Return the mean number of wrong cells in the UAVs' maps; all maps are (y, x)."""
+    """Return the mean number of wrong cells in the maps (y, x) of the UAVs."""
     return sum(np.count_nonzero(true_fire != fire) for fire in fires) / len(fires)
 
 
@@ -101,7 +110,7 @@ def inaccuracy_cells(true_fire: NDArray[np.bool_], fires: Sequence[NDArray[np.bo
 def _priorities(  # type: ignore[no-untyped-def]
     fire, near_fire, far_fire, window, priority, cells, priorities
 ):
-    """Set the priorities of a window; fill ``cells`` and ``priorities``, return their number."""
+    """Set the priorities in a window, fill ``cells`` and ``priorities``, return their number."""
     rows, cols = fire.shape
     count = 0
     for r in range(max(window[0], 0), min(window[2], rows)):
@@ -142,7 +151,10 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Return the priorities in a view that no view of this number has counted, and all of them."""
+    """Return the sum of the priorities in a view that were not counted yet, and the whole sum.
+
+    A cell is counted if ``views`` contains the number ``view`` there.
+    """
     new, total = 0.0, 0.0
     for cell in cells:
         total += priorities[cell]

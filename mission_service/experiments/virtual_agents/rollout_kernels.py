@@ -1,6 +1,6 @@
-"""Roll-out of a team's virtual agents under the paper's forces, around a static fire, compiled.
+"""Roll out the motion of a team's virtual agents under the paper's forces, compiled.
 
-Tuning needs ten thousands of roll-outs. The flight uses the same kernels.
+The fire is static. Tuning needs tens of thousands of roll-outs. The flight uses the same kernels.
 """
 
 from firemodel.compiled import kernel
@@ -12,10 +12,11 @@ def unroll(  # type: ignore[no-untyped-def]
     agents, before, steps, step_s, ties_rad, centre_x_m, centre_y_m, augmentation, area, danger,
     west_m, north_m, cell_m, constants, spacing_m, max_m_s,
 ):  # fmt: skip
-    """Move ``agents`` (2, n), x and y in metres, by ``steps`` steps; all decide at once (eq. 12).
+    """Move ``agents`` (2, n) by ``steps`` steps, in each of which all decide at once (eq. 12).
 
-    ``before`` (2, n) is a work array. Every agent receives the positions of all others. Returns the
-    number of steps, summed over the agents, to positions where the map ``danger`` is set.
+    Positions are x and y in metres; ``before`` (2, n) is a work array. Every agent receives the
+    positions of all others. Returns how many steps, summed over the agents, lead to positions where
+    the map ``danger`` is set.
     """
     n = agents.shape[1]
     touched = 0

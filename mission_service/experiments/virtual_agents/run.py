@@ -1,4 +1,4 @@
-"""The experiments of the "Virtual agents" paper, section 6: table 2, three seeds each."""
+"""Run the experiments of the "Virtual agents" paper (section 6, table 2) with three seeds."""
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -28,7 +28,7 @@ COMPLETE = 0.998
 def run(
     out: Path | None, seeds: tuple[int, ...] = SEEDS, progress: Callable[[str], None] = print
 ) -> dict[str, Any]:
-    """Fly all experiments and return the result; with ``out``, draw the figures there."""
+    """Fly all experiments and return the result; if ``out`` is given, draw the figures there."""
     flights: dict[str, list[Flight]] = {experiment.name: [] for experiment in EXPERIMENTS}
     best: dict[str, list[float]] = {experiment.name: [] for experiment in EXPERIMENTS}
     cases = list(product(EXPERIMENTS, seeds))
@@ -46,9 +46,9 @@ def run(
 
 
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
-    """Return one flight of 20 minutes and the best coverage for the fire at its end.
+    """Return one flight of 20 minutes, and the best coverage found for the fire at its end.
 
-    No better placement is searched for after a flight with complete coverage.
+    After a flight with complete coverage, no better placement is searched for.
     """
     rules = Rules(
         avoidance="intent" if experiment.avoids else "none", synchronises=experiment.synchronises

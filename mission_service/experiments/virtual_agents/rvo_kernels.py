@@ -1,8 +1,9 @@
-"""Reciprocal velocity obstacles, the paper's avoidance (5.3.3), after van den Berg et al. 2008.
+"""Avoid other vehicles by reciprocal velocity obstacles (5.3.3; van den Berg et al. 2008).
 
-A velocity v' is inside the obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle, that
-is, if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are
-over the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
+Consider a vehicle A with velocity v_A and another vehicle B with velocity v_B. A velocity v' is
+inside the reciprocal obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle. This is so
+if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are over
+the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
 """
 
 import math
@@ -17,9 +18,10 @@ YAW_STEP_RAD = math.radians(2.0)
 
 @kernel
 def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: ignore[no-untyped-def]
-    """Return when a point that moves with ``rel`` enters a radius around a place; inf for never.
+    """Return the time until a point moving with ``rel`` enters a circle, infinity if never.
 
-    A point inside the radius meets it now if it approaches, else never.
+    The circle has the radius ``radius_m`` around the place ``away``. If the point is inside the
+    circle, the time is 0 if the point approaches the place, and else infinity.
     """
     nearing = away_x_m * rel_x_m_s + away_y_m * rel_y_m_s
     if nearing <= 0.0:
@@ -38,7 +40,7 @@ def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: 
 def first_meeting_s(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """Return when the velocity ``new`` (RVO) meets a neighbour; inf: outside all cones."""
+    """Return the time until the velocity ``new`` (RVO) meets a neighbour, infinity if never."""
     soonest_s = np.inf
     for row in range(peers.shape[0]):
         away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - x_m
@@ -55,7 +57,7 @@ def first_meeting_s(  # type: ignore[no-untyped-def]
 def in_conflict(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """Return whether a desired velocity is inside any neighbour's velocity obstacle."""
+    """Return whether a desired velocity is inside the velocity obstacle of any neighbour."""
     return (
         first_meeting_s(
             x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
@@ -69,10 +71,11 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, desired_rad, airspeed_m_s, wind_x_m_s, wind_y_m_s,
     peers, radius_m, neighbourhood_m,
 ):  # fmt: skip
-    """Return the heading nearest to the desired one whose velocity is outside all cones.
+    """Return the heading nearest to the desired heading whose velocity is outside all cones.
 
-    If all are inside, the heading with the latest meeting. ``radius_m`` is the combined radius
-    (2 r_s). Returns the heading, and whether the desired heading was in conflict.
+    If every velocity is inside a cone, the heading with the latest meeting is returned. The second
+    result is whether the desired heading was in conflict. ``radius_m`` is the combined radius (2
+    r_s).
     """
     best_rad, best_s = desired_rad, -1.0
     for number in range(2 * int(math.pi / YAW_STEP_RAD) + 1):

@@ -1,9 +1,9 @@
-"""The fires of the "Virtual agents" paper, table 2, each grown from one cell by its automaton.
+"""Grow the fires of the "Virtual agents" paper (table 2), each from one cell by its automaton.
 
 The paper does not describe the growth of a fire to its initial size. Here the same automaton with
-the same p_spread produces it, so that the shape is consistent. With the printed p_spread = 0.025 a
-fire of 1000 cells grows to 2480 (five seeds) instead of about 3050. Experiments 3 and 3_1 use
-0.033, which reproduces the paper's sizes.
+the same p_spread produces the initial fire, so that its shape is consistent. With the printed
+p_spread = 0.025, a fire of 1000 cells grows to 2480 cells (five seeds) instead of about 3050.
+Experiments 3 and 3_1 use 0.033, which reproduces the paper's sizes.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ UPDATE_S = DURATION_S / UPDATES
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A line of table 2; the final size is the paper's."""
+    """A row of table 2, with the final size that the paper states."""
 
     name: str
     uavs: int
@@ -47,7 +47,7 @@ EXPERIMENTS = (
 
 
 def burned(p_spread: float, first_cells: int, seed: int) -> NDArray[np.float64]:
-    """Return arrival times (y, x) in s, not positive for cells that burn at the start."""
+    """Return arrival times (y, x) in s, 0 or less for cells that burn at the start."""
     landscape = flat(np.ones((ROWS, COLS), dtype=np.int16), CELL_M)
     fire = ProbabilisticFire(
         landscape,

@@ -1,8 +1,9 @@
-"""The best positions of n discs around a static fire, computed offline.
+"""Search offline for the best positions of n discs around a static fire.
 
-They are a reference for the positions of virtual agents. One disc at a time moves to the allowed
-cell where it adds most to the others (exactly, by sums along rows), from many starts, and from the
-best result with some discs moved at random. Finally, discs are shifted by parts of a cell.
+These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
+cell where it adds most to the others; sums along rows give this exactly. The search runs from many
+starts, and then from the best result with some discs moved at random. Finally, discs are shifted by
+parts of a cell.
 """
 
 import math
@@ -24,7 +25,7 @@ STARTS, KICKS = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Float (row, col) of each disc (n, 2), and the share of all weights that they cover."""
+    """The float (row, col) of each disc (n, 2), and the share of all weights that discs cover."""
 
     places: Floats
     coverage: float
@@ -32,10 +33,10 @@ class Placement:
 
 @kernel
 def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
-    """Add ``sign`` to ``counts`` within ``radius`` of a place; return the weight that changed.
+    """Add ``sign`` to ``counts`` within ``radius`` of a place, and return the changed weight.
 
-    This is the weight that the disc adds to the others (sign 1) or that is lost without it (-1).
-    All in cells; a cell counts if its centre is within the radius.
+    The changed weight is what the disc adds to the other discs (sign 1), or what is lost without it
+    (sign -1). Lengths are in cells. A cell counts if its centre is within the radius.
     """
     rows, cols = weights.shape
     changed = 0.0
@@ -50,7 +51,7 @@ def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untype
 
 @kernel
 def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
-    """Return the weight that discs at ``places`` cover; ``counts`` is 0 before and after."""
+    """Return the weight that discs at ``places`` cover; ``counts`` is 0 on entry and on return."""
     total = 0.0
     for place in places:
         total += add_disc(weights, counts, place[0], place[1], radius, 1)
@@ -61,7 +62,7 @@ def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Return the allowed cell where a disc covers the most free weight, and that weight.
+    """Return the allowed cell where a disc covers most weight not yet covered, and that weight.
 
     ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
@@ -86,9 +87,9 @@ def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untype
 
 @kernel
 def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Move each disc in turn to where it adds most, until none gains; return the covered weight.
+    """Move discs in turn to where they add most until none gains; return the covered weight.
 
-    ``places`` (n, 2) are changed; those with a negative row are not placed yet.
+    ``places`` (n, 2) is changed; a disc with a negative row is not placed yet.
     """
     total = 0.0
     for i in order:
@@ -113,7 +114,7 @@ def settle(weights, counts, allowed, places, order, radius, sums):  # type: igno
 
 @kernel
 def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell while that adds weight; return the covered weight."""
+    """Shift discs by parts of a cell while that adds weight, and return the covered weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
@@ -144,10 +145,10 @@ def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped
 
 
 def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
-    """Return the share of all weights (rows, cols) within the radius of any place (n, 2).
+    """Return the share of all weights (rows, cols) that is within the radius of a place (n, 2).
 
-    This is the virtual-agent coverage of section 6.2 for the weights of the monitoring-area map; 1
-    if all weights are 0.
+    For the weights of the monitoring-area map, this is the virtual-agent coverage of section 6.2.
+    If all weights are 0, the result is 1.
     """
     total = float(weights.sum())
     if total == 0.0:
@@ -169,7 +170,8 @@ def best_placement(
 ) -> Placement:
     """Return the best places found for ``count`` discs on ``allowed`` cells (rows, cols).
 
-    The same seed gives the same places. Raises MissionServiceError where no cell is allowed.
+    The same seed gives the same places. Raises MissionServiceError if ``count`` is less than 1, or
+    if no allowed cell is near a weight.
     """
     cells = np.argwhere(allowed & _near(weights > 0, radius_cells))
     if count < 1 or not cells.size:
@@ -234,7 +236,7 @@ def best_around(
 
 
 def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> AgentMaps:
-    """Return the maps of an agent that has received all burned cells ``fire`` (n)."""
+    """Return the maps of an agent that has received all burned cells; ``fire`` (n) lists them."""
     radii_m = (settings.augmentation_m(grid.cell_m), settings.agent_area_m, settings.monitoring_m)
     maps = AgentMaps(grid.shape, grid.cell_m, *radii_m)
     maps.set(fire, np.empty(0, dtype=np.int64))
@@ -242,7 +244,10 @@ def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> Agent
 
 
 def weights_of(maps: AgentMaps) -> Floats:
-    """Return the monitoring-area map (3.4), (y, x): 1 near fire, 0.2 within d_mon, else 0."""
+    """Return the monitoring-area map (y, x) of section 3.4.
+
+    It is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
+    """
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)
 

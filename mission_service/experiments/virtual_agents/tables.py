@@ -1,4 +1,4 @@
-"""Table 2 of this experiment and of the paper, as text."""
+"""Write table 2 of this experiment, with the paper's numbers, as text."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Small random fires for the tuning of the virtual agents' constants (section 5.2.6).
+"""Generate small random fires for tuning the virtual agents' constants (section 5.2.6).
 
 Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Cells are 50 m here, so that 50
 of them (2.5 km) contain a fire, 350 m around it and room for the approach. Fires have the areas of
@@ -38,7 +38,11 @@ PENALTY = 10.0  # for virtual agents that are at all times so near that UAVs fly
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Size of a map, steps of a roll-out, number of agents, minimum and maximum burned cells."""
+    """A kind of scenario.
+
+    The fields are the number of cells along each side of the map, the number of steps of a
+    roll-out, the number of agents, and the minimum and maximum number of burned cells.
+    """
 
     cells: int
     steps: int
@@ -51,7 +55,7 @@ KINDS = (Kind(50, 250, 4, (15, 60)),) * 3 + (Kind(100, 500, 8, (60, 160)),) * 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scenario:
-    """A fire and the start of the agents, ``agents_m`` (2, n), x and y. Maps are (y, x)."""
+    """A fire with its maps (y, x), and the start positions ``agents_m`` (2, n) of the agents."""
 
     kind: Kind
     grid: MapGrid
@@ -63,7 +67,7 @@ class Scenario:
 
 @lru_cache(maxsize=4)
 def scenarios(seed: int, kinds: tuple[Kind, ...] = KINDS) -> tuple[Scenario, ...]:
-    """Return one scenario of each kind; they depend only on the seed."""
+    """Return one scenario of each kind; the scenarios depend only on the seed and the kinds."""
     rng = np.random.default_rng(seed)
     return tuple(_scenario(kind, rng) for kind in kinds)
 
@@ -89,7 +93,7 @@ def _scenario(kind: Kind, rng: np.random.Generator) -> Scenario:
 
 
 def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return burned cells (y, x): one to three near ignitions, grown to the required size."""
+    """Return the burned cells (y, x) of a fire grown from one to three ignitions close together."""
     cells = kind.cells
     landscape = flat(np.ones((cells, cells), dtype=np.int16), CELL_M)
     middle = rng.integers(int(0.42 * cells), int(0.58 * cells), size=2)
@@ -110,9 +114,9 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """Return the final coverage and the share of time with virtual agents too near to fire.
+    """Return the final coverage, and the share of time in which agents are too near to fire.
 
-    ``constants`` (8) as in ``constants_array``.
+    ``constants`` (8) are in the order of ``constants_array``.
     """
     settings, grid = Settings(), scenario.grid
     agents_m = scenario.agents_m.copy()
@@ -136,7 +140,7 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:
-    """Return the mean final coverage over the scenarios of a seed, less the penalties."""
+    """Return the mean over a seed's scenarios of the final coverage minus the penalty."""
     constants = np.array(genes, dtype=np.float64)
     results = [flown(scenario, constants) for scenario in scenarios(seed)]
     return sum(covered - PENALTY * too_near for covered, too_near in results) / len(results)
