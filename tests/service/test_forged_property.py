@@ -32,7 +32,7 @@ def test_the_comparison_finds_what_gets_through(
     """With each of the guards taken away something is different."""
     flight = load_scenario("default", CHANGES)
     for guard, name, broken in (
-        (SharedLink, "_is_its", lambda *_: True),
+        (SharedLink, "_is_accepted", lambda *_: True),
         (BootClock, "judge", lambda *_: "kept"),
     ):
         with monkeypatch.context() as taken_away:
