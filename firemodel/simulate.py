@@ -1,6 +1,7 @@
 """Simulate a fire from ignition to a given time in one call."""
 
 from collections.abc import Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.schemes import SchemeName, new_fire
+from firemodel.spread.schemes import SCHEMES, SchemeName, new_fire
 
 HOUR_S = 3600.0
 # Dry weather with a moderate wind, as in the first hours of the default scenario.
@@ -59,8 +60,8 @@ def burn(
         ``advance(time_s)`` continues the fire.
 
     Raises:
-        FireModelError: A file cannot be used, or an ignition is off the landscape or on ground
-            that does not burn.
+        FireModelError: A file or an argument cannot be used, or an ignition is off the landscape or
+            on ground that does not burn.
 
     Example:
         >>> import firemodel
@@ -72,6 +73,14 @@ def burn(
         >>> fire.front(1800.0).geom_type
         'MultiPolygon'
     """
+    if scheme not in SCHEMES:
+        raise FireModelError(f"scheme = {scheme!r}: give one of {', '.join(SCHEMES)}")
+    unknown = sorted(settings.keys() - {"seed", *SCHEMES[scheme].settings})
+    if unknown:
+        names = ", ".join(SCHEMES[scheme].settings)
+        raise FireModelError(f"{unknown[0]}: scheme {scheme} has no such setting; it has {names}")
+    if not isinstance(duration_s, Real):
+        raise FireModelError(f"duration_s = {duration_s!r}: give a number of seconds")
     land = _landscape(landscape)
     lit = [(row, col, 0.0) for row, col in _cells(ignitions, land)]
     fire = new_fire(scheme, land, _stream(weather), lit, **settings)
@@ -84,6 +93,8 @@ def _landscape(given: Landscape | Path | str | None) -> Landscape:
         return jacksboro()
     if isinstance(given, Landscape):
         return given
+    if not isinstance(given, (str, Path)):
+        raise FireModelError(f"landscape = {given!r}: give a Landscape or the path of a file")
     from firemodel.landscape.readers.rasters import read_landscape
 
     return read_landscape(Path(given))
@@ -94,6 +105,10 @@ def _stream(given: WeatherStream | Weather | Path | str | None) -> WeatherStream
         return WeatherStream([given or DRY])
     if isinstance(given, WeatherStream):
         return given
+    if not isinstance(given, (str, Path)):
+        raise FireModelError(
+            f"weather = {given!r}: give a Weather, a WeatherStream or the path of a file"
+        )
     from firemodel.landscape.readers.weather_files import read_weather
 
     return read_weather(Path(given))
@@ -108,7 +123,16 @@ def _cells(
         return [(rows // 2, cols // 2)]
     if isinstance(given, (str, Path)):
         return cells_of_file(Path(given), land)
-    return [land.cell_of_lat_lon(lat_deg, lon_deg) for lat_deg, lon_deg in given]
+    try:
+        places = [(float(lat_deg), float(lon_deg)) for lat_deg, lon_deg in given]
+    except (TypeError, ValueError):
+        places = []
+    if not places:
+        raise FireModelError(
+            f"ignitions = {given!r}: give one or more (latitude, longitude) in degrees, as in "
+            "[(36.364, -84.141)], or the path of a file"
+        )
+    return [land.cell_of_lat_lon(*place) for place in places]
 
 
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:

@@ -256,7 +256,8 @@ class Corrected(OperatorEvent, frozen=True, tag=True):
     """A correction of the fire on a point, along a line or in a polygon.
 
     ``state`` holds at ``marked_at_us``, which may be past or future: with ``burned`` the fire
-    arrives earlier, with ``burning`` at that time, with ``unburned`` later.
+    arrives earlier, with ``burning`` at that time, with ``unburned`` later. A burning polygon burns
+    on its outline at that time; its inside has burned by then.
     """
 
     state: Literal["burned", "burning", "unburned"]

@@ -30,10 +30,11 @@ from autopilot_bridge.stacks.stacks import Stack
 # QGroundControl's AltitudeMode for each frame. The numbers of the modes differ between versions, so
 # the reader uses only the frame.
 _ALTITUDE_MODES = {3: 1, 6: 1, 0: 2, 5: 2, 10: 4, 11: 4}
+PLAN_SUFFIX = ".plan"
 WPL_SUFFIXES = (".waypoints", ".txt")
 
 
-def read_any(path: Path) -> Plan:
+def read_any(path: Path | str) -> Plan:
     """Read a plan file; its content shows whether it is a .plan or a QGC WPL file.
 
     Args:
@@ -45,21 +46,29 @@ def read_any(path: Path) -> Plan:
     Raises:
         BridgeError: The file cannot be read, or an item is not valid and is named.
     """
+    path = Path(path)
     text = read_text(path)
     return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
 
 
-def write_any(path: Path, plan: Plan, stack: Stack | None) -> None:
+def write_any(path: Path | str, plan: Plan, stack: Stack | None) -> None:
     """Write a plan file.
 
     Args:
-        path: The file; .waypoints and .txt become QGC WPL 110, anything else .plan.
+        path: The file; its suffix selects the format: .plan, or .waypoints or .txt (QGC WPL 110).
         plan: Mission, fence, rally points and home.
         stack: The stack that a .plan file names; None means a generic one.
 
     Raises:
-        BridgeError: The file cannot be written, or the format cannot hold an item.
+        BridgeError: The file cannot be written, its suffix is none of these, or the format cannot
+            hold an item.
     """
+    path = Path(path)
+    if path.suffix.lower() not in (PLAN_SUFFIX, *WPL_SUFFIXES):
+        raise BridgeError(
+            f"{path}: the suffix does not select a format: give {PLAN_SUFFIX}, "
+            f"{' or '.join(WPL_SUFFIXES)}"
+        )
     if path.suffix.lower() in WPL_SUFFIXES:
         wpl.write_wpl(path, plan)
     else:

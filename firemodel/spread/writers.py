@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
@@ -96,7 +97,11 @@ def fronts_geojson(
 
 
 def write_fronts(
-    path: Path, fire: Fire, times_s: Sequence[float], name: str, time_zero: datetime | None = None
+    path: Path | str,
+    fire: Fire,
+    times_s: Sequence[float],
+    name: str,
+    time_zero: datetime | None = None,
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
@@ -108,14 +113,19 @@ def write_fronts(
         time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
-        FireModelError: The fire has not been advanced to one of the times.
-        OSError: The file cannot be written.
+        FireModelError: The fire has not been advanced to one of the times, or the file cannot be
+            written.
     """
     found = fronts_geojson(fire, times_s, name, time_zero)
-    path.write_text(json.dumps(found) + "\n", encoding="utf-8")
+    try:
+        Path(path).write_text(json.dumps(found) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise FireModelError(
+            f"{path}: cannot be written: {error.strerror}; give another path"
+        ) from None
 
 
-def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
+def write_rasters(folder: Path | str, fire: Fire) -> dict[str, Path]:
     """Write the arrival time and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
 
     Args:
@@ -140,7 +150,7 @@ def write_rasters(folder: Path, fire: Fire) -> dict[str, Path]:
     }
     paths = {}
     for name, values in layers.items():
-        paths[name] = folder / f"{name}.tif"
+        paths[name] = Path(folder) / f"{name}.tif"
         filled = np.where(np.isnan(values), -1.0, values).astype(np.float32)
         write_geotiff(paths[name], filled, fire.landscape, nodata=-1.0)
     return paths

@@ -120,33 +120,39 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """Return arrival times (y, x) in which every drawn cell has exactly the drawn state.
 
     A fit weighs the observations against each other and against the model, but a drawn cell is
-    certain. Later strokes override earlier strokes. A burning area sets only the cells on its
-    outline.
+    certain. Later strokes override earlier strokes. The outline of a burning area burns at its
+    time, and all cells inside have burned by then.
     """
     found = arrival_s.copy()
     for each in held:
-        cells = _cells_drawn(each, landscape)
-        at_s, index = each.correction.marked_at_us / 1e6, tuple(cells.T)
+        shape, at_s = _drawn(each.correction, landscape), each.correction.marked_at_us / 1e6
+        index = _cells_drawn(shape, each, landscape)
         match each.correction.state:
             case "unburned":
                 found[index] = np.maximum(found[index], np.nextafter(at_s, np.inf))
             case "burned":
                 found[index] = np.minimum(found[index], at_s)
             case _:
-                found[index] = at_s
+                found[index] = np.minimum(found[index], at_s)
+                front = shape.exterior if isinstance(shape, shapely.Polygon) else shape
+                found[_cells_drawn(front, each, landscape)] = at_s
     return found
 
 
-def _cells_drawn(held: Held, landscape: Landscape) -> NDArray[np.int32]:
-    """Return the cells (n, 2) of a stroke, without erased cells."""
-    correction = held.correction
+def _drawn(correction: Corrected, landscape: Landscape) -> BaseGeometry:
+    """Return the shape of a stroke in the landscape's CRS."""
     places = landscape.xy_of_places(correction.points)
-    shape: BaseGeometry = shapely.Point(places[0])
     if correction.shape == "line":
-        shape = shapely.LineString(places)
-    elif correction.shape == "polygon":
-        area = shapely.Polygon(places)
-        shape = area.exterior if correction.state == "burning" else area
+        return shapely.LineString(places)
+    if correction.shape == "polygon":
+        return shapely.Polygon(places)
+    return shapely.Point(places[0])
+
+
+def _cells_drawn(
+    shape: BaseGeometry, held: Held, landscape: Landscape
+) -> tuple[NDArray[np.int32], ...]:
+    """Return the rows and columns of the cells of a shape without the erased ones."""
     cells = cells_of([shape], landscape)
     centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
-    return cells[not_erased(centres_m, held.erasures, landscape)]
+    return tuple(cells[not_erased(centres_m, held.erasures, landscape)].T)

@@ -335,9 +335,15 @@ class SegmentReader:
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
         """Yield entries after a position, with ``Unreadable`` for altered, undecodable lines."""
+        altered = 0
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
+                if number == altered + 1:  # the checksum before it may be lost
+                    why = (
+                        f"was altered or cannot be checked: its checksum depends on line {altered}"
+                    )
+                altered = number
                 yield Unreadable(number, f"{self.path}: line {number} {why}")
                 continue
             try:

@@ -119,11 +119,13 @@ class InterruptedRun:
             elif isinstance(entry.content, LinesSkipped):
                 lines = entry.content.lines
                 self.skipped |= {(segment, line): why for segment, line, why in lines}
-        for line, why in unreadable.items():
-            if line not in self.skipped:
-                if not self._skip_unreadable:
-                    raise JournalError(f"{why}{SKIP}{FRESH}")
-                self.newly_skipped[line] = self.skipped[line] = why
+        new = {line: why for line, why in unreadable.items() if line not in self.skipped}
+        if new and not self._skip_unreadable:
+            first, *others = new.values()
+            also = f" and {len(others)} more ({others[0]})" if others else ""
+            raise JournalError(f"{first}{SKIP}{also}{FRESH}")
+        self.newly_skipped |= new
+        self.skipped |= new
         return self._chain.last.rest
 
     def turns(

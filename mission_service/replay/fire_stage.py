@@ -38,6 +38,7 @@ class _Comparison:
         kinds = ("observations", "cells", "within tolerance", "beyond tolerance")
         self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
+        self._unsure = 0  # observations between a skipped line and the restart
         self._pending: tuple[str, Observed] | None = None  # with its line number as text
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
@@ -46,10 +47,11 @@ class _Comparison:
         """Store an observation; compare it with the fire when its position follows."""
         content = entry.content
         if not entry.sure:  # the fire of the live run may have differed
+            self._without_position += self._pending is not None
             self._pending = None
         match content:
             case Observed(corrects=False) if not entry.sure:
-                self._without_position += 1
+                self._unsure += 1
             case Observed(corrects=False):
                 if self._pending is not None:
                     self._position_missing(*self._pending)
@@ -81,6 +83,8 @@ class _Comparison:
         exact = not counts["within tolerance"] and not counts["beyond tolerance"]
         note = ["all cells equal" if exact else "another machine may have recorded the journal"]
         note += [f"{without} observations without a position"] if without else []
+        if self._unsure:
+            note.append(f"{self._unsure} observations after a skipped line were not compared")
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
     def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:

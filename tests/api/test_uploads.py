@@ -10,9 +10,11 @@ import httpx
 import pytest
 import shapely
 
+from firemodel.spread.front import multipolygon
+from mission_service.events import Corrected
 from mission_service.interfaces.api import perimeter_routes
 from mission_service.interfaces.maps import perimeter_import, thinning
-from mission_service.interfaces.maps.perimeter_worker import MAX_POINTS
+from mission_service.interfaces.maps.perimeter_worker import MAX_POINTS, MAX_RINGS, corrections_of
 from mission_service.interfaces.maps.thinning import min_areas_removed, thinned
 from tests.api.worlds import World, client, scenario_of, served, world_in
 
@@ -114,3 +116,61 @@ def test_thinned_rings_do_not_cross_themselves() -> None:
         found = thinned(ring, most)
         assert 3 <= len(found) <= most
         assert shapely.Polygon(found).is_valid
+
+
+def around(world: World, row: float, col: float, half_m: float) -> list[list[float]]:
+    """A closed square ring around a place, as longitude and latitude."""
+    land = world.context.landscape
+    x_m, y_m = (float(each) for each in land.xy_of(row, col))
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+    places = [land.lat_lon_of(x_m + dx * half_m, y_m + dy * half_m) for dx, dy in corners]
+    return [[float(lon), float(lat)] for lat, lon in places]
+
+
+def posted(world: World, *polygons: list[list[list[float]]]) -> dict[str, Any]:
+    drawn = {"type": "MultiPolygon", "coordinates": polygons}
+    (answer,) = sent(world, json.dumps(drawn).encode())
+    assert answer.status_code == 200, answer.text
+    result: dict[str, Any] = answer.json()
+    return result
+
+
+def test_the_inside_of_a_perimeter_has_burned_and_its_edge_burns(standing: World) -> None:
+    standing.fly(3600.0)
+    (accepted,) = posted(standing, [around(standing, 30, 118, 700.0)])["accepted"]
+    assert accepted["burned_ha_before"] < 30.0
+    assert accepted["burned_ha_after"] == pytest.approx(196.0, rel=0.03)
+    fire = standing.simulation.world.fire
+    front = fire.front(fire.time_s)
+    assert front.area / 1e4 == pytest.approx(196.0, rel=0.03)
+    assert front.length == pytest.approx(5600.0, rel=0.1)
+    standing.fly(4200.0)
+    assert standing.simulation.world.fire.burned_ha > accepted["burned_ha_after"] + 5.0
+
+
+def test_islands_of_a_perimeter_are_unburned_and_fire_in_an_island_burns(standing: World) -> None:
+    large, island, small = (around(standing, 75, 75, half_m) for half_m in (900.0, 450.0, 150.0))
+    posted(standing, [small], [large, island], [around(standing, 20, 20, 150.0)])
+    states = [each.state for each in standing.submitted if isinstance(each, Corrected)]
+    assert states == ["burning", "unburned", "burning", "burning"]
+    burned = standing.simulation.world.fire.burned()
+    assert [burned[75, col] for col in (75, 65, 55)] == [True, False, True]
+    assert burned[20, 20]
+
+
+def test_of_many_islands_the_largest_stay_unburned_and_a_note_counts_the_rest() -> None:
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
+    islands = [shapely.box(0.01 * k, 0.5, 0.01 * k + 0.0001 * k, 0.6) for k in range(1, 61)]
+    area = multipolygon(square.difference(shapely.union_all(islands)))
+    perimeter = perimeter_import.Perimeter(area, 1.0, 244, [], [])
+    requests = corrections_of(perimeter, shapely.box(-1.0, -1.0, 2.0, 2.0))
+    assert [each["state"] for each in requests] == ["burning"] + ["unburned"] * (MAX_RINGS - 1)
+    assert min(shapely.Polygon(each["points"]).area for each in requests) > 0.0001 * 11 * 0.1
+    assert perimeter.notes == ["the 11 smallest of 60 unburned islands count as burned"]
+
+
+def test_a_perimeter_partly_off_the_landscape_burns_the_part_on_it(standing: World) -> None:
+    found = posted(standing, [around(standing, 0, 75, 600.0)], [around(standing, -300, 75, 150.0)])
+    assert "of the area lies outside the landscape" in found["perimeter"]["properties"]["notes"][0]
+    assert len(found["accepted"]) == 1
+    assert standing.simulation.world.fire.burned()[0:20, 56:95].all()

@@ -315,3 +315,14 @@ def test_positions_are_kept_in_the_units_of_their_frame() -> None:
     assert params_of(MissionItem(187, 2, 1, 0, 0.0))[4] == 1.0  # a bare param 5
     assert params_of(MissionItem(203, mavlink.MAV_FRAME_GLOBAL, 1, 0, 0.0))[4] == 1.0
     assert params_of(MissionItem(16, mavlink.MAV_FRAME_LOCAL_NED, 10_000, 0, 0.0))[4] == 1.0
+
+
+def test_the_suffix_selects_the_format_and_another_is_refused(tmp_path: Path) -> None:
+    plan = Plan(flight_of())
+    for name in ("a.plan", "a.WAYPOINTS", "a.txt"):
+        write_any(str(tmp_path / name), plan, None)
+        assert len(read_any(str(tmp_path / name)).mission) == len(plan.mission)
+    for name in ("first.xyz", "first"):
+        with pytest.raises(BridgeError, match=r"first.*: give \.plan, \.waypoints or \.txt"):
+            write_any(tmp_path / name, plan, None)
+        assert not (tmp_path / name).exists()

@@ -6,12 +6,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import firemodel
 from firemodel import simulate
+from firemodel.errors import FireModelError
 from tests.firemodel.grids import landscape, steady
 
 FUNCTIONS = [name for name in firemodel.__all__ if inspect.isfunction(getattr(firemodel, name))]
@@ -75,3 +77,25 @@ def test_a_scheme_by_chance_takes_its_settings() -> None:
     one, same, other = (fire.arrival_time_s for fire in fires)
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"scheme": "zigzag"}, "scheme = 'zigzag': give one of anyangle, devs8, probabilistic"),
+        ({"ignitions": (36.364, -84.141)}, r"ignitions = .*: give one or more \(latitude"),
+        ({"ignitions": [("a", "b")]}, "ignitions = .*: give one or more"),
+        ({"ignitions": [(36.364, -84.141, 0.0)]}, "ignitions = .*: give one or more"),
+        ({"ignitions": []}, "ignitions = .*: give one or more"),
+        ({"duration_s": "x"}, "duration_s = 'x': give a number of seconds"),
+        ({"weather": []}, r"weather = \[\]: give a Weather"),
+        ({"landscape": 5}, "landscape = 5: give a Landscape"),
+        ({"wind": 3.0}, "wind: scheme anyangle has no such setting; it has wind_limit"),
+    ],
+)
+def test_the_error_of_burn_gives_the_argument_and_the_remedy(
+    arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(FireModelError, match=message) as caught:
+        firemodel.burn(**{"duration_s": 60.0, **arguments})
+    assert "\n" not in str(caught.value)

@@ -10,6 +10,7 @@ import pytest
 import rasterio
 from shapely.geometry import shape
 
+from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.arrival_map import draw_map, frame_around, start_map
 from firemodel.spread.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
@@ -123,3 +124,11 @@ def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:
     at_once = np.where(away < 9, 0.0, np.inf)
     _, axes = start_map(land, at_once, frame_around(land, at_once))
     assert axes.images[-1].get_clim() == pytest.approx((0.0, 1 / 60))
+
+
+def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path: Path) -> None:
+    path, fire = tmp_path / "fronts.geojson", around_a_rock()
+    write_fronts(str(path), fire, [0.0], "rock")
+    assert json.loads(path.read_text(encoding="utf-8"))["features"]
+    with pytest.raises(FireModelError, match=r"fronts: cannot be written: No such file .*; give"):
+        write_fronts(tmp_path / "missing" / "fronts", fire, [0.0], "rock")

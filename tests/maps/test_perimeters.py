@@ -130,7 +130,7 @@ def test_what_is_written_reads_back(kind: str) -> None:
     assert record["polygon_unix_ms"] == DRAWN_MS
     assert (record["map_method"], record["feature_status"]) == ("Modeled", "Proposed")
     assert record["gis_acres"] == written["features"][0]["properties"]["GISAcres"]
-    x_m, y_m = land().xy_of_lat_lon(*np.array(found.rings()[0]).T)
+    x_m, y_m = land().xy_of_lat_lon(*shapely.get_coordinates(found.area).T[::-1])
     distance_m = shapely.distance(shapely.points(x_m, y_m), fire().front(NOW_S).boundary)
     assert distance_m.max() < 0.02
     assert json.dumps(found.geojson())

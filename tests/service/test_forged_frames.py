@@ -184,7 +184,7 @@ def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) ->
                 forger.send(position(DAYS_30_MS + 5000 * number))
                 forger.send(position(0))
             run.wait_for(lambda: "source/hawk" in run.alarms())
-            run.wait_for(run.logged(f"{forger.address} is left out"))
+            run.wait_for(run.logged(f"the messages of {forger.address} are discarded"))
             run.flies_on(50)
         run.wait_for(lambda: "source/hawk" not in run.alarms())
         run.stop()
@@ -231,7 +231,7 @@ def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
                 return run.logged("link restored")()
 
             run.wait_for(restored)  # once the vehicle has been silent for long enough
-            run.wait_for(run.logged(f"heard from {forger.address} now"))
+            run.wait_for(run.logged(f"messages arrive from {forger.address} now"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
             run.wait_for(run.logged("jumped"))

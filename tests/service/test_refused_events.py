@@ -18,6 +18,7 @@ from mission_service.events import (
     Aborted,
     LinesSkipped,
     MissionRefused,
+    Observed,
     OperatorHeartbeat,
     OrderGiven,
     Resumed,
@@ -361,6 +362,32 @@ def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
     assert found.stage("file").counts["skipped"] == 1
     assert f"line {number} " in in_text(found)
     assert found.stage("core").counts["events"] > 100
+
+
+def test_a_line_whose_checksum_depends_on_a_lost_one_is_skipped_and_reported(
+    tmp_path: Path, whole: bytes
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    lines = whole.splitlines(keepends=True)
+    path.write_bytes(whole)
+    number = line_of(path, Observed)
+    lines[number - 1] = b"damaged\n"  # its checksum is lost too
+    path.write_bytes(b"".join(lines))
+    both = (
+        rf"line {number} was altered.*; --skip-unreadable resumes without that line and 1 more "
+        rf"\(.*line {number + 1} was altered or cannot be checked: "
+        rf"its checksum depends on line {number}\)"
+    )
+    with pytest.raises(JournalError, match=both) as caught:
+        continued(path)
+    assert "\n" not in str(caught.value)
+    skipped, _ = continued(path, skip=True)
+    assert len(skipped) == 2
+    found = verify(path)
+    assert found.difference is None
+    text = in_text(found)
+    assert "observations after a skipped line were not compared" in text
+    assert "without a position" not in text
 
 
 def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> None:

@@ -71,12 +71,6 @@ class Perimeter(NamedTuple):
             "geometry": shapely.geometry.mapping(self.area),
         }
 
-    def rings(self) -> list[list[tuple[float, float]]]:
-        """Return the outer rings as (lat, lon), without a repetition of the first point."""
-        return [
-            [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]] for polygon in self.area.geoms
-        ]
-
 
 def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimeter:
     """Return the perimeter in a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploaded_shapes``).

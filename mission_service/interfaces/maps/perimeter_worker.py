@@ -12,13 +12,16 @@ from typing import Any
 
 import msgspec
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
+from firemodel.spread.front import multipolygon
 from mission_service.interfaces.maps.perimeter_import import Perimeter, read_perimeter_in
 from mission_service.interfaces.maps.thinning import thinned
 
-MAX_RINGS = 50
+MAX_RINGS = 50  # polygons and islands together
+EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded to the outside
 MAX_POINTS = 900  # in a correction; below the limit of requests
 MAX_MEMORY_BYTES = 2 * 1024**3
 MAX_CPU_S = 25
@@ -46,23 +49,50 @@ class Failed(msgspec.Struct, tag="failed"):
     error: str
 
 
-def corrections_of(perimeter: Perimeter) -> list[dict[str, Any]]:
-    """Return a correction request for each outline, which is burning now.
+def corrections_of(perimeter: Perimeter, extent: BaseGeometry) -> list[dict[str, Any]]:
+    """Return a correction request for each outline: burning now, or unburned for an island.
 
-    Raises FireModelError for more than ``MAX_RINGS`` outlines.
+    Only the part in ``extent``, the landscape (lon, lat), has corrections. Later corrections
+    override earlier ones, so each polygon is followed by its islands, and a polygon in an island
+    comes after it. Raises FireModelError for more than ``MAX_RINGS`` polygons.
     """
-    rings = perimeter.rings()
-    if len(rings) > MAX_RINGS:
-        raise FireModelError(f"it has {len(rings)} outlines; at most {MAX_RINGS} are accepted")
-    request = {"do": "correct", "state": "burning", "shape": "polygon"}
-    return [{**request, "points": thinned(ring, MAX_POINTS)} for ring in rings]
+    on_it = multipolygon(perimeter.area.intersection(extent.buffer(-EDGE_DEG)))
+    polygons = sorted(on_it.geoms, key=_area_within, reverse=True)
+    room = MAX_RINGS - len(polygons)
+    if room < 0:
+        raise FireModelError(f"it has {len(polygons)} outlines; at most {MAX_RINGS} are accepted")
+    islands = [ring for polygon in polygons for ring in polygon.interiors]
+    islands.sort(key=_area_within, reverse=True)
+    if len(islands) > room:
+        perimeter.notes.append(
+            f"the {len(islands) - room} smallest of {len(islands)} unburned islands count as burned"
+        )
+    kept = {ring.wkb for ring in islands[:room]}
+    found = []
+    for polygon in polygons:
+        found.append(_correction("burning", polygon.exterior))
+        inner = (ring for ring in polygon.interiors if ring.wkb in kept)
+        found += [_correction("unburned", ring) for ring in inner]
+    return found
+
+
+def _area_within(shape: Any) -> float:
+    """Return the area within the outer ring of a polygon, or within a ring."""
+    return float(shapely.Polygon(getattr(shape, "exterior", shape)).area)
+
+
+def _correction(state: str, ring: Any) -> dict[str, Any]:
+    points = [(lat, lon) for lon, lat in ring.coords[:-1]]
+    request = {"do": "correct", "state": state, "shape": "polygon"}
+    return {**request, "points": thinned(points, MAX_POINTS)}
 
 
 def answer_to(job: Job) -> Done | Failed:
     """Read the file of a job; return the result or the error."""
     try:
-        found = read_perimeter_in(job.data, job.file_name, shapely.Polygon(job.outline))
-        corrections = corrections_of(found)
+        extent = shapely.Polygon(job.outline)
+        found = read_perimeter_in(job.data, job.file_name, extent)
+        corrections = corrections_of(found, extent)
     except (FireModelError, BridgeError) as error:
         return Failed(" ".join(str(error).split()))
     return Done(msgspec.Raw(msgspec.json.encode(found.geojson())), corrections)
