@@ -1,4 +1,4 @@
-"""A mock with faults, which replaces the mock on a link."""
+"""Adds faults to a mock and takes its place on a link."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +22,7 @@ SECOND = 1_000_000
 class FaultyMock:
     """A peer that adds faults to a mock.
 
-    Times count from the first call; the same seed and traffic cause the same faults.
+    Times count from the first call. The same seed and the same traffic cause the same faults.
     """
 
     def __init__(self, mock: MockAutopilot, faults: Faults, seed: int = 0) -> None:
