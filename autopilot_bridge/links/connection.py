@@ -17,7 +17,7 @@ SHORTEST_WAIT_S = 0.001
 
 
 class Peer(Protocol):
-    """A sans-IO protocol endpoint: the ground station's client or the mock autopilot."""
+    """A protocol endpoint without input or output: a station's client or a mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process complete frames that all come from one remote."""

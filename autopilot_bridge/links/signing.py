@@ -164,7 +164,7 @@ class Timestamps:
             raise BridgeError("signing: the clock is before 2015; set it, or no frame verifies")
 
     def next(self) -> int:
-        """Return the timestamp of the next frame; raises BridgeError if the file is not written."""
+        """Return the next frame's timestamp. Raises BridgeError if the file cannot be written."""
         self._last = max(self._last + 1, ticks_of(self._wall_us()))
         if self._file is not None and self._last > self._reserved:
             self._store(self._last + RESERVED_S * TICKS_PER_S)
@@ -238,7 +238,7 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
-        """Sign a MAVLink 2 frame; ``link_id`` is the id of the link that sends it."""
+        """Return a MAVLink 2 frame with its signature; ``link_id`` is that of the sending link."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
         crc = checksum(bytes(body[1:]), message_id_of(frame))

@@ -20,7 +20,7 @@ class Battery:
     warned: bool = False  # whether the emergency has been reported
 
     def drain(self) -> bool:
-        """Drain for one step in the air; returns True once, when the charge becomes low."""
+        """Drain the battery for one step in the air; return True once, when it becomes low."""
         if self.percent is None:
             return False
         if self.endurance_s is not None:
@@ -44,7 +44,7 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """Voltage, linear in the charge; full if no battery is reported."""
+        """The voltage, linear in the charge; that of a full battery if none is reported."""
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 

@@ -56,7 +56,7 @@ class Body:
 
     @property
     def ground_amsl_m(self) -> float:
-        """The altitude of the terrain below; without terrain that of the last standing place."""
+        """The altitude of the terrain below; without terrain that of the last place on ground."""
         if self.terrain is None:
             return self._stood_amsl_m
         return self.terrain(*self.frame.global_position(self.motion))
@@ -100,7 +100,7 @@ class Body:
         return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """Circle for one step; copters hover at the centre. Negative radius: anticlockwise."""
+        """Circle for one step (anticlockwise if the radius is negative); copters hover instead."""
         if self.stack.vehicle == "copter":
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
@@ -131,7 +131,7 @@ class Body:
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """Land a copter: move over the position, then sink; returns True when it stands."""
+        """Land a copter: move over the position, then sink; return True when it has landed."""
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
         if self.distance(place) < 1.0:
@@ -144,7 +144,7 @@ class Body:
         return True
 
     def glide(self, start: Place, place: Place, ground_m: float) -> bool:
-        """Land a plane along a line; return True when it is on the ground."""
+        """Land a plane along a line; return True when it has landed."""
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)

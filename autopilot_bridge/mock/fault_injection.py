@@ -146,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Send MISSION_ACKs with an error that are not for the station: one field is wrong."""
+        """Send MISSION_ACKs with an error, of which one field shows: not for the station."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

@@ -128,7 +128,7 @@ class FlightModel(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
-            if self.stack.vehicle == "plane":  # a commanded speed is valid only in its mode
+            if self.stack.vehicle == "plane":  # a mode change ends a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
@@ -155,7 +155,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without it the vehicle sinks and does not report it."""
+        """Stop or restart the engine; without it the vehicle sinks and does not report this."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -456,7 +456,7 @@ class FlightModel(Body):
         return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
-        """Fly home; a plane circles there, a copter lands. Return True when it is on the ground."""
+        """Fly home; a plane circles there, a copter lands. Return True when it has landed."""
         if self.stack.vehicle == "plane":
             self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
             return False
@@ -477,7 +477,7 @@ class FlightModel(Body):
     # Failures ---------------------------------------------------------------------------------
 
     def _out_of_power(self, now_s: float) -> bool:
-        """Drain the battery, return when it is low, fall when it is empty (returns True)."""
+        """Drain the battery: return home when it is low; fall and return True when it is empty."""
         ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
             self.texts.append(self.battery.low_text(ardupilot))

@@ -57,7 +57,7 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all other messages, also after a restart: unused messages cost time."""
+        """Switch off all other messages, even after a restart; unused messages cost time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 

@@ -84,9 +84,10 @@ def wrap(angle_rad: float) -> float:
 def course_along(
     motion: Motion, start: tuple[float, float], end: tuple[float, float], approach_m: float
 ) -> float:
-    """Compute the course that joins the line from start to end and follows it (vector field).
+    """Return the course that joins the line from ``start`` to ``end`` and follows it.
 
-    At a distance of ``approach_m`` from the line the course meets it at 45 degrees.
+    The course is a vector field; at the distance ``approach_m`` from the line it meets the line at
+    45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)

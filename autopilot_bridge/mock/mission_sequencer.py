@@ -18,7 +18,7 @@ LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 )
 WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
-# Items that are flown; all other NAV items are complete at once.
+# Items that are flown. Those that the flight model does not implement are complete at once.
 NAVIGATION = frozenset(range(16, 96)) - {80}
 
 

@@ -75,7 +75,7 @@ class MissionServer(ABC):
         """Apply the items of a file of this type."""
 
     def progress(self) -> tuple[int, tuple[int, ...]]:
-        """Return MISSION_CURRENT's total, and the opaque ids of the lists if the stack has ids."""
+        """Return MISSION_CURRENT's total, and the lists' opaque ids if the stack has ids."""
         return max(len(self.items) - 1, 0), ()
 
     def infeasible(self) -> str | None:

@@ -12,7 +12,7 @@ from autopilot_bridge.stacks.stacks import Stack
 class StackConstants:
     """The constants of one stack on one kind of vehicle."""
 
-    tick_us: int  # duration of one turn of the autopilot's loop
+    tick_us: int  # duration of a turn of the loop; messages wait for the next turn
     rerequest_us: int  # an unanswered request is repeated after this time
     gives_up_us: int  # timeout of an upload, counted from the last item
     most: tuple[int, int, int]  # maximum numbers of items: mission, fence, rally points

@@ -85,7 +85,7 @@ class TelemetrySender:
             self.send_current(flight)
 
     def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
-        """Send MISSION_CURRENT; ``requested`` is the requested item, even if it is skipped."""
+        """Send MISSION_CURRENT for the current item, or for ``requested`` even if it is skipped."""
         total, ids = self._missions.progress()
         self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"

@@ -90,7 +90,7 @@ def _lands(flight: FlightModel) -> bool:
 
 
 def system_status(stack: Stack, flight: FlightModel) -> int:
-    """Return the MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
+    """Return the heartbeat's MAV_STATE; PX4 is active when armed, ArduPilot when in the air."""
     if flight.failsafe:
         return int(mavlink.MAV_STATE_CRITICAL)
     active = flight.armed if stack.name == "px4" else flight.airborne
