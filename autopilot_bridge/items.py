@@ -64,7 +64,7 @@ class Plan:
 
 
 def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
-    """Return the items with ``by`` added to all DO_JUMP targets."""
+    """Return the items with ``by`` added to all DO_JUMP targets, e.g. 1 for ArduPilot's home."""
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
@@ -72,7 +72,7 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """Return items in which yaw (param4) is NaN if they have a position; JSON has no NaN."""
+    """Return the items with NaN as yaw (param4) where items have a yaw; JSON cannot store NaN."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )

@@ -121,14 +121,14 @@ class NativeClient:
         holds_first: bool = False,
         by_file: bool = True,
     ) -> int:
-        """Replace the mission, fence or rally points; TransferFinished with the id has the result.
+        """Replace the mission, fence or rally points; TransferFinished reports the result.
 
-        ``begin`` is the item of the new mission to fly next: ``restart`` the first, ``keep`` the
-        current number, or a number from 0. With ``check`` the list is read back after it was
-        accepted. With ``holds_first`` a vehicle in its mission holds during the upload if its
-        autopilot would otherwise fly a partly overwritten list. After a failed upload the vehicle
-        continues to hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An
-        upload replaces a queued upload of the same kind.
+        ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
+        ``keep`` the item with the current number, and a number (from 0) that item. With ``check``
+        the list is read back after it was accepted. With ``holds_first`` a vehicle in its mission
+        holds during the upload if its autopilot would otherwise fly a partly overwritten list.
+        After a failed upload the vehicle continues to hold. With ``by_file`` the client uses MAVFTP
+        if the autopilot supports it. An upload replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)

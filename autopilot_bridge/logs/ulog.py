@@ -101,7 +101,7 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset to UTC from the first valid GPS time, else the autopilot's clock."""
+        """Return the offset to UTC, by the first valid GPS time or by the autopilot's clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
@@ -119,7 +119,7 @@ class UlogLog:
             yield Entry(self._system_id, event)
 
     def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Yield topic and values of the messages of these topics (first instance); "L": a text."""
+        """Yield topic and values of messages in these topics (first instance); "L" is a text."""
         formats: dict[str, str] = {}
         subscribed = _Subscriptions(names)
 

@@ -164,7 +164,7 @@ class MockAutopilot:
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Restart at the vehicle's position, disarmed; lists remain, transfers end."""
+        """Restart the autopilot at its position, disarmed; lists remain, and transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()

@@ -69,7 +69,7 @@ class Stack:
         return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """Return the number of a mode. Raises BridgeError, which lists the modes."""
+        """Return the number of a mode. Raises a BridgeError that lists the modes if none fits."""
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
