@@ -267,8 +267,8 @@ class Signing:
         """Return by how many seconds the streams are ahead of our clock at most.
 
         With ``system_id``, only streams from this system count. If the lead is above 60, the sender
-        may reject our frames. Observed on ArduPilot 4.6: if our clock is two minutes slow, its
-        frames are valid, but it does not reply to messages.
+        may reject our frames. If our clock was two minutes slow, an ArduPilot 4.6 sent valid frames
+        but did not reply to messages (observed).
         """
         present = self._timestamps.present()
         leads = (

@@ -106,7 +106,7 @@ class TlogLog:
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Yield the frames of messages in ``MESSAGE_IDS`` with their stamps."""
+        """Yield the frames whose message ids are in ``MESSAGE_IDS``, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD

@@ -221,7 +221,7 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 class _Topic:
-    """A topic's columns and the layout of its bytes."""
+    """The columns of a topic, and the layout of its bytes."""
 
     def __init__(self, name: str, columns: list[str], letters: str) -> None:
         self.name = name
