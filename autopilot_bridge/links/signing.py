@@ -230,7 +230,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """Create it for a key; messages with the ids ``allow_unsigned`` need no signature."""
+        """Create the signing for a key; messages with ids ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
