@@ -1,4 +1,4 @@
-"""MAVLink missions to and from PX4 and ArduPilot: files, checks, transfers, clients, a mock, logs.
+"""Connects to PX4 and ArduPilot by MAVLink: missions, checks, transfers, clients, a mock, logs.
 
 The package does not use the fire model or the service. To read a mission, check it against the
 rules of a stack and write it in another format::
@@ -9,8 +9,7 @@ rules of a stack and write it in another format::
     print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
     bridge.write_any(Path("survey.waypoints"), plan, None)
 
-Each name below is imported when it is first used: ``import autopilot_bridge`` alone loads none of
-them.
+A name below is imported when it is first used; ``import autopilot_bridge`` alone loads none.
 """
 
 import importlib

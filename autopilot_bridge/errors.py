@@ -1,5 +1,5 @@
-"""The base error of the package."""
+"""Defines the base error of the package."""
 
 
 class BridgeError(Exception):
-    """Base of this package's errors; the message states the fault, its place and the remedy."""
+    """The base of this package's errors; a message states the fault, its place and the remedy."""

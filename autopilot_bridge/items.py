@@ -1,4 +1,4 @@
-"""Mission items as the mission protocol carries them (MISSION_ITEM_INT)."""
+"""Defines mission items as the mission protocol transmits them (MISSION_ITEM_INT)."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-NO_POSITION = 2**31 - 1  # undefined x or y: the equivalent of NaN in MAVLink's integer fields
+NO_POSITION = 2**31 - 1  # means that x or y is undefined, like NaN in a float field
 WITH_YAW = (
     mavlink.MAV_CMD_NAV_WAYPOINT,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
@@ -25,8 +25,8 @@ class MissionItem:
         x: Latitude in 1e-7 degrees, for items with a position.
         y: Longitude in 1e-7 degrees, for items with a position.
         z: Altitude in metres, with the frame's reference.
-        param1: As MAV_CMD defines it; so are ``param2`` to ``param4``.
-        autocontinue: 1: continue with the next item.
+        param1: The value that the MAV_CMD defines; likewise ``param2`` to ``param4``.
+        autocontinue: 1 to continue with the next item.
 
     Source: MAVLink common.xml, MISSION_ITEM_INT.
     """
@@ -48,7 +48,7 @@ Items = tuple[MissionItem, ...]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The contents of a plan file, each part as mission protocol items.
+    """The contents of a plan file, whose parts are mission protocol items.
 
     Args:
         mission: Items; the target of a DO_JUMP is an index in ``mission``, from 0.
@@ -64,7 +64,7 @@ class Plan:
 
 
 def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
-    """Return the items with ``by`` added to all DO_JUMP targets (ArduPilot's home is item 0)."""
+    """Return the items with ``by`` added to all DO_JUMP targets, e.g. 1 for ArduPilot's home."""
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
@@ -72,7 +72,7 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """Set yaw (param4) to NaN in items with a position: the journal is JSON, which has no NaN."""
+    """Return the items with NaN as yaw (param4) where items have a yaw; JSON cannot store NaN."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )
@@ -91,14 +91,14 @@ def has_degrees(item: "MissionItem") -> bool:
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Return latitude and longitude in degrees; None without a position (0, 0: the current one)."""
+    """Return the latitude and longitude in degrees; None if the item has no position (or 0, 0)."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
 
 
 def command_name(command: int) -> str:
-    """Return MAVLink's name of a command without its prefix, or the number if it has no name."""
+    """Return MAVLink's name of a command without the prefix, or the number if there is no name."""
     entry = mavlink.enums["MAV_CMD"].get(command)
     return str(command) if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
@@ -111,7 +111,7 @@ def _xy_unit(command: int, frame: int) -> float:
 
 
 def params_of(item: MissionItem) -> tuple[float, ...]:
-    """Return params 1 to 7 as in files: position in degrees (or metres), undefined values NaN."""
+    """Return params 1 to 7 as in files: the position in degrees (or metres), NaN if undefined."""
     unit = _xy_unit(item.command, item.frame)
     x, y = (math.nan if value == NO_POSITION else value / unit for value in (item.x, item.y))
     return item.param1, item.param2, item.param3, item.param4, x, y, item.z
@@ -120,7 +120,7 @@ def params_of(item: MissionItem) -> tuple[float, ...]:
 def item_of_params(
     command: int, frame: int, params: Sequence[float], autocontinue: int
 ) -> MissionItem:
-    """Return the item with params 1 to 7 of a file; raises ValueError if x or y is out of range."""
+    """Return the item with a file's params 1 to 7. Raises ValueError if x or y is out of range."""
     param1, param2, param3, param4, *position, z = params
     unit = _xy_unit(command, frame)
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
@@ -131,7 +131,7 @@ def item_of_params(
 
 
 def _at(lat_deg: float, lon_deg: float, amsl_m: float) -> tuple[int, int, int, float]:
-    """Return frame, x, y and z of a position."""
+    """Return the frame, x, y and z of a position."""
     return mavlink.MAV_FRAME_GLOBAL, round(lat_deg * 1e7), round(lon_deg * 1e7), amsl_m
 
 
@@ -144,7 +144,7 @@ def waypoint(
         lat_deg: Latitude in degrees (WGS84).
         lon_deg: Longitude in degrees.
         altitude_amsl_m: Altitude above mean sea level in metres.
-        acceptance_radius_m: Acceptance radius in metres; 0: the autopilot's own.
+        acceptance_radius_m: Acceptance radius in metres; 0 means the autopilot's own.
 
     Returns:
         The item.
@@ -156,13 +156,13 @@ def waypoint(
 def loiter_unlimited(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, radius_m: float
 ) -> MissionItem:
-    """Return a MAV_CMD_NAV_LOITER_UNLIM: the vehicle circles until another command.
+    """Return a MAV_CMD_NAV_LOITER_UNLIM: the vehicle circles until it gets another command.
 
     Args:
         lat_deg: Latitude of the centre in degrees (WGS84).
         lon_deg: Longitude of the centre in degrees.
         altitude_amsl_m: Altitude above mean sea level in metres.
-        radius_m: Radius in metres; negative: anticlockwise.
+        radius_m: Radius in metres; negative if anticlockwise.
 
     Returns:
         The item.
@@ -178,7 +178,7 @@ def speed_type(vehicle_kind: str) -> int:
 
 
 def change_speed(kind: int, speed_m_s: float) -> MissionItem:
-    """Return a MAV_CMD_DO_CHANGE_SPEED, throttle unchanged; ``kind`` is a SPEED_TYPE."""
+    """Return a MAV_CMD_DO_CHANGE_SPEED that keeps the throttle; ``kind`` is a SPEED_TYPE."""
     return MissionItem(
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
         mavlink.MAV_FRAME_MISSION,  # PX4 rejects other frames
@@ -199,7 +199,7 @@ def takeoff(
     Args:
         lat_deg: Latitude in degrees (WGS84).
         lon_deg: Longitude in degrees.
-        altitude_amsl_m: Altitude at the end of the climb, above mean sea level in metres.
+        altitude_amsl_m: Altitude at the end of the climb, in metres above mean sea level.
         pitch_deg: Pitch of a plane during the climb, in degrees.
 
     Returns:

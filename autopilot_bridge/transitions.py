@@ -1,4 +1,4 @@
-"""State machines whose allowed transitions are data, with the history in the error."""
+"""Checks the transitions of a state machine against a table; an error shows the history."""
 
 from collections.abc import Mapping, MutableSequence
 from enum import Enum
@@ -8,7 +8,7 @@ State = TypeVar("State", bound=Enum)
 
 
 class InvalidTransitionError(RuntimeError):
-    """A transition that the table does not allow, which is a defect; the text has the history."""
+    """A defect: a transition that the table does not allow; the text shows the history."""
 
 
 def enter(
@@ -22,11 +22,11 @@ def enter(
     Args:
         history: The states so far, at least one; the last entry is the present state.
         state: The state to enter.
-        allowed: The states that may follow each state; a state without an entry is final.
-        of: The object whose state it is, for the error.
+        allowed: For each state, the states that may follow; a state without an entry is final.
+        of: The object to which the state machine belongs, for the error.
 
     Raises:
-        InvalidTransitionError: If the state may not follow the present one.
+        InvalidTransitionError: The state may not follow the present state.
     """
     if state not in allowed.get(history[-1], ()):
         states = ", ".join(str(each.value) for each in history)

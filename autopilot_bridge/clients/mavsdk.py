@@ -238,7 +238,7 @@ class MavsdkClient:
         await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
-        """Return when there may be events; re-raises errors of the link or of this client."""
+        """Wait until there may be events. Raises errors of the link and of this client again."""
         await self._connection.wait()
 
     def flush(self) -> None:
@@ -311,7 +311,7 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send with the vehicle's remote, or "" (all) until it is bound."""
+        """Return the frames to send, with the vehicle's remote, or "" (all) until it is bound."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]

@@ -121,14 +121,14 @@ class NativeClient:
         holds_first: bool = False,
         by_file: bool = True,
     ) -> int:
-        """Replace the mission, fence or rally points; TransferFinished with the id has the result.
+        """Replace the mission, fence or rally points; TransferFinished reports the result.
 
-        ``begin`` is the item of the new mission to fly next: ``restart`` the first, ``keep`` the
-        current number, or a number from 0. With ``check`` the list is read back after it was
-        accepted. With ``holds_first`` a vehicle in its mission holds during the upload if its
-        autopilot would otherwise fly a partly overwritten list. After a failed upload the vehicle
-        continues to hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An
-        upload replaces a queued upload of the same kind.
+        ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
+        ``keep`` the item with the current number, and a number (from 0) that item. With ``check``
+        the list is read back after it was accepted. With ``holds_first`` a vehicle in its mission
+        holds during the upload if its autopilot would otherwise fly a partly overwritten list.
+        After a failed upload the vehicle continues to hold. With ``by_file`` the client uses MAVFTP
+        if the autopilot supports it. An upload replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
@@ -147,10 +147,10 @@ class NativeClient:
         self._advance(now_us)
 
     def command(self, name: str, now_us: int, *arguments: float | str) -> int:
-        """Execute a command of ``orders.ORDERS``; CommandFinished with the id has the outcome.
+        """Execute a command from ``orders.ORDERS``; CommandFinished reports the outcome.
 
-        Commands run in sequence; an urgent command first ends all others. Raises BridgeError for an
-        argument out of range and for a command that the stack does not have.
+        Commands run in sequence; an urgent command first ends all others. Raises BridgeError if an
+        argument is out of range, or if the stack has no such command.
         """
         order, stack, position = orders.order_named(name), self._connected_stack(), self.position
         altitude_m = None if position is None else position.altitude_amsl_m
@@ -166,7 +166,7 @@ class NativeClient:
         return command_id
 
     def drop(self, dropper: orders.Dropper, now_us: int) -> int:
-        """Release one object now; the DropFinished with the id reports the outcome.
+        """Release one object now; DropFinished reports the outcome.
 
         The command is sent once, before queued commands, and never repeated. A drop that cannot be
         sent at once is refused. Raises BridgeError if the stack does not support the dropper.

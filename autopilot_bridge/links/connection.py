@@ -17,7 +17,7 @@ SHORTEST_WAIT_S = 0.001
 
 
 class Peer(Protocol):
-    """A sans-IO protocol endpoint: the ground station's client or the mock autopilot."""
+    """A protocol endpoint without input or output: a station's client or a mock autopilot."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         """Process complete frames that all come from one remote."""
@@ -105,7 +105,7 @@ class Connection:
         """Wait until frames have arrived or the timer has expired since the last call.
 
         The peer's exceptions are raised again here, so that a defect ends the program and is not
-        only logged. A lost connection raises no exception; the peer merely receives no frames.
+        only logged. A lost connection raises no exception: the peer only receives no frames.
         """
         await self._activity.wait()
         self._activity.clear()

@@ -57,7 +57,7 @@ def parse_link(text: str) -> LinkAddress | SerialAddress:
 
 
 def other_end(link: str) -> str:
-    """Return the link of the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
+    """Return the link for the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         raise BridgeError(f"link {link!r}: a serial line has no network port; use udpin or tcpin")
@@ -65,7 +65,7 @@ def other_end(link: str) -> str:
 
 
 def reconnect_wait_s(failures: int) -> float:
-    """Return the delay before the next attempt to connect, after ``failures`` failed attempts."""
+    """Return the seconds to wait before connecting again, after ``failures`` failed attempts."""
     return float(min(FIRST_WAIT_S * 2 ** min(failures, 16), LONGEST_WAIT_S))
 
 

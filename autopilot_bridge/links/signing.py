@@ -164,7 +164,7 @@ class Timestamps:
             raise BridgeError("signing: the clock is before 2015; set it, or no frame verifies")
 
     def next(self) -> int:
-        """Return the timestamp of the next frame; raises BridgeError if the file is not written."""
+        """Return the next frame's timestamp. Raises BridgeError if the file cannot be written."""
         self._last = max(self._last + 1, ticks_of(self._wall_us()))
         if self._file is not None and self._last > self._reserved:
             self._store(self._last + RESERVED_S * TICKS_PER_S)
@@ -230,7 +230,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """Create it for a key; messages with the ids ``allow_unsigned`` need no signature."""
+        """Create the signing for a key; messages with ids ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
@@ -238,7 +238,7 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
-        """Sign a MAVLink 2 frame; ``link_id`` is the id of the link that sends it."""
+        """Return a MAVLink 2 frame with its signature; ``link_id`` is that of the sending link."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
         crc = checksum(bytes(body[1:]), message_id_of(frame))
@@ -267,8 +267,8 @@ class Signing:
         """Return by how many seconds the streams are ahead of our clock at most.
 
         With ``system_id``, only streams from this system count. If the lead is above 60, the sender
-        may reject our frames. Observed on ArduPilot 4.6: if our clock is two minutes slow, its
-        frames are valid, but it does not reply to messages.
+        may reject our frames. If our clock was two minutes slow, an ArduPilot 4.6 sent valid frames
+        but did not reply to messages (observed).
         """
         present = self._timestamps.present()
         leads = (

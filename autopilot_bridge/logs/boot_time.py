@@ -1,25 +1,25 @@
-"""Flight time of a log that was recorded with another clock, as with a fast or slow simulator.
+"""Computes flight time for a log whose simulator ran faster or slower than its recorder.
 
-The stamps of a .tlog are times of the recorder's clock. If the autopilots' time since boot advances
-at another rate, the flight time uses that rate.
+The stamps in a .tlog are times of the recorder's clock. If the autopilots' time since boot advances
+at another rate, flight time advances at that rate too.
 """
 
 from collections.abc import Iterator
 from statistics import median
 
-Sample = tuple[int, int, int]  # system id, stamp, time since boot; microseconds
+Sample = tuple[int, int, int]  # system id, stamp and time since boot, both in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum times between the stamps of all, of a pair
-MIN_RATE, MAX_RATE = 0.8, 1.25  # rates between these are clock errors or link delays
+SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum times from first to last stamp, and in a pair
+MIN_RATE, MAX_RATE = 0.8, 1.25  # rates between these are due to clock errors or link delays
 LEAP_US = 60_000_000  # a time this far ahead of the expected one is noise or a reboot
-STILL_US = 1_000_000  # after this time without times since boot, flight time uses the rate
+STILL_US = 1_000_000  # if no time since boot arrives for this long, the rate is used
 
 
 def rate_of(samples: Iterator[Sample]) -> float:
-    """Compute the rate of the autopilots' time relative to the stamps; 1 with too few samples.
+    """Return the rate of the autopilots' time relative to the stamps; 1 if samples are too few.
 
-    It is the median over pairs of samples, so that noise, pauses and late records have little
+    The rate is the median over pairs of samples, so that noise, pauses and late records have little
     effect.
     """
     by_system: dict[int, list[tuple[int, int]]] = {}
@@ -34,7 +34,7 @@ def rate_of(samples: Iterator[Sample]) -> float:
 
 
 def _rates(series: list[tuple[int, int]]) -> list[float]:
-    """Compute the rate between each sample and the next one at least ``APART_US`` later."""
+    """Return the rate between each sample and the next sample at least ``APART_US`` later."""
     rates, later = [], 0
     for stamp_us, boot_us in series:
         while later < len(series) and series[later][0] - stamp_us < APART_US:
@@ -47,7 +47,7 @@ def _rates(series: list[tuple[int, int]]) -> list[float]:
 
 
 class FlightTime:
-    """Conversion of a log's stamps to flight time, which never decreases."""
+    """A converter from a log's stamps to flight time, which never decreases."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -56,7 +56,7 @@ class FlightTime:
         self._offset_us: dict[int, int] = {}  # flight time minus time since boot, by system
 
     def at(self, stamp_us: int, system: int, boot_us: int | None) -> int:
-        """Compute the flight time of a record from its stamp and, if present, time since boot."""
+        """Return the flight time of a record, from its stamp and its time since boot (if any)."""
         if self._rate == 1.0:
             return stamp_us
         if self._anchor is None:
@@ -74,7 +74,7 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """Compute flight time by a system's offset, which a reboot, a pause or noise resets."""
+        """Return the flight time by a system's offset, which a reboot, a pause or noise resets."""
         found_us = boot_us + self._offset_us.get(system, expected_us - boot_us)
         if not self._latest_us - STILL_US <= found_us <= expected_us + LEAP_US:
             found_us = expected_us

@@ -1,8 +1,8 @@
-"""Reader of ArduPilot's DataFlash logs (.bin), a self-describing format.
+"""Reads ArduPilot's DataFlash logs (.bin), a self-describing format.
 
-A message is A3 95, its type, its values; FMT messages (type 128) name a type's columns and their
-formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is microseconds since
-boot (``TimeUS``); the date is in GPS messages.
+A message consists of A3 95, its type and its values. An FMT message (type 128) names the columns of
+one type and their formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is
+microseconds since boot (``TimeUS``); the date is in GPS messages.
 """
 
 import math
@@ -46,7 +46,8 @@ NO_MESSAGE = "not a DataFlash message of a described type"
 GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
 LEAP_US = 18_000_000  # GPS time minus UTC since 2017
 WEEK_US = 7 * 86_400_000_000
-# For each format letter: struct's code and the divisor of the value; 0: bytes, -1: a string.
+# For each format letter, the code for ``struct`` and the divisor of the value. A divisor of 0 means
+# bytes, -1 a string.
 LETTERS: dict[str, tuple[str, float]] = {
     **{letter: (letter, 1.0) for letter in "bBhHiIfdqQ"},
     **{letter: (code, 100.0) for letter, code in zip("cCeE", "hHiI", strict=True)},
@@ -62,7 +63,7 @@ ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Di
 
 
 class DataFlashLog:
-    """The reader of a .bin file. The file has no system id; the default is 1."""
+    """The reader of a .bin file, which contains no system id; the default is 1."""
 
     def __init__(self, path: Path, system_id: int = 1) -> None:
         self.path = path
@@ -72,7 +73,7 @@ class DataFlashLog:
         self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset to UTC from the first GPS message with a valid time."""
+        """Return the offset to UTC, taken from the first GPS message with a valid time."""
         for name, values in self._messages(frozenset(("GPS",))):
             if name == "GPS" and values.get("GWk", 0) > 0:
                 gps_us = values["GWk"] * WEEK_US + values["GMS"] * 1000
@@ -93,7 +94,7 @@ class DataFlashLog:
             yield Entry(self.system_id, event)
 
     def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Yield name and values of the messages with these names that have a time."""
+        """Yield the name and values of each message that has one of these names and a time."""
         lengths = [0] * 256
         lengths[FMT] = FMT_BYTES
         kinds: list[_Kind | None] = [None] * 256
@@ -119,7 +120,7 @@ class DataFlashLog:
 
 
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
-    """Return the length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return the length of the message at ``at``; 0 if there is no complete message.
 
     Messages have no checksum: a message is accepted only if another follows it.
     """
@@ -133,7 +134,7 @@ def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
 
 
 class _Kind:
-    """A message type as described by its FMT message."""
+    """A message type, as its FMT message describes it."""
 
     def __init__(self, fields: bytes) -> None:
         self.number, self.length, name, letters, columns = struct.unpack("<BB4s16s64s", fields)
@@ -151,7 +152,7 @@ class _Kind:
         self.timed = "TimeUS" in self._columns
 
     def read(self, data: bytes, at: int) -> Values | None:
-        """Return the values by column in scaled units; None without a time."""
+        """Return the values by column, in scaled units; None if the message has no time."""
         if not self.timed:
             return None
         values = self._struct.unpack_from(data, at)
@@ -174,7 +175,7 @@ def _text(data: bytes) -> str:
 
 
 class _Flight:
-    """The latest values, for events that need more than one message."""
+    """The latest values of a flight, for events that need more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -193,7 +194,7 @@ class _Flight:
         self._changes = Changes()
 
     def on_change(self, event: Battery | GpsFix) -> list[LogEvent]:
-        """Return the event as a list; empty if the state has not changed."""
+        """Return a list with the event, or an empty list if the state has not changed."""
         return [event] if self._changes.has(event) else []
 
 
@@ -280,7 +281,7 @@ def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
-# Defaults of the fields of an item that MISE does not have.
+# Defaults for the fields of an item that a MISE does not contain.
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
@@ -291,7 +292,7 @@ def _item(fields: Values) -> MissionItem:
 
 
 def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """Process a CMD; after the last one return MissionLoaded.
+    """Process a CMD; after the last CMD of a mission return MissionLoaded.
 
     ArduPilot logs the whole mission, home first, at the start of a log and after an upload by
     items, but not after an upload by MAVFTP (4.6.2: ``AP_Filesystem_Mission.cpp``).
@@ -309,7 +310,7 @@ def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 
 
 def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """Process a MISE, the start of an item: the item before it was reached."""
+    """Process a MISE, the start of an item, which means that the item before was reached."""
     seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
     replaced = flight.count and (count, flight.on_board.get(seq + 1, item)) != (flight.count, item)
     if replaced:

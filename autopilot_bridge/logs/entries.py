@@ -1,4 +1,4 @@
-"""The entries of a log: the events of a vehicle's client, and events that only logs have."""
+"""Defines the entries of a log: events of a vehicle's client, and events that only logs have."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from autopilot_bridge.vehicle.client_events import (
     Text,
 )
 
-LATEST_US = 4_102_444_800_000_000  # the year 2100: later times are noise
+LATEST_US = 4_102_444_800_000_000  # the year 2100; later times are noise
 
 
 @dataclass(frozen=True, slots=True)
 class MissionLoaded:
-    """This mission is on board now (the user's items, without ArduPilot's home)."""
+    """The mission that is now on board (the user's items, without ArduPilot's home)."""
 
     at_us: int
     items: Items
@@ -32,14 +32,14 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionReplaced:
-    """A new mission is on board; its items are not in the log."""
+    """The replacement of the mission by one whose items are not in the log."""
 
     at_us: int
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """The autopilot's servo outputs from output 1 on: pulse widths in microseconds."""
+    """The pulse widths of the autopilot's servo outputs, from output 1 on, in microseconds."""
 
     at_us: int
     pulse_us: tuple[int, ...]
@@ -47,7 +47,7 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class GripperMoved:
-    """A gripper was commanded to release, or to hold."""
+    """A command to a gripper to release or to hold."""
 
     at_us: int
     releases: bool
@@ -55,7 +55,7 @@ class GripperMoved:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """COMMAND_ACK: the autopilot's result (MAV_RESULT) of a command (MAV_CMD)."""
+    """The autopilot's result (MAV_RESULT) for a command (MAV_CMD), from a COMMAND_ACK."""
 
     at_us: int
     command: int
@@ -82,7 +82,7 @@ LogEvent = (
 
 
 class Entry(NamedTuple):
-    """An event of the vehicle with this MAVLink system id; its time is by the log's clock."""
+    """An event of the vehicle with this MAVLink system id, with the time by the log's clock."""
 
     system_id: int
     event: LogEvent
@@ -100,9 +100,10 @@ class Damage(NamedTuple):
 
 
 class Log(Protocol):
-    """A log file. ``messages`` counts the messages read so far, decoded or skipped.
+    """A log file.
 
-    ``names`` are vehicle names by system id, if the file has them.
+    ``messages`` is the number of messages read so far, including skipped ones. ``names`` contains
+    the names of the vehicles by system id, if the file has them.
     """
 
     path: Path
@@ -111,7 +112,7 @@ class Log(Protocol):
     damage: list[Damage]
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the entries from the beginning; raises BridgeError if the file is unreadable."""
+        """Yield the entries from the beginning. Raises BridgeError if the file is unreadable."""
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset of microseconds since 1970 to the log's clock; None without a date."""
+        """Return the microseconds from 1970 to the zero of the log's clock; None without a date."""

@@ -1,4 +1,4 @@
-"""Selection of a log's reader, and merging of several logs."""
+"""Selects the reader of a log, and merges several logs."""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ def open_log(path: Path) -> Log:
     """Open the log of a flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; its first bytes or else its suffix select the format.
+        path: The file; its first bytes select the format, or its suffix if they are unknown.
 
     Returns:
         A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
@@ -53,9 +53,11 @@ class MergedEntry(NamedTuple):
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """Yield all entries by time: since 1970 if all logs have a date, else by each log's own clock.
+    """Yield all entries in the order of time.
 
-    The entries of a log keep the order of its file; autopilots write some topics slightly late.
+    If all logs have a date, times are microseconds since 1970, otherwise each log keeps its own
+    clock. The entries of one log keep the order of its file, because autopilots write some topics
+    slightly late.
     """
     offsets = [log.unix_offset_us() for log in logs]
     shared = all(offset is not None for offset in offsets) and len(logs) > 1

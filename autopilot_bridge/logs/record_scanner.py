@@ -1,4 +1,4 @@
-"""Reading of records from a file in chunks; records across two chunks are joined."""
+"""Reads records from a file in chunks, and joins records that continue in the next chunk."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -31,12 +31,12 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Yield data, offset and length of each record; count records and damage in the log.
+    """Yield the data, offset and length of each record; count records and damage in the log.
 
     ``length_at(data, at, lost)`` returns 0 if no complete record begins at ``at``; it needs
-    ``ahead_bytes`` of data except at the end of the file. ``lost``: the bytes before ``at`` were
-    not a record. ``next_start(data, at)`` returns the next offset from ``at`` on where a record may
-    begin; -1 if none.
+    ``ahead_bytes`` of data except at the end of the file. ``lost`` tells that the bytes before
+    ``at`` were not a record. ``next_start(data, at)`` returns the next offset, from ``at`` on, at
+    which a record may begin; -1 if there is none.
     """
     log.messages, log.damage = 0, []
     data, at, base, lost_at = b"", 0, 0, -1
@@ -65,10 +65,10 @@ def records(
 
 
 def steady(messages: Iterator[Message], time_key: str) -> Iterator[Message]:
-    """Yield messages without those whose time differs greatly from the times around them.
+    """Yield the messages except those whose time differs greatly from the times around it.
 
-    Such messages are noise in formats without checksums. A leap that the next message confirms is
-    accepted.
+    In formats without checksums such messages are noise. A leap in time is accepted if the next
+    message confirms it.
     """
     latest_us: int | None = None
     held: Message | None = None
@@ -93,10 +93,10 @@ def events_of(
     messages: Iterator[Message],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """Yield the events of messages.
+    """Yield the events that messages convert to.
 
-    A message without the expected fields is omitted, and its name is recorded once as damage: the
-    description of its type is damaged or differs from the autopilots'.
+    A message without the expected fields is omitted, and its name is recorded once as damage,
+    because the description of its type is damaged or unknown.
     """
     reported = set[str]()
     for name, values in messages:

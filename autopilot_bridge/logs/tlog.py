@@ -1,8 +1,8 @@
-"""Reader of MAVLink telemetry logs: records of a time (big-endian uint64) and one frame.
+"""Reads MAVLink telemetry logs, whose records are a time (big-endian uint64) and one frame.
 
-Time is microseconds since 1970, as MAVProxy, QGroundControl, Mission Planner, pymavlink and
-``links/tlog_writer.py`` write it; MAVProxy stores the number of the link in the lowest two bits.
-Only frames with a right checksum are accepted; a message of another dialect is skipped by its
+The time is in microseconds since 1970, as written by MAVProxy, QGroundControl, Mission Planner,
+pymavlink and ``links/tlog_writer.py``. MAVProxy stores the number of the link in the lowest two
+bits. Only frames with a right checksum are accepted. A message of another dialect is skipped by its
 length if another record follows. If a simulator was faster or slower than the recorder's clock, the
 time is derived from the autopilots' time since boot (``boot_time.py``).
 """
@@ -51,7 +51,7 @@ NO_RECORD = "not a record of a time and a MAVLink frame"
 MISSION_FILE = PATHS[mavlink.MAV_MISSION_TYPE_MISSION]
 MAX_FILE_BYTES = 4_000_000
 POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-MAX_SURVEYED = 30_000  # records used for the rate of the autopilots' clocks
+MAX_SURVEYED = 30_000  # number of records from which the rate of the autopilots' clocks is computed
 _OTHERS = (
     "HEARTBEAT",
     "MISSION_CURRENT",
@@ -74,7 +74,7 @@ MESSAGE_IDS = frozenset(
 
 
 class TlogLog:
-    """The reader of a .tlog file. Vehicles are the systems with frames of component 1."""
+    """The reader of a .tlog file; systems that send frames from component 1 are vehicles."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -87,7 +87,7 @@ class TlogLog:
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the entries; a link is lost after three seconds without frames."""
+        """Yield the entries; a link counts as lost after three seconds without frames."""
         codec, vehicles = Codec(255, 0), dict[int, _Vehicle]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
@@ -106,7 +106,7 @@ class TlogLog:
                     yield Entry(system_id, event)
 
     def _frames(self) -> Iterator[tuple[bytes, int]]:
-        """Yield the frames of messages in ``MESSAGE_IDS`` with their stamps."""
+        """Yield the frames whose message ids are in ``MESSAGE_IDS``, with their stamps."""
         latest_us: int | None = None
         for data, at, length in records(
             self, LONGEST_BYTES, _record_length, _next_start, NO_RECORD
@@ -123,7 +123,7 @@ class TlogLog:
             yield frame, at_us
 
     def _samples(self) -> Iterator[Sample]:
-        """Yield times since boot of the autopilots in the first records, with their stamps."""
+        """Yield the autopilots' times since boot in the first records, with their stamps."""
         codec = Codec(255, 0)
         for frame, stamp_us in islice(self._frames(), MAX_SURVEYED):
             system_id, component_id = source_of(frame)
@@ -139,7 +139,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """Return a record's time, or the latest or the next one if only this one leaps."""
+    """Return a record's time, or the time of a neighbouring record if only this one leaps."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -163,7 +163,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Return the length of a record of another dialect; 0 unless a record or the end follows."""
+    """Return the length of a record in another dialect; 0 unless a record or the end follows."""
     header = data[begin : begin + 10]
     if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0
@@ -212,7 +212,7 @@ def _outputs(message: Message, at_us: int) -> Outputs:
 
 
 class _Missions:
-    """The missions transferred over the link in either direction, by any station."""
+    """The missions that any station transfers over the link, in either direction."""
 
     def __init__(self) -> None:
         self._incoming: dict[tuple[int, int], dict[int, MissionItem]] = {}

@@ -1,4 +1,4 @@
-"""Reader of PX4's ULog (.ulg): messages of topics, whose formats are at the beginning of the file.
+"""Reads PX4's ULog (.ulg): messages of topics, whose formats are at the beginning of the file.
 
 Source: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; the date is in
 GPS topics. Mission items are not logged.
@@ -43,7 +43,7 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_BYTES, HEAD_BYTES = 16, 3
 LONGEST_BYTES = HEAD_BYTES + 0xFFFF
 NO_MESSAGE = "not a ULog message"
-# Maximum size of the body of each kind of message; other kinds do not exist.
+# The maximum size of the body for each kind of message; other kinds do not exist.
 MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # maximum padding at the end of a topic, which files omit
@@ -90,7 +90,7 @@ NAV_STATES = {
 
 
 class UlogLog:
-    """The reader of a .ulg file; the system id is the parameter MAV_SYS_ID, 1 without it."""
+    """The reader of a .ulg file; the system id is the parameter MAV_SYS_ID, or 1 without it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -101,7 +101,7 @@ class UlogLog:
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset to UTC from the first valid GPS time, else the autopilot's clock."""
+        """Return the offset to UTC, by the first valid GPS time or by the autopilot's clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
@@ -119,7 +119,7 @@ class UlogLog:
             yield Entry(self._system_id, event)
 
     def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Yield topic and values of the messages of these topics (first instance); "L": a text."""
+        """Yield topic and values of messages in these topics (first instance); "L" is a text."""
         formats: dict[str, str] = {}
         subscribed = _Subscriptions(names)
 
@@ -152,7 +152,7 @@ class UlogLog:
                     pass
 
     def _header_value(self, kind: str, body: bytes) -> None:
-        """Store the system id of a parameter (P) or the time of the boot of an information (I)."""
+        """Store the system id from a parameter (P) or the boot time from an information (I)."""
         key = body[1 : 1 + body[0]]
         if (kind, key) == ("P", b"int32_t MAV_SYS_ID") and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
@@ -162,7 +162,7 @@ class UlogLog:
 
 
 class _Subscriptions:
-    """Topics by their numbers: the sizes of all, and the columns of the requested ones."""
+    """The topics by number: the sizes of all topics, and the columns of the requested topics."""
 
     def __init__(self, names: frozenset[str]) -> None:
         self.topics: dict[int, _Topic] = {}
@@ -170,7 +170,7 @@ class _Subscriptions:
         self._names = names
 
     def add(self, body: bytes, formats: dict[str, str]) -> None:
-        """Process an ADD_LOGGED message; a message without a known format is noise and ignored."""
+        """Process an ADD_LOGGED message; it is ignored as noise if it has no known format."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")
         if name not in formats:
@@ -184,10 +184,11 @@ class _Subscriptions:
 
 
 def _length_at(data: bytes, at: int, lost: bool, sizes: dict[int, int]) -> int:
-    """Return the length of the message at ``at``; 0 if none begins there or it is incomplete.
+    """Return the length of the message at ``at``; 0 if there is no complete message.
 
-    Messages have no checksum: a message is accepted if its length is valid for its kind or topic
-    (``sizes`` by topic number) and one more message follows; after damage, if three follow.
+    Messages have no checksum. A message is accepted if its length is valid for its kind or its
+    topic (``sizes`` by topic number) and another message follows. After damage, three messages must
+    follow.
     """
     if data.startswith(MAGIC, at):
         return FILE_HEAD_BYTES if at + FILE_HEAD_BYTES <= len(data) else 0
@@ -220,7 +221,7 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 class _Topic:
-    """A topic's columns and the layout of its bytes."""
+    """The columns of a topic, and the layout of its bytes."""
 
     def __init__(self, name: str, columns: list[str], letters: str) -> None:
         self.name = name
@@ -229,7 +230,7 @@ class _Topic:
         self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
-        """Return the values by column; files omit the padding at the end."""
+        """Return the values by column; the padding at the end is not in files."""
         size = self._struct.size
         whole = body if len(body) >= size else body.ljust(size, b"\0")
         return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
@@ -252,7 +253,7 @@ def _flatten(
     letters: list[str],
     depth: int,
 ) -> bool:
-    """Add a topic's fields, with those of nested topics; returns whether all types are known."""
+    """Add a topic's fields, with those of nested topics; return whether all types are known."""
     if name not in formats or depth > 5:
         return False
     for field in filter(None, formats[name].split(";")):
@@ -275,7 +276,7 @@ def _flatten(
 
 
 class _Flight:
-    """The latest values, for events that need more than one message."""
+    """The latest values of a flight, for events that need more than one message."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -289,7 +290,7 @@ class _Flight:
         self._changes = Changes()
 
     def on_change(self, event: ReportedOnChange) -> list[LogEvent]:
-        """Return the event as a list; empty if the state has not changed."""
+        """Return a list with the event, or an empty list if the state has not changed."""
         return [event] if self._changes.has(event) else []
 
 

@@ -6,10 +6,10 @@ opening: repeated on timeout with the same number, so that the autopilot sends i
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
-Whenever the link is lost, the mission on board is the old one or the new one, never a part. Each
-write ends between two items. If a session is closed too early (by us or by another station), whole
-items are missing, and they are zeros in the autopilot's buffer. ArduPilot rejects a file with an
-item of zeros before it changes the old mission. Only a session that is certainly ours is closed.
+Whenever the link is lost, the mission on board is the whole old mission or the whole new mission.
+Each write ends between two items. If a session is closed too early (by us or by another station),
+whole items are missing, and they are zeros in the autopilot's buffer. ArduPilot rejects a file with
+an item of zeros before it changes the old mission. Only a session that is certainly ours is closed.
 The caller must read back after every upload, because the applied mission can differ from the file
 although the autopilot acknowledged the closing. This happens if a command is rejected, or if the
 mission in flight was longer (``leaves_old_tail``). ``FtpDownload`` reads back; when it opens its
@@ -105,7 +105,7 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result after all blocks, and if ``closed`` the closing, were acknowledged."""
+        """Return the result; all blocks were acknowledged, and if ``closed`` the closing too."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:

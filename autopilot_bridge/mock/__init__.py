@@ -1,1 +1,1 @@
-"""A mock autopilot: the vehicle's side of the protocols of both stacks, with a flight model."""
+"""Simulates an autopilot: the vehicle's side of the protocols of both stacks, and its flight."""

@@ -1,4 +1,4 @@
-"""ArduPilot's acceptance of items, and its check of a fence."""
+"""Decides which items ArduPilot accepts, and checks a fence as ArduPilot does."""
 
 import math
 
@@ -41,7 +41,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def fence_fault(items: list[MissionItem]) -> tuple[int, str] | None:
-    """Return the fault of a whole fence: severity and text; None if there is none."""
+    """Return the severity and the text of a fence's fault; None if the fence has no fault."""
     left = 0
     for item in items:
         if item.command in VERTICES:

@@ -1,7 +1,7 @@
-"""ArduPilot's side of the mission protocol.
+"""Simulates ArduPilot's side of the mission protocol.
 
-Each list has a separate transfer. A mission is truncated to its new length at once and overwritten
-item by item; a fence is applied when it is complete.
+Each list has its own transfer. An upload truncates the mission to its new length at once and
+overwrites it item by item. A fence is applied when it is complete.
 """
 
 from collections import deque
@@ -47,7 +47,7 @@ class Receiving:
 
 
 class ArduPilotServer(MissionServer):
-    """ArduPilot's mission server; it processes messages at the next tick of its loop."""
+    """ArduPilot's mission server, which processes messages at the next tick of its loop."""
 
     _receiving: dict[int, Receiving]
 
@@ -72,7 +72,7 @@ class ArduPilotServer(MissionServer):
         return min(timers, default=None)
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Process one message per tick, repeat unanswered requests, end overdue transfers."""
+        """Process one message per tick, repeat unanswered requests, and end overdue transfers."""
         answers: list[Message] = []
         for receiving in list(self._receiving.values()):
             if now_us >= self._due_us(receiving):
@@ -82,14 +82,14 @@ class ArduPilotServer(MissionServer):
         return self._limited(answers)
 
     def forget_transfers(self) -> None:
-        """End all transfers, as a reboot does: no item is requested afterwards."""
+        """End all transfers, as a reboot does; no item is requested afterwards."""
         self._receiving.clear()
         self._queue.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
-        """Apply a file's items one by one, up to the first rejected one; no message is sent.
+        """Apply a file's items one by one, up to the first rejected item; no message is sent.
 
-        A mission in flight is not cleared: the old items remain after those of a shorter file. A
+        A mission in flight is not cleared: after the items of a shorter file, old items remain. A
         fence is applied only if it is complete.
         """
         good = []
@@ -158,7 +158,7 @@ class ArduPilotServer(MissionServer):
                 return []
 
     def _text_once(self, words: str) -> list[Message]:
-        """Return a text as a message; the text is sent only once."""
+        """Return the messages that send a text; a text is sent only once."""
         if words in self._sent_texts:
             return []
         self._sent_texts.add(words)

@@ -1,6 +1,7 @@
-"""The mock autopilot, sans-IO: it receives bytes, returns datagrams and needs one timer.
+"""Simulates one autopilot, which receives bytes, returns datagrams and needs one timer.
 
-The times passed to the mock are its simulation clock; ``time_boot_ms`` counts from the first one.
+The times passed to the mock are its simulation clock. ``time_boot_ms`` counts from the first of
+these times.
 """
 
 from dataclasses import replace
@@ -30,21 +31,23 @@ LIMITS = {
     ("ardupilot", "copter"): Limits(climb_m_s=2.5, sink_m_s=1.5),
     ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
 }
-# After a delay of the process at most this number of steps is computed at once.
+# If the process was delayed, at most this number of steps is computed at once.
 MAX_STEPS_AT_ONCE = 4000
 
 
 class MockAutopilot:
-    """One vehicle, at first disarmed at its home; a peer for a ``Connection`` or ``MemoryLink``.
+    """One vehicle, at first disarmed at home; the peer of a ``Connection`` or a ``MemoryLink``.
 
     Args:
         stack: The autopilot and the kind of vehicle to simulate.
         home: Its start position.
         system_id: MAVLink system id, 1 to 255.
         airspeed_m_s: Cruise speed in m/s.
-        wind: Speed in m/s and direction from which the wind blows.
-        terrain: Ground in metres AMSL by latitude and longitude; None: flat at home's altitude.
-        battery_minutes: Endurance of a full battery in the air; None: no battery is reported.
+        wind: The speed in m/s, and the direction from which the wind blows.
+        terrain: Returns the ground's altitude (m AMSL) at a latitude and longitude; None means flat
+            ground at home's altitude.
+        battery_minutes: Endurance of a full battery in the air; None means that no battery is
+            reported.
     """
 
     def __init__(
@@ -100,12 +103,12 @@ class MockAutopilot:
 
     @property
     def outputs(self) -> list[Output]:
-        """Outputs switched by missions and commands: (at_us since boot, kind, number, value)."""
+        """The switched outputs, each as (time since boot in us, kind, number, value)."""
         return self.flight.payload.outputs
 
     @property
     def battery_percent(self) -> float | None:
-        """Remaining charge in percent; None: not reported."""
+        """The remaining charge in percent; None if no battery is reported."""
         return self.flight.battery.percent
 
     @battery_percent.setter
@@ -132,7 +135,7 @@ class MockAutopilot:
         return outgoing
 
     def next_timer(self) -> int:
-        """Return the time of the next step or repeated request."""
+        """Return the time of the next step or of the next repeated request."""
         step_us = 0 if self._boot_us is None else self._boot_us + (self._steps + 1) * STEP_US
         timers = (step_us, self.missions.next_timer(), self.ftp.next_timer())
         return min(timer for timer in timers if timer is not None)
@@ -157,11 +160,11 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def send_message(self, message: Message) -> None:
-        """Send a message, such as an acknowledgement without a request."""
+        """Send a message that nobody requested, such as a stray acknowledgement."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Restart at the vehicle's position, disarmed; lists remain, transfers end."""
+        """Restart the autopilot at its position, disarmed; lists remain, and transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
@@ -196,7 +199,7 @@ class MockAutopilot:
             self._apply_mission()
 
     def _apply_mission(self) -> None:
-        """Apply a changed list of items to the flight."""
+        """Pass a changed list of items to the flight."""
         flight, missions = self.flight, self.missions
         flight.items = tuple(missions.items)
         if self.stack.keeps_target and self.stack.vehicle == "copter" and self._flying_mission():
@@ -211,13 +214,13 @@ class MockAutopilot:
         if not self.stack.keeps_target:
             self._restart()
         if not self.stack.keeps_target and self._flying_mission():
-            # PX4 reports it within a second, or at once if the current item is another one.
+            # PX4 reports the item within a second, or at once if the current item has changed.
             self.telemetry.expect_current(self.missions.start_at, self.flight)
         else:
             self.telemetry.send_current(self.flight)
 
     def _restart(self) -> None:
-        """Start a new mission at once, as PX4 does; without a mission it loiters."""
+        """Start a new mission at once, as PX4 does; loiter if there is no mission."""
         flight = self.flight
         self.telemetry.forget()
         if flight.mode == "mission" and not flight.items:

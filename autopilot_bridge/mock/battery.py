@@ -1,4 +1,4 @@
-"""The mock's battery: it drains while armed."""
+"""Simulates the mock's battery, which drains in the air."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ CAPACITY_MAH = 5000.0
 class Battery:
     """The battery of one vehicle."""
 
-    percent: float | None = None  # None: no battery is reported
-    endurance_s: float | None = None  # None: it does not drain
+    percent: float | None = None  # None if no battery is reported
+    endurance_s: float | None = None  # None if the battery does not drain
     acted: bool = False  # whether the low charge has been reported
     warned: bool = False  # whether the emergency has been reported
 
     def drain(self) -> bool:
-        """Drain for one step in the air; returns True once, when the charge becomes low."""
+        """Drain the battery for one step in the air; return True once, when it becomes low."""
         if self.percent is None:
             return False
         if self.endurance_s is not None:
@@ -31,7 +31,7 @@ class Battery:
         return True
 
     def emergency(self) -> bool:
-        """Return True once, when the charge falls to the emergency threshold."""
+        """Return True once, when the charge has fallen to the emergency threshold."""
         if self.warned or self.percent is None or self.percent > EMERGENCY_PERCENT:
             return False
         self.warned = True
@@ -44,12 +44,12 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """Voltage, linear in the charge; full if no battery is reported."""
+        """The voltage, linear in the charge; that of a full battery if none is reported."""
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 
     def low_text(self, ardupilot: bool) -> tuple[int, str]:
-        """Return severity and text that the stack sends at a low charge."""
+        """Return the severity and the text that the stack sends when the charge is low."""
         if not ardupilot:
             return 2, "Low battery\t"
         used_mah = CAPACITY_MAH * (1.0 - (self.percent or 0.0) / 100.0)

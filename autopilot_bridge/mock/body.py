@@ -1,4 +1,4 @@
-"""The motion of a mock vehicle; ``flight_model.py`` selects its manoeuvres."""
+"""Computes the motion of a mock vehicle; ``flight_model.py`` selects its manoeuvres."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -23,15 +23,15 @@ Place = tuple[float, float]  # metres north and east of home
 APPROACH_M = 60.0
 LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # the slow end of a copter's landing
 GLIDE = math.tan(math.radians(6.0))
-IN_PLACE_M = 2.0  # over a shorter horizontal distance a copter climbs or sinks vertically
+IN_PLACE_M = 2.0  # if the horizontal distance is shorter, a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed: 11 m at 12.6 m/s, 13 m at 22 m/s, at radii of 100 and 150 m
-FALL_M_S = 8.0  # of a copter without power
+FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """Return the excess of a plane's circle over its radius: ArduPlane 4.6 10 to 13 m, PX4 0."""
+    """Return how much wider than commanded a plane circles: ArduPlane 4.6 10 to 13 m, PX4 0."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
@@ -56,7 +56,7 @@ class Body:
 
     @property
     def ground_amsl_m(self) -> float:
-        """The altitude of the terrain below; without terrain that of the last standing place."""
+        """The altitude of the terrain below; without terrain that of the last place on ground."""
         if self.terrain is None:
             return self._stood_amsl_m
         return self.terrain(*self.frame.global_position(self.motion))
@@ -81,10 +81,10 @@ class Body:
         stop: bool,
         near_m: float,
     ) -> bool:
-        """Move a copter one step along a line that rises by ``rise_m``; returns whether it arrived.
+        """Move a copter one step along a line that rises by ``rise_m``; return whether it arrived.
 
-        The speed is limited by the climb or sink rate along the line. If the end is above or below
-        the start, the copter moves vertically.
+        The climb rate or the sink rate limits the speed along the line. If the end is straight
+        above or below the start, the copter moves vertically.
         """
         length_m, left_m, limits = math.dist(start, place), self.distance(place), self.limits
         target_m = altitude_m
@@ -100,7 +100,7 @@ class Body:
         return high and self.distance(place) <= near_m
 
     def loiter(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """Circle for one step; copters hover at the centre. Negative radius: anticlockwise."""
+        """Circle for one step (anticlockwise if the radius is negative); copters hover instead."""
         if self.stack.vehicle == "copter":
             step_copter(self.motion, centre, altitude_m, self.limits, stop=True, wind=self.wind)
             return
@@ -124,14 +124,14 @@ class Body:
         step_copter(motion, on, altitude_m, slow, stop=False, wind=self.wind)
 
     def orbit(self, centre: Place, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """Move a PX4 multirotor one step along its orbit, or at cruise speed towards it."""
+        """Move a PX4 multirotor one step along its orbit, or at cruise speed towards the orbit."""
         on_circle = abs(self.distance(centre) - abs(radius_m)) < 5.0
         speed_m_s = speed_m_s if on_circle else self.limits.airspeed_m_s
         limits = replace(self.limits, airspeed_m_s=speed_m_s)
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """Land a copter: move over the position, then sink; returns True when it stands."""
+        """Land a copter: move over the position, then sink; return True when it has landed."""
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
         if self.distance(place) < 1.0:
@@ -144,7 +144,7 @@ class Body:
         return True
 
     def glide(self, start: Place, place: Place, ground_m: float) -> bool:
-        """Land a plane along a line; returns True when it stands."""
+        """Land a plane along a line; return True when it has landed."""
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)
@@ -165,11 +165,11 @@ class Body:
             motion.altitude_m -= FALL_M_S * STEP_S
 
     def touch(self, ground_m: float) -> None:
-        """Stop on the ground."""
+        """Put the vehicle on the ground and stop it."""
         self.motion.stop()
         self.motion.altitude_m = self._stood_amsl_m = ground_m
         self.airborne = False
 
     def distance(self, place: Place) -> float:
-        """Return the horizontal distance to a position in metres."""
+        """Return the horizontal distance in metres to a position."""
         return math.hypot(place[0] - self.motion.north_m, place[1] - self.motion.east_m)

@@ -1,4 +1,4 @@
-"""Execution of commands by the mock, by the rules of each stack.
+"""Executes commands on the mock by the rules of each stack.
 
 Sources: source code and simulations of PX4 1.17 and ArduPilot 4.6.2.
 """
@@ -37,13 +37,13 @@ _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 
 
 def custom_mode_of(stack: Stack, mode: Mode) -> int:
-    """Return the ``custom_mode`` of a mode in the heartbeat."""
+    """Return the ``custom_mode`` that a heartbeat contains for a mode."""
     return 0 if mode == "idle" else stack.mode_number(_NAMES[mode])
 
 
 @dataclass(frozen=True, slots=True)
 class CommandRequest:
-    """A COMMAND_LONG or COMMAND_INT; ``frame`` is None for the former."""
+    """The request in a COMMAND_LONG or a COMMAND_INT; ``frame`` is None for a COMMAND_LONG."""
 
     command: int
     params: tuple[float, float, float, float]
@@ -59,7 +59,7 @@ class CommandRequest:
 
 
 def command_request_of(message: Message) -> CommandRequest:
-    """Return the request of a COMMAND_LONG or COMMAND_INT."""
+    """Return the request in a COMMAND_LONG or a COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     if message.get_type() == "COMMAND_LONG":
         place = (message.param5, message.param6, message.param7)
@@ -73,7 +73,7 @@ Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
 
 
 class CommandServer:
-    """The execution of commands; other messages than acknowledgements are passed to ``send``."""
+    """The executor of commands; messages that are not acknowledgements are passed to ``send``."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class CommandServer:
         self._handlers = self._handlers_of_stack()
 
     def execute(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
-        """Execute a command; returns its MAV_RESULT. A commanded mode ends PX4's failsafe."""
+        """Execute a command and return its MAV_RESULT. A commanded mode ends PX4's failsafe."""
         before = flight.mode
         result = self._execute(request, flight, now_s)
         if self._px4 and flight.mode != before:
@@ -157,14 +157,14 @@ class CommandServer:
         if mode is None:
             return DENIED
         result = self._change(flight, mode, now_s)
-        if result == ACCEPTED and mode == "takeoff":  # ArduPlane climbs when armed
+        if result == ACCEPTED and mode == "takeoff":  # ArduPlane climbs as soon as it is armed
             ground_m = flight.motion.altitude_m
             height_m = self._parameters.value("TKOFF_ALT") if not self._px4 else 20.0
             flight.fly_around(_position(flight), ground_m + height_m, DEFAULT_RADIUS_M)
         return result
 
     def _without_position(self, mode: Mode) -> int:
-        """Reject a mode that requires a position; returns the MAV_RESULT."""
+        """Reject a mode that requires a position, and return the MAV_RESULT."""
         if self._px4:
             self._send(text(2, f"Switching to {mode.title()} is currently not available\t"))
             return REJECTED
@@ -263,7 +263,7 @@ class CommandServer:
         kind, speed_m_s = request.params[:2]
         if self._px4:
             if speed_m_s > 0.0:
-                self._set_speed(flight, speed_m_s)  # an orbiting multirotor keeps its own
+                self._set_speed(flight, speed_m_s)  # an orbiting multirotor keeps its own speed
             return ACCEPTED
         if flight.mode not in ("guided", "mission"):
             return FAILED

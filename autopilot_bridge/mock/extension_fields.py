@@ -1,4 +1,4 @@
-"""Extension fields that the installed dialect does not have: PX4's opaque ids."""
+"""Adds extension fields that the installed dialect does not have: PX4's opaque ids."""
 
 import struct
 
@@ -6,7 +6,7 @@ from autopilot_bridge.links.codec import Message
 
 
 def with_extension(message: Message, *ids: int) -> Message:
-    """Append uint32 extension fields to a message; older decoders ignore them."""
+    """Return a message with ``ids`` appended as uint32 fields; older decoders ignore them."""
     if not any(ids):
         return message
     payload = message.unpacker.pack(*(getattr(message, n) for n in message.ordered_fieldnames))

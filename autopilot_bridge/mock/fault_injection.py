@@ -1,4 +1,4 @@
-"""A mock with faults, which replaces the mock on a link."""
+"""Adds faults to a mock and takes its place on a link."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +22,7 @@ SECOND = 1_000_000
 class FaultyMock:
     """A peer that adds faults to a mock.
 
-    Times count from the first call; the same seed and traffic cause the same faults.
+    Times count from the first call. The same seed and the same traffic cause the same faults.
     """
 
     def __init__(self, mock: MockAutopilot, faults: Faults, seed: int = 0) -> None:
@@ -146,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Send MISSION_ACKs with an error that are not for the station: one field is wrong."""
+        """Send MISSION_ACKs with an error, of which one field shows: not for the station."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

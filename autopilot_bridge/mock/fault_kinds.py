@@ -1,4 +1,4 @@
-"""The faults of a mock, as data; ``fault_injection.py`` applies them."""
+"""Lists the faults of a mock, as data; ``fault_injection.py`` applies them."""
 
 import math
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ Span = tuple[float, float]  # begin and end in seconds since the start of the mo
 class Faults:
     """The faults of one mock; all times are seconds since its start.
 
-    ``refuse``: the MAV_MISSION_RESULT by which a (mission type, item) is rejected.
-    ``silent_after``: the number of messages of the mission protocol that the autopilot still sends.
-    ``loss`` and ``duplication`` (shares) and ``delay_s``, ``jitter_s`` (which reorders) apply to
-    each direction.
+    ``refuse`` contains, by mission type and item, the MAV_MISSION_RESULT of items to reject.
+    ``silent_after`` is the number of messages that the autopilot still sends in the mission
+    protocol. ``loss`` and ``duplication`` are shares of the frames in each direction. ``delay_s``
+    and ``jitter_s`` also apply to each direction; jitter reorders frames.
     """
 
     refuse: dict[tuple[int, int], int] = field(default_factory=dict)
@@ -31,7 +31,7 @@ class Faults:
     reboot: list[float] = field(default_factory=list)
     battery_low: list[float] = field(default_factory=list)
     stray_ack: list[float] = field(default_factory=list)
-    second_upload: list[float] = field(default_factory=list)  # by another ground station
+    second_upload: list[float] = field(default_factory=list)  # uploads by another ground station
     second_download: list[float] = field(default_factory=list)
     battery_emergency: list[float] = field(default_factory=list)
     fence_breach: list[Span] = field(default_factory=list)
@@ -53,9 +53,9 @@ _TIMES = (
 
 
 def parse_faults(texts: Sequence[str]) -> Faults:
-    """Parse faults such as ``reboot@30``, ``gps-loss@10..20``, ``refuse=3:13`` (see ``FORMS``).
+    """Return the faults in texts such as ``reboot@30`` and ``gps-loss@10..20`` (see ``FORMS``).
 
-    A span without an end is unlimited. Raises BridgeError.
+    A span without an end lasts for ever. Raises BridgeError if a text is not valid.
     """
     faults = Faults()
     for text in texts:

@@ -1,4 +1,4 @@
-"""The flight of the mock: modes, and the execution of a mission's items."""
+"""Simulates the flight of the mock: its modes, and the execution of a mission's items."""
 
 import math
 from collections import deque
@@ -30,12 +30,12 @@ Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "o
 
 NEAR_M = 5.0  # acceptance radius of a copter that does not stop
 STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops
-GLIDES_AT_M_S = 3.0  # sink rate of a vehicle without its engine
+GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
 GLIDES_BY = 0.7  # its share of the airspeed
-# Time without satellites after which a copter lands at its estimated position, with the default
+# A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
-# Time on the ground until the vehicle disarms; LAND_DISARMDELAY, COM_DISARM_LAND.
+# Time on the ground until the vehicle disarms (LAND_DISARMDELAY, COM_DISARM_LAND).
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
 
 
@@ -56,7 +56,7 @@ class Target:
 class FlightModel(Body):
     """The flight of one vehicle; ``current`` is a sequence number as transmitted.
 
-    The telemetry sends and clears ``reached`` and ``texts``.
+    The telemetry sender sends the contents of ``reached`` and ``texts``, and clears both.
     """
 
     battery: Battery = field(default_factory=Battery)
@@ -64,17 +64,17 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
-    blind: bool = False  # without a position; modes that need one are rejected
+    blind: bool = False  # whether it has no position; modes that need one are rejected
     failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
-    fence: bool | None = None  # whether a fence is breached; None: no fence is enabled
+    fence: bool | None = None  # whether a fence is breached; None if no fence is enabled
     items: tuple[MissionItem, ...] = ()
     current: int = 0
     reached: list[int] = field(default_factory=list)
     texts: list[tuple[int, str]] = field(default_factory=list)  # severity and text
     target: Target | None = None
     payload: Payload = field(init=False)
-    radius_m: float = DEFAULT_RADIUS_M  # of a hold, negative anticlockwise
+    radius_m: float = DEFAULT_RADIUS_M  # radius of a hold, negative if anticlockwise
     return_m: float = 60.0  # a copter's minimum height above home during its return
     orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
@@ -113,7 +113,7 @@ class FlightModel(Body):
         return fresh
 
     def blind_s(self, now_s: float) -> float:
-        """Return the seconds since the last fix: 0 with satellites, infinite on the ground."""
+        """Return the seconds since the last fix; 0 with satellites, infinite on the ground."""
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
@@ -121,25 +121,25 @@ class FlightModel(Body):
     # Commands ---------------------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
-        """Change the mode; a hold is at the present position."""
+        """Change the mode; a vehicle that is to hold does so at its present position."""
         motion, before = self.motion, self.mode
         self.mode = mode
         if mode != before:
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
-            if self.stack.vehicle == "plane":  # a commanded speed is valid only in its mode
+            if self.stack.vehicle == "plane":  # a mode change ends a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
 
     def fly_around(self, place: Place, altitude_m: float, radius_m: float) -> None:
-        """Set position, altitude and radius of the hold; a vehicle on the ground takes off."""
+        """Set the position, altitude and radius of the hold; a vehicle on the ground takes off."""
         self._hold_at = (*place, altitude_m)
         self.radius_m = radius_m
 
     def make_current(self, seq: int, now_s: float) -> None:
-        """Set the current item; PX4 executes it only when it flies the mission."""
+        """Set the current item; PX4 executes the item only while it flies the mission."""
         if seq <= 1:
             self._jumps.clear()
         if self.stack.item_0_is_home or self.mode == "mission":
@@ -149,13 +149,13 @@ class FlightModel(Body):
 
     @property
     def throttle_percent(self) -> int:
-        """The throttle in VFR_HUD."""
+        """The throttle that VFR_HUD reports, in percent."""
         if not self.armed:
             return 0
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without it the vehicle sinks and does not report it."""
+        """Stop or restart the engine; without it the vehicle sinks and does not report this."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -172,11 +172,11 @@ class FlightModel(Body):
         self.limits = replace(self.limits, airspeed_m_s=airspeed_m_s)
 
     def change_speed(self, kind: int, speed_m_s: float) -> bool:
-        """Execute DO_CHANGE_SPEED; returns whether it is accepted.
+        """Execute DO_CHANGE_SPEED, and return whether the command is accepted.
 
-        ``kind`` 0 is airspeed, 1 ground speed; a speed of -2 resets it. Planes accept an airspeed
-        within their limits and ignore a ground speed. ArduCopter also accepts 2 and 3, its climb
-        and sink rates.
+        ``kind`` is 0 for airspeed and 1 for ground speed; a speed of -2 resets the speed. Planes
+        accept an airspeed within their limits and ignore a ground speed. ArduCopter also accepts
+        kinds 2 and 3, its climb rate and its sink rate.
         """
         if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
             change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}
@@ -196,9 +196,9 @@ class FlightModel(Body):
     def go_to(self, seq: int, now_s: float) -> None:
         """Fly the next NAV item from ``seq`` on, and execute the DO items before it.
 
-        ArduPilot executes the first of them, begins the NAV item, and executes the others one by
-        one in flight; after the last NAV item it executes only the first. PX4 executes all in
-        sequence.
+        ArduPilot executes the first DO item, begins the NAV item, and executes the other DO items
+        one by one in flight. After the last NAV item it executes only the first DO item. PX4
+        executes all DO items in sequence.
         """
         seq = max(seq, 1 if self.stack.item_0_is_home else 0)
         if self._skips(seq):
@@ -221,7 +221,7 @@ class FlightModel(Body):
         self.target = Target(self.items[nav], position, self.motion.altitude_m, now_s)
 
     def _skips(self, seq: int) -> bool:
-        """Return whether an item is skipped: PX4 planes in the air skip a takeoff.
+        """Return whether an item is skipped; PX4 planes that are in the air skip a takeoff.
 
         Source: PX4 1.17 ``setActiveMissionItems``.
         """
@@ -281,7 +281,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """Execute the queued DO items in sequence at once (as observed) unless one delays."""
+        """Execute the queued DO items at once, in sequence, up to one that delays (as observed)."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -314,7 +314,7 @@ class FlightModel(Body):
             self._advance(now_s)
 
     def _place(self, target: Target) -> Place:
-        """Return the position of an item; 0, 0 is the start of its leg."""
+        """Return the position of an item; an item at 0, 0 is at the start of its leg."""
         item = target.item
         return self.frame.local(item) if item.x or item.y else target.leg_start
 
@@ -338,7 +338,7 @@ class FlightModel(Body):
             self.texts.append((6, "Mission complete, changing mode to RTL"))
 
     def _reached_seq(self) -> int:
-        """Return the reported item: PX4 reports the last DO item after a waypoint."""
+        """Return the item to report as reached; PX4 reports the last DO item after a waypoint."""
         seq = self.current
         if not self.stack.item_0_is_home:
             while seq + 1 < len(self.items) and self.items[seq + 1].command not in NAVIGATION:
@@ -371,7 +371,7 @@ class FlightModel(Body):
             self._disarm_later(now_s)
 
     def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
-        """Fly a loiter; returns whether it has ended. Time and turns count from the arrival."""
+        """Fly a loiter and return whether it has ended; time and turns count from the arrival."""
         item, altitude_m = target.item, self._altitude(target.item)
         radius_m = loiter_radius_m(item, self.stack)
         turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
@@ -399,7 +399,7 @@ class FlightModel(Body):
         return target.turned_rad >= item.param1 * math.tau
 
     def _passed(self, target: Target, place: Place, now_s: float) -> bool:
-        """Fly to a waypoint; returns whether it is reached and its holding time has ended."""
+        """Fly to a waypoint; return True when it is reached and its holding time has ended."""
         item, altitude_m = target.item, self._altitude(target.item)
         # ArduPlane does not store the holding time.
         hold_s = 0.0 if math.isnan(item.param1) else item.param1
@@ -421,7 +421,7 @@ class FlightModel(Body):
         return arrived
 
     def _is_past(self, target: Target, place: Place) -> bool:
-        """Return whether the vehicle is within the acceptance radius or past the end of the leg."""
+        """Return whether the vehicle is inside the acceptance radius or past the end of the leg."""
         turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
         if self.distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
             return True
@@ -456,7 +456,7 @@ class FlightModel(Body):
         return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
-        """Fly home; a plane circles there, a copter lands. Returns True when it stands."""
+        """Fly home; a plane circles there, a copter lands. Return True when it has landed."""
         if self.stack.vehicle == "plane":
             self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
             return False
@@ -468,7 +468,7 @@ class FlightModel(Body):
         return False
 
     def _return_item(self, now_s: float) -> bool:
-        """Execute NAV_RETURN_TO_LAUNCH: an item for ArduCopter, a change of mode for others."""
+        """Execute NAV_RETURN_TO_LAUNCH, which is a leg for ArduCopter and a new mode for others."""
         if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
             return self._return(now_s)
         self.set_mode("rtl", now_s)
@@ -477,7 +477,7 @@ class FlightModel(Body):
     # Failures ---------------------------------------------------------------------------------
 
     def _out_of_power(self, now_s: float) -> bool:
-        """Drain the battery, return when it is low, fall when it is empty (returns True)."""
+        """Drain the battery: return home when it is low; fall and return True when it is empty."""
         ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
             self.texts.append(self.battery.low_text(ardupilot))
@@ -499,9 +499,9 @@ class FlightModel(Body):
                 self.texts.append((2, "Failsafe activated\t"))
 
     def breach(self, breached: bool, now_s: float) -> None:
-        """Set the breach of the fence; by default PX4 then holds, and ArduPilot returns.
+        """Set whether the fence is breached; by default PX4 then holds, and ArduPilot returns.
 
-        ArduPlane's heartbeat does not report it as a failsafe (source: 4.6.2
+        ArduPlane's heartbeat does not report a breach as a failsafe (source: 4.6.2
         ``any_failsafe_triggered``).
         """
         self.fence = breached

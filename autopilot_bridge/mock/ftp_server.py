@@ -1,7 +1,7 @@
-"""The autopilot's side of MAVFTP for ArduPilot's mission files, with ArduPilot's behaviour.
+"""Simulates ArduPilot's side of MAVFTP for its mission files.
 
-Only one session is open for all stations; up to five requests are queued; a written file is applied
-when its session is closed, by any station. PX4 has no such files.
+All stations share one session, and up to five requests are queued. A written file is applied when
+any station closes the session. PX4 has no such files.
 """
 
 from collections import deque
@@ -40,7 +40,7 @@ class Session:
 
 
 class FtpServer:
-    """Access to the lists of a mission server by MAVFTP."""
+    """The MAVFTP server that gives access to the lists of a mission server."""
 
     def __init__(self, missions: MissionServer) -> None:
         self.session: Session | None = None
@@ -79,7 +79,7 @@ class FtpServer:
         return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
-        """Return the last reply if session and sequence number are repeated; else None."""
+        """Return the last reply if the session and sequence number are repeated, otherwise None."""
         if self._last is None or self._last[0] != source:
             return None
         last = self._last[1]
@@ -87,7 +87,7 @@ class FtpServer:
         return last if same else None
 
     def _replies(self, request: Packet, now_us: int) -> list[Packet]:
-        """Return one reply, or for a burst all replies up to the end of the file."""
+        """Return one reply, or in a burst all replies up to the end of the file."""
         replies = [self._reply(request, now_us)]
         while request.opcode == ftp.BURST_READ and replies[-1].opcode == ftp.ACK:
             offset = replies[-1].offset + replies[-1].size
@@ -139,7 +139,7 @@ class FtpServer:
             return _refusal(reply, ftp.FAIL)
         mission_type = self.session.mission_type
         held = tuple(self._missions.lists[mission_type])
-        if mission_type == MAV_MISSION_TYPE_MISSION and held:  # as observed: home's position
+        if mission_type == MAV_MISSION_TYPE_MISSION and held:  # the position of home, as observed
             held = tuple(with_unheld(item, held[0].x, held[0].y, held[0].z) for item in held)
         whole = encode_mission_file(held, mission_type, (1, 1))
         maximum = min(request.size, ftp.MAX_DATA_BYTES)
@@ -177,7 +177,7 @@ class FtpServer:
             return
         offsets = [HEADER.size + index * ITEM.size for index in range(count)]
         if any(not any(data[offset : offset + ITEM.size]) for offset in offsets):
-            return  # an item of zeros: not all was written
+            return  # an item of zeros shows that not all items were written
         items = tuple(unpack_item(data, index)[1] for index in range(count))
         self._missions.apply_file(session.mission_type, items)
 

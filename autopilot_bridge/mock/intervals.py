@@ -1,7 +1,7 @@
-"""Message rates of the mock: the default rates of each stack until others are requested.
+"""Keeps the message rates of the mock: the stack's default rates until others are requested.
 
-Observed in SITL without a request: ArduPlane sends all messages at 1 Hz, ArduCopter only HEARTBEAT
-and texts, PX4 the messages of its link's profile.
+Without a request, in SITL, ArduPlane sends all messages at 1 Hz, ArduCopter sends only HEARTBEAT
+and texts, and PX4 sends the messages in the profile of its link.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,7 +35,7 @@ _COPTER_MESSAGES = tuple(_PLANE)
 
 
 class Intervals:
-    """The rates of one mock, in whole steps."""
+    """The message intervals of one mock, in whole time steps."""
 
     def __init__(self, stack: Stack) -> None:
         self._every: dict[int, int] = {}
@@ -57,7 +57,7 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all other messages, also after a restart: unused messages cost time."""
+        """Switch off all other messages, even after a restart; unused messages cost time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 
@@ -70,5 +70,5 @@ class Intervals:
         return message_id in self._every
 
     def due(self, step: int) -> list[int]:
-        """Return the messages due in a step."""
+        """Return the ids of the messages that are due in a step."""
         return [key for key, every in self._every.items() if every and not step % every]

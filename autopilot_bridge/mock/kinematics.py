@@ -1,7 +1,7 @@
-"""Kinematics of mock vehicles: pure functions of floats, in metres north and east of home.
+"""Computes the kinematics of mock vehicles, in metres north and east of home.
 
-One step is short (``STEP_US``), so that Euler steps are accurate enough. Courses (over the ground)
-and headings (of the nose) are radians clockwise from north.
+One time step (``STEP_US``) is so short that Euler steps are accurate enough. Courses (over the
+ground) and headings (of the nose) are in radians clockwise from north.
 """
 
 import math
@@ -28,13 +28,13 @@ class Limits:
 
     @property
     def turn_rate_rad_s(self) -> float:
-        """Maximum turn rate in level flight, at the bank limit."""
+        """The maximum turn rate in level flight, at the bank limit."""
         return GRAVITY_M_S2 * math.tan(math.radians(self.bank_deg)) / self.airspeed_m_s
 
 
 @dataclass(frozen=True)
 class Wind:
-    """A steady wind: its direction from and speed, and the velocity of the air."""
+    """A steady wind: its speed, and the direction from which it blows."""
 
     from_deg: float = 0.0
     speed_m_s: float = 0.0
@@ -55,7 +55,7 @@ CALM = Wind()
 
 @dataclass(slots=True)
 class Motion:
-    """Position and velocity of a vehicle.
+    """The position and velocity of a vehicle.
 
     ``altitude_m`` is above mean sea level; ``course_rad`` and ``speed_m_s`` are over the ground,
     ``heading_rad`` and ``airspeed_m_s`` through the air.
@@ -84,9 +84,10 @@ def wrap(angle_rad: float) -> float:
 def course_along(
     motion: Motion, start: tuple[float, float], end: tuple[float, float], approach_m: float
 ) -> float:
-    """Compute the course that joins the line from start to end and follows it (vector field).
+    """Return the course that joins the line from ``start`` to ``end`` and follows it.
 
-    At a distance of ``approach_m`` from the line the course meets it at 45 degrees.
+    The course is a vector field; at the distance ``approach_m`` from the line it meets the line at
+    45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)
@@ -100,7 +101,7 @@ def course_along(
 def course_around(
     motion: Motion, centre: tuple[float, float], radius_m: float, clockwise: bool
 ) -> float:
-    """Compute the course that joins a circle and follows it (vector field)."""
+    """Return the course that joins a circle and follows it (vector field)."""
     north, east = motion.north_m - centre[0], motion.east_m - centre[1]
     distance = math.hypot(north, east)
     outward = math.atan2(east, north)
@@ -117,7 +118,7 @@ def climb_towards(motion: Motion, altitude_m: float, limits: Limits) -> None:
 
 
 def crab(course_rad: float, airspeed_m_s: float, wind: Wind) -> tuple[float, float]:
-    """Compute the heading for a course in a wind, and the speed over the ground (wind triangle).
+    """Return the heading and the ground speed for a course in a wind (wind triangle).
 
     If the crosswind exceeds the airspeed, the nose points into it.
     """
@@ -139,11 +140,11 @@ def step_plane(
 ) -> None:
     """Move a fixed wing one step at its airspeed, with the turn rate within the bank limit.
 
-    ``feed_rad_s`` is the turn rate of the path (on a circle, without wind), so that the path is
-    followed exactly.
+    ``feed_rad_s`` is the turn rate of a circular path without wind, with which the vehicle follows
+    the path exactly.
     """
     airspeed = limits.airspeed_m_s
-    if motion.airspeed_m_s > 0.0:  # else it is launched at its airspeed
+    if motion.airspeed_m_s > 0.0:  # otherwise it is launched at its airspeed
         gain = limits.acceleration_m_s2 * STEP_S
         airspeed = max(motion.airspeed_m_s - gain, min(motion.airspeed_m_s + gain, airspeed))
     heading_rad = course_rad
@@ -179,8 +180,8 @@ def step_copter(
 ) -> None:
     """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    It keeps its speed over the ground unless the required airspeed exceeds the maximum. The nose
-    follows the course at the yaw rate limit.
+    It keeps its ground speed unless this requires more than the maximum airspeed. The nose turns
+    into the course at the maximum yaw rate.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)
@@ -223,13 +224,13 @@ def step_copter_around(
     limits: Limits,
     radius_m: float,
 ) -> None:
-    """Move a multirotor one step to a circle and along it; negative radius: anticlockwise."""
+    """Move a multirotor one step to or along a circle, anticlockwise if the radius is negative."""
     course = course_around(motion, centre, abs(radius_m), radius_m > 0.0)
     ahead_m = max(limits.airspeed_m_s * STEP_S, 1e-3)
     north_m = motion.north_m + ahead_m * math.cos(course)
     east_m = motion.east_m + ahead_m * math.sin(course)
     distance_m = math.hypot(north_m - centre[0], east_m - centre[1])
-    if abs(distance_m - abs(radius_m)) < ahead_m:  # on the circle: correct the chord
+    if abs(distance_m - abs(radius_m)) < ahead_m:  # on the circle, so correct for the chord
         scale = abs(radius_m) / distance_m
         north_m = centre[0] + (north_m - centre[0]) * scale
         east_m = centre[1] + (east_m - centre[1]) * scale

@@ -1,4 +1,4 @@
-"""Positions near home in metres, and altitudes in the frames of mission items."""
+"""Converts positions near home to metres, and altitudes from the frames of mission items."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: m
 
 @dataclass(slots=True)
 class LocalFrame:
-    """Conversion to metres north and east of home, with the WGS84 radii of curvature there.
+    """The plane of metres north and east of home, with the WGS84 radii of curvature there.
 
     Args:
         lat_deg: Latitude of home in degrees.
@@ -42,25 +42,25 @@ class LocalFrame:
         self.east_m_per_deg = math.radians(normal) * math.cos(math.radians(self.lat_deg))
 
     def local(self, item: MissionItem) -> tuple[float, float]:
-        """Return (north, east) of an item in metres."""
+        """Return the distances north and east of home to an item, in metres."""
         return self.local_of(item.x / 1e7, item.y / 1e7)
 
     def local_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Return (north, east) of a position in metres."""
+        """Return the distances north and east of home to a position, in metres."""
         return (
             (lat_deg - self.lat_deg) * self.north_m_per_deg,
             (lon_deg - self.lon_deg) * self.east_m_per_deg,
         )
 
     def global_position(self, motion: Motion) -> tuple[float, float]:
-        """Return (latitude, longitude) in degrees."""
+        """Return the latitude and longitude of a vehicle in degrees."""
         return (
             self.lat_deg + motion.north_m / self.north_m_per_deg,
             self.lon_deg + motion.east_m / self.east_m_per_deg,
         )
 
     def altitude_amsl_m(self, item: MissionItem, terrain_amsl_m: float) -> float:
-        """Return the altitude of an item above mean sea level for terrain of this altitude."""
+        """Return an item's altitude above mean sea level, if the terrain has ``terrain_amsl_m``."""
         if item.frame in TERRAIN_FRAMES:
             return item.z + terrain_amsl_m
         return item.z + (self.altitude_m if item.frame in RELATIVE_FRAMES else 0.0)

@@ -1,4 +1,4 @@
-"""The sequence of a mission's items, and the interpretation of their params: pure functions."""
+"""Determines the sequence of a mission's items, and interprets their params."""
 
 from collections.abc import Sequence
 
@@ -18,16 +18,17 @@ LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 )
 WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
-# Items that are flown; items without a model are complete at once.
+# Items that are flown. Those that the flight model does not implement are complete at once.
 NAVIGATION = frozenset(range(16, 96)) - {80}
 
 
 def next_of(
     items: Sequence[MissionItem], seq: int, jumps: dict[int, int]
 ) -> tuple[list[int], int | None]:
-    """Return the DO items from ``seq`` on and the NAV item after them (None at the end).
+    """Return the DO items from ``seq`` on, and the NAV item after them (None at the end).
 
-    DO_JUMPs are followed and counted in ``jumps`` (item: times); a negative repeat has no end.
+    DO_JUMPs are followed; ``jumps`` counts the jumps by item. A negative repeat count means without
+    end.
     """
     do_items: list[int] = []
     taken = 0
@@ -48,7 +49,7 @@ def next_of(
 
 
 def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
-    """Return the signed radius of a loiter item (negative: anticlockwise), or the default.
+    """Return the radius of a loiter item (negative if anticlockwise), or the default.
 
     ArduPilot stores only the sign of a LOITER_TIME's radius.
     """

@@ -1,6 +1,6 @@
-"""The autopilot's side of the mission protocol: the common part of both stacks.
+"""Contains what both stacks have in common on the autopilot's side of the mission protocol.
 
-``ardupilot_server.py`` and ``px4_server.py`` have the behaviour of each stack.
+``ardupilot_server.py`` and ``px4_server.py`` add the behaviour of each stack.
 """
 
 from abc import ABC, abstractmethod
@@ -30,16 +30,16 @@ Lists = dict[int, list[MissionItem]]
 
 
 class MissionServer(ABC):
-    """The three lists of a vehicle; ``changed`` is set when it has a new mission."""
+    """The three lists of a vehicle; ``changed`` is set when the vehicle has a new mission."""
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         self.stack = stack
         self.constants = stack_constants_of(stack)
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
-        self.cleared = False  # by MISSION_CLEAR_ALL
+        self.cleared = False  # whether MISSION_CLEAR_ALL removed the mission
         self.cut = self.written = False  # the mission was truncated, an item was written
-        self.start_at = 0  # the item to begin a changed mission with
+        self.start_at = 0  # the item with which a changed mission begins
         self.faults = Faults()
         self.flying_mission: Callable[[], bool] = lambda: False
         self.current_seq: Callable[[], int] = lambda: 0
@@ -56,7 +56,7 @@ class MissionServer(ABC):
 
     @abstractmethod
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a message of the mission protocol; returns the immediate replies."""
+        """Process a message of the mission protocol, and return the immediate replies."""
 
     @abstractmethod
     def next_timer(self) -> int | None:
@@ -75,7 +75,7 @@ class MissionServer(ABC):
         """Apply the items of a file of this type."""
 
     def progress(self) -> tuple[int, tuple[int, ...]]:
-        """Return MISSION_CURRENT's total, and the opaque ids of the lists if the stack has ids."""
+        """Return MISSION_CURRENT's total, and the lists' opaque ids if the stack has ids."""
         return max(len(self.items) - 1, 0), ()
 
     def infeasible(self) -> str | None:
@@ -117,7 +117,7 @@ def text(severity: int, words: str) -> Message:
 
 
 def item_in(message: Message) -> MissionItem:
-    """Return the item in a MISSION_ITEM_INT or the old MISSION_ITEM (position in degrees)."""
+    """Return the item in a MISSION_ITEM_INT or in an old MISSION_ITEM (position in degrees)."""
     item = item_of(message)
     as_is = message.get_type() == "MISSION_ITEM_INT" or item.frame == mavlink.MAV_FRAME_MISSION
     unit = 1.0 if as_is else 1e7
@@ -125,7 +125,7 @@ def item_in(message: Message) -> MissionItem:
 
 
 def _whole(value: float) -> int:
-    """Return a value as MISSION_ITEM_INT's integer; NO_POSITION for NaN and out of range."""
+    """Return a value as an integer for a MISSION_ITEM_INT; NO_POSITION if it is not in range."""
     return round(value) if abs(value) < NO_POSITION else NO_POSITION
 
 

@@ -1,4 +1,4 @@
-"""Some parameters of each stack, reported and set as the real autopilots do."""
+"""Reports and sets some parameters of each stack as the real autopilots do."""
 
 from dataclasses import dataclass
 
@@ -59,7 +59,7 @@ class ParameterServer:
         table = _PX4 if self._bytewise else _PLANE if plane else _COPTER
         self._held = {name: _Held(*held) for name, held in sorted(table.items())}
         if self._bytewise and plane:
-            self.change("MIS_TKO_LAND_REQ", 2.0)  # as PX4 sets it for fixed wings
+            self.change("MIS_TKO_LAND_REQ", 2.0)  # PX4 has this value for fixed wings
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ class ParameterServer:
 
     @property
     def return_m(self) -> float:
-        """A copter's minimum height above home during its return."""
+        """The minimum height above home of a copter's return, in metres."""
         if "RTL_ALT" in self._held:
             return self.value("RTL_ALT") / 100.0
         return self.value("RTL_RETURN_ALT") if self._bytewise else 0.0
@@ -82,7 +82,7 @@ class ParameterServer:
         self._held[name].value = value
 
     def receive(self, message: Message) -> list[Message]:
-        """Process PARAM_REQUEST_LIST, PARAM_REQUEST_READ or PARAM_SET; returns the replies."""
+        """Return the replies to a PARAM_REQUEST_LIST, a PARAM_REQUEST_READ or a PARAM_SET."""
         names = list(self._held)
         match message.get_type():
             case "PARAM_REQUEST_LIST":
@@ -123,6 +123,6 @@ class ParameterServer:
         try:
             encoded_value(value, held.kind, self._bytewise)
         except BridgeError:
-            value = float(int(value))  # ArduPilot casts
+            value = float(int(value))  # ArduPilot casts the value
         held.value = value
         return [self._param_value(message.param_id, self._index(message.param_id))]

@@ -1,4 +1,4 @@
-"""Outputs switched by missions and commands: servos, relays, grippers and others."""
+"""Switches the outputs of the mock: servos, relays, grippers and others."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.stacks.stacks import Stack
 
-# Number of outputs that the airframe uses: DO_SET_SERVO does not change them.
+# Number of outputs that the airframe uses; DO_SET_SERVO does not change these outputs.
 _TAKEN = {"plane": 4, "copter": 4}
 _NEUTRAL_US = {"plane": (1500, 1500, 1000, 1500), "copter": (1000, 1000, 1000, 1000)}
 FIRST_ACTUATOR_CHANNEL = 9  # PX4's actuators 1 to 6 are the mock's outputs 9 to 14
@@ -20,8 +20,9 @@ Output = tuple[int, str, int, float]  # at_us since boot, kind, number, value
 class Payload:
     """The history of switched ``outputs``, and the present values of the 16 servo outputs.
 
-    Values: servo pulse width in microseconds; relay and sprayer 0 or 1; gripper 0 open, 1 closed;
-    winch metres (or m/s by rate); actuator -1 to 1.
+    The value of a servo is its pulse width in microseconds. Relays and sprayers have 0 or 1,
+    grippers 0 (open) or 1 (closed), actuators -1 to 1. The value of a winch is in metres, or in m/s
+    if its rate is commanded.
     """
 
     stack: Stack
@@ -33,7 +34,7 @@ class Payload:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
 
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
-        """Execute a DO command (params 1 to 7); returns False if it switches no output.
+        """Execute a DO command with params 1 to 7; return False if it switches no output.
 
         The caller checks whether the stack accepts the command.
         """
@@ -77,7 +78,7 @@ class Payload:
         self._record(at_us, "gripper", number, float(action))
 
     def _actuators(self, params: tuple[float, ...], at_us: int) -> None:
-        """Set up to six actuators; NaN does not change one."""
+        """Set up to six actuators; a NaN leaves its actuator unchanged."""
         if params[6] != 0.0:  # a set of outputs that does not exist
             return
         for number, value in enumerate(params[:6], start=1):
@@ -105,11 +106,11 @@ class Px4Gripper:
 
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
-        self._state: int | None = GRAB  # None: it moves
+        self._state: int | None = GRAB  # None while it moves
         self._active: tuple[int, Requester, int] | None = None  # action, requester, end
 
     def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
-        """Execute an action; returns the results, each with the ids of its requester."""
+        """Execute an action, and return the results, each with the ids of its requester."""
         answers: list[Answer] = []
         if self._active is not None:
             before, other, _ = self._active

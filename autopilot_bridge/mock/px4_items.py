@@ -1,4 +1,4 @@
-"""PX4's acceptance of items, its check of a fence, and its checksum of a plan."""
+"""Decides which items PX4 accepts, checks fences, and computes the checksum of a plan."""
 
 import binascii
 import struct
@@ -39,7 +39,7 @@ def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:
 
 
 def checksum(message: Message, before: int) -> int:
-    """Return the plan's CRC-32 (without inversions) after one more item, as it was received."""
+    """Return a plan's CRC-32 (without inversions) after one more received item."""
     as_int = message.get_type() == "MISSION_ITEM_INT"
     values = struct.pack(
         "<BHBffff" + ("ii" if as_int else "ff") + "f",
@@ -73,7 +73,7 @@ def shapes_of(fence: list[MissionItem]) -> list[Shape]:
 
 
 def inside(shape: Shape, place: Place, east_scale: float) -> bool:
-    """Return whether a position is in a shape; for small fences, on a flat earth."""
+    """Return whether a position is inside a shape, computed on a flat earth."""
     item, places = shape
     if item.command in CIRCLES:
         north = (place[0] - item.x) * M_PER_UNIT
@@ -87,7 +87,7 @@ def inside(shape: Shape, place: Place, east_scale: float) -> bool:
 
 
 def usable_shapes(fence: list[MissionItem], home: Place, east_scale: float) -> list[Shape]:
-    """Return the shapes that PX4 uses: it ignores an inclusion that does not contain home."""
+    """Return the shapes that PX4 uses; PX4 ignores an inclusion that does not contain home."""
     return [
         shape
         for shape in shapes_of(fence)
@@ -96,7 +96,7 @@ def usable_shapes(fence: list[MissionItem], home: Place, east_scale: float) -> l
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """Return the first item of a mission at a position that the fence forbids."""
+    """Return the number of the first item at a position that the fence forbids; None if none is."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):
@@ -111,7 +111,7 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def missing_item(items: list[MissionItem], required: int) -> str | None:
-    """Describe an item that MIS_TKO_LAND_REQ requires (1 takeoff, 2 landing) and is missing."""
+    """Return a text if an item is missing that MIS_TKO_LAND_REQ requires (1 takeoff, 2 landing)."""
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

@@ -1,7 +1,7 @@
-"""PX4's side of the mission protocol.
+"""Simulates PX4's side of the mission protocol.
 
-The old list remains until the new one is complete. Each link (in the mock: each client) has a
-separate state machine; only one of them may receive at a time.
+The old list remains until the new list is complete. Each link (in the mock, each client) has its
+own state machine, and only one of the machines may receive at a time.
 """
 
 import math
@@ -42,7 +42,7 @@ from autopilot_bridge.mock.px4_items import (
 )
 from autopilot_bridge.stacks.stacks import Stack
 
-COMPONENTS = (0, 1, 190)  # all, the autopilot, the "mission planner"
+COMPONENTS = (0, 1, 190)  # all components, the autopilot, the "mission planner"
 CRITICAL = 2
 FENCE_CHECK_US = 480_000  # the fence is checked about half a second after a change
 
@@ -65,12 +65,12 @@ class Manager:
 
 
 def critical(words: str) -> Message:
-    """Return a text as PX4 sends it: the tab indicates an event with the same content."""
+    """Return a text as PX4 sends it; a tab shows that an event has the same content."""
     return text(CRITICAL, words + "\t")
 
 
 class Px4Server(MissionServer):
-    """PX4's mission server; ``required`` returns MIS_TKO_LAND_REQ."""
+    """PX4's mission server; ``required`` returns the value of MIS_TKO_LAND_REQ."""
 
     def __init__(self, stack: Stack, home: MissionItem) -> None:
         super().__init__(stack, home)
@@ -81,7 +81,7 @@ class Px4Server(MissionServer):
         self._reason: str | None = None
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a message; returns the replies."""
+        """Process a message, and return the replies."""
         if message.target_component not in COMPONENTS:
             return []
         client = client_of(message)
@@ -89,7 +89,7 @@ class Px4Server(MissionServer):
         return self._limited(self._answer(manager, message, now_us))
 
     def next_timer(self) -> int | None:
-        """Return the time of the next repeated request, timeout or check of the fence."""
+        """Return the time of the next action: a repeated request, a timeout or a fence check."""
         due_us = self._check_us
         for manager in self._managers.values():
             if manager.state != "idle":
@@ -98,7 +98,7 @@ class Px4Server(MissionServer):
         return due_us
 
     def handle_timer(self, now_us: int) -> list[Message]:
-        """Repeat unanswered requests, end overdue transfers, check a new fence."""
+        """Repeat unanswered requests, end overdue transfers, and check a new fence."""
         answers: list[Message] = []
         for manager in self._managers.values():
             if manager.state == "idle" or now_us < self._due_us(manager):
@@ -114,7 +114,7 @@ class Px4Server(MissionServer):
         return self._limited(answers)
 
     def forget_transfers(self) -> None:
-        """End all transfers, as a reboot does: no item is requested afterwards."""
+        """End all transfers, as a reboot does; no item is requested afterwards."""
         self._managers.clear()
 
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
@@ -201,7 +201,7 @@ class Px4Server(MissionServer):
         if manager.state == "sending":
             return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: Busy")]
         if manager.state == "idle":
-            if manager.seq == message.seq + 1:  # the last item again: its ACK was lost
+            if manager.seq == message.seq + 1:  # the last item came again, because its ACK was lost
                 return [with_extension(ack(client, ACCEPTED, mission_type), manager.checksum)]
             return [ack(client, ERROR, mission_type), critical("IGN MISSION_ITEM: No transfer")]
         manager.received_us = now_us
@@ -296,7 +296,7 @@ class Px4Server(MissionServer):
     # Feasibility --------------------------------------------------------------------------------
 
     def _check_mission(self) -> list[Message]:
-        """Check the mission against the fence; returns the texts to send."""
+        """Check the mission against the fence, and return the texts to send."""
         scale = math.cos(math.radians(self.home.x / 1e7))
         shapes = usable_shapes(self.lists[FENCE], (self.home.x, self.home.y), scale)
         outside = first_outside(self.items, shapes, scale)

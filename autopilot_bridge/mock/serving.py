@@ -1,4 +1,4 @@
-"""Mocks on a link: groups of mocks, signing keys, simulation time."""
+"""Serves mocks on a link: groups of mocks, signing keys, simulation time."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 
 
 class MockGroup:
-    """Several mocks as one peer of a link: all receive every datagram, and all may send."""
+    """Several mocks that are one peer of a link: all receive every datagram, and all may send."""
 
     def __init__(self, peers: Sequence[MockAutopilot | FaultyMock]) -> None:
         self.peers = peers
@@ -36,14 +36,14 @@ class MockGroup:
             peer.handle_timer(now_us)
 
 
-_ID = b"\x00\x01\x00"  # 256 in a header: datagrams without it are not parsed
+_ID = b"\x00\x01\x00"  # message id 256 in a header; datagrams without it are not parsed
 
 
 class SigningServer:
-    """A peer that passes frames to a group of mocks, and keys of SETUP_SIGNING to ``on_key``.
+    """A peer that passes frames to a group of mocks, and the keys of SETUP_SIGNINGs to ``on_key``.
 
-    A key of zeros, which turns signing off, is passed as None. As on ArduPilot, keys are ignored
-    while armed.
+    A key of zeros, which turns signing off, is passed as None. Like ArduPilot, the peer ignores
+    keys while a mock is armed.
     """
 
     def __init__(self, peer: MockGroup, on_key: Callable[[Key | None], None]) -> None:
@@ -91,8 +91,8 @@ async def serve(
 ) -> None:
     """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
-    ``opened`` is called when the link is open. With ``learns`` a group signs with received keys; it
-    returns the signing for a key.
+    ``opened`` is called when the link is open. If ``learns`` is given, a group signs with the keys
+    that it receives; ``learns`` returns the signing for a key.
     """
     began_us = clock()
 

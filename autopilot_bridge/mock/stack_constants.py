@@ -1,4 +1,4 @@
-"""The differences of the two stacks' mission servers, as data.
+"""Lists the differences between the two stacks' mission servers, as data.
 
 Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation unless a comment names another source.
 """
@@ -12,11 +12,11 @@ from autopilot_bridge.stacks.stacks import Stack
 class StackConstants:
     """The constants of one stack on one kind of vehicle."""
 
-    tick_us: int  # messages are processed at the next turn of the autopilot's loop
+    tick_us: int  # duration of a turn of the loop; messages wait for the next turn
     rerequest_us: int  # an unanswered request is repeated after this time
     gives_up_us: int  # timeout of an upload, counted from the last item
-    most: tuple[int, int, int]  # maximum items of a mission, a fence, a list of rally points
-    mission_names: dict[int, str]  # command names in texts like "Mission: 2 WP"; empty: no texts
+    most: tuple[int, int, int]  # maximum numbers of items: mission, fence, rally points
+    mission_names: dict[int, str]  # command names in texts like "Mission: 2 WP"; empty if none
 
 
 _NAMES = {

@@ -1,4 +1,4 @@
-"""Messages that the mock sends without a request."""
+"""Sends the messages that the mock sends without a request."""
 
 import math
 from collections.abc import Callable
@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """The sender of the messages due after each step of a flight; ``send`` encodes and sends."""
+    """The sender of the messages that are due after each step; ``send`` encodes and sends one."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class TelemetrySender:
         intervals: Intervals,
         send: Callable[..., None],
     ) -> None:
-        self.unhealthy = 0  # bits of SYS_STATUS
+        self.unhealthy = 0  # bits of the unhealthy sensors in SYS_STATUS
         self._stack = stack
         self._missions = missions
         self._intervals = intervals
@@ -52,7 +52,7 @@ class TelemetrySender:
         self._reached = self._reached_again = 0
 
     def forget(self) -> None:
-        """End the repetition of MISSION_ITEM_REACHED, after a new mission or a reboot."""
+        """Stop repeating MISSION_ITEM_REACHED, after a new mission or a reboot."""
         self._reached_again = 0
 
     def report(self, flight: FlightModel, steps: int) -> None:
@@ -79,13 +79,13 @@ class TelemetrySender:
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: FlightModel) -> None:
-        """Send MISSION_CURRENT of a new list only at its interval if item ``seq`` is current."""
+        """If item ``seq`` of a new list is current, send MISSION_CURRENT only at its interval."""
         self._sent_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.send_current(flight)
 
     def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
-        """Send MISSION_CURRENT; ``requested`` is the requested item, even if it is skipped."""
+        """Send MISSION_CURRENT for the current item, or for ``requested`` even if it is skipped."""
         total, ids = self._missions.progress()
         self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"

@@ -1,4 +1,4 @@
-"""The telemetry messages of the mock, with the values that both stacks send."""
+"""Creates the mock's telemetry messages, with values as the stacks send them."""
 
 import math
 
@@ -22,7 +22,7 @@ SENSORS = (
 
 
 def attitude(boot_ms: int, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Message:
-    """Return an ATTITUDE, yaw from -pi to pi."""
+    """Return an ATTITUDE with the yaw from -pi to pi."""
     yaw_rad = (yaw_rad + math.pi) % math.tau - math.pi
     return mavlink.MAVLink_attitude_message(boot_ms, roll_rad, pitch_rad, yaw_rad, 0.0, 0.0, 0.0)
 
@@ -43,12 +43,12 @@ def vfr_hud(
 
 
 def wind(from_deg: float, speed_m_s: float) -> Message:
-    """Return ArduPilot's WIND: direction from, -180 to 180."""
+    """Return ArduPilot's WIND, whose direction (from -180 to 180) is where the wind comes from."""
     return mavlink.MAVLink_wind_message((from_deg + 180.0) % 360.0 - 180.0, speed_m_s, 0.0)
 
 
 def wind_cov(boot_us: int, from_deg: float, speed_m_s: float, altitude_amsl_m: float) -> Message:
-    """Return PX4's WIND_COV: the velocity of the air, north and east."""
+    """Return PX4's WIND_COV, with the north and east velocity of the air."""
     toward_rad = math.radians(from_deg + 180.0)
     north_m_s, east_m_s = speed_m_s * math.cos(toward_rad), speed_m_s * math.sin(toward_rad)
     rest = (0.0, 0.08, 0.0, altitude_amsl_m, 0.0, 0.0)
@@ -65,13 +65,13 @@ def sys_status(percent: int, voltage_v: float, unhealthy: int = 0) -> Message:
 
 
 def battery_status(percent: int, voltage_v: float) -> Message:
-    """Return a BATTERY_STATUS: without cell sensors the first cell is the total voltage."""
+    """Return a BATTERY_STATUS; the first cell has the total voltage, as without cell sensors."""
     voltages = [round(voltage_v * 1e3)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, -1, 0, 0, percent)
 
 
 def landed_state(stack: Stack, flight: FlightModel) -> Message:
-    """Return an EXTENDED_SYS_STATE; ArduPlane reports only on the ground and in the air."""
+    """Return an EXTENDED_SYS_STATE; ArduPlane reports only "on the ground" and "in the air"."""
     state = mavlink.MAV_LANDED_STATE_IN_AIR
     if not flight.airborne:
         state = mavlink.MAV_LANDED_STATE_ON_GROUND
@@ -90,7 +90,7 @@ def _lands(flight: FlightModel) -> bool:
 
 
 def system_status(stack: Stack, flight: FlightModel) -> int:
-    """Return the MAV_STATE of the heartbeat: PX4 is active when armed, ArduPilot in the air."""
+    """Return the heartbeat's MAV_STATE; PX4 is active when armed, ArduPilot when in the air."""
     if flight.failsafe:
         return int(mavlink.MAV_STATE_CRITICAL)
     active = flight.armed if stack.name == "px4" else flight.airborne
@@ -103,7 +103,7 @@ def fence_status(breached: bool, boot_ms: int) -> Message:
     return mavlink.MAVLink_fence_status_message(breached, int(breached), kind, boot_ms)
 
 
-ESTIMATE_VALID = 0x033F  # flags of attitude, velocities, positions and predicted positions
+ESTIMATE_VALID = 0x033F  # flags for attitude, velocities, positions and predicted positions
 POSITION_HOLDS_S = 7.0  # the position remains valid for this time without satellites
 
 

@@ -1,1 +1,1 @@
-"""The differences of PX4 and ArduPilot: modes and rules of items."""
+"""Lists the differences between PX4 and ArduPilot: modes, and rules for items."""

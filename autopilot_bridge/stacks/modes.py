@@ -1,4 +1,4 @@
-"""Flight modes of the stacks: one name for equivalent modes, and the ``custom_mode`` of each.
+"""Names the flight modes of the stacks (equivalent modes alike), with their ``custom_mode``.
 
 Sources: ``mode.h`` of ArduPlane and ArduCopter 4.6.2, ``px4_custom_mode.h`` of PX4 1.17. If two
 names have the same number, the first is the name of that number.
@@ -20,7 +20,7 @@ ARDUPLANE: Modes = (
     *_numbered(24, "thermal", "loiter to qland"),
 )
 
-# "loiter" is controlled by the pilot's sticks: without a pilot it sinks at 2.5 m/s.
+# In "loiter" the pilot's sticks control the vehicle; without a pilot it sinks at 2.5 m/s.
 ARDUCOPTER: Modes = (
     *_numbered(0, "stabilised", "acro", "altitude", "mission", "guided", "loiter", "return"),
     *(("circle", 7), ("land", 9), ("drift", 11)),
@@ -44,7 +44,7 @@ PX4: Modes = (
     ("ready", _px4(4, 1)),
     ("takeoff", _px4(4, 2)),
     ("hold", _px4(4, 3)),
-    ("guided", _px4(4, 3)),  # PX4 executes DO_REPOSITION in hold mode
+    ("guided", _px4(4, 3)),  # PX4 executes a DO_REPOSITION in its hold mode
     ("mission", _px4(4, 4)),
     ("return", _px4(4, 5)),
     ("land", _px4(4, 6)),

@@ -1,13 +1,13 @@
-"""The treatment of each mission item by PX4 1.17 and ArduPilot 4.6.2, as data.
+"""Lists how PX4 1.17 and ArduPilot 4.6.2 treat each mission item.
 
 Sources: transcripts of SITL where they exist, otherwise the source files AP_Mission.cpp,
 MissionItemProtocol_*.cpp and each vehicle's start_command; mavlink_mission.cpp and
 FeasibilityChecker.cpp.
 
-``position`` and ``bare`` have one word for each of params 1 to 4 of every accepted command. It
-states how the autopilot stores the param:
+``position`` and ``bare`` contain every accepted command with a word for each of its params 1 to 4.
+The word states how the autopilot stores the param:
 
-- ``keep`` as sent; ``-`` not stored; ``hint`` not stored, without an effect on the flight;
+- ``keep`` as sent; ``-`` not stored; ``hint`` not stored, and without effect on the flight;
   ``hidden`` used, but read back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
 - ``u8 u16 i8 i16`` truncated to an integer of this type, with wrap-around; ``cap8`` truncated, at
   most 255; ``cm16`` whole centimetres in 16 bits; ``radius`` whole metres in 16 bits with the sign;
@@ -28,26 +28,26 @@ TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and the equivalent frames
 FENCE_COMMANDS = frozenset(range(5000, 5005))
 RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
-# Jumps, and NAV items whose numbers are outside the range of the NAV commands.
+# Jumps, and NAV items whose numbers are not in the range of the NAV commands.
 OTHER_NAVIGATION = frozenset((177, 601, 213, 42702, 42703))
 LAND_SEQUENCES = frozenset((188, 189))  # failsafes may enter a mission at these items
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """The rules of one stack; commands by number."""
+    """The rules of one stack; commands are given by number."""
 
     frames: frozenset[int]  # accepted frames of items with a position
-    position: dict[int, str]  # accepted commands with a position: storage of params 1 to 4
-    bare: dict[int, str]  # the same for accepted commands without a position
+    position: dict[int, str]  # accepted commands with a position, and words for params 1 to 4
+    bare: dict[int, str]  # likewise for accepted commands without a position
     bare_frame: int | None  # the only accepted frame of items without a position
-    bare_xyz: dict[int, str]  # commands without a position: the stored ones of x, y, z
-    frames_read: dict[int, int]  # frame sent: frame read back
+    bare_xyz: dict[int, str]  # which of x, y, z are stored for commands without a position
+    frames_read: dict[int, int]  # the frame that is read back for each frame sent
     whole_cm: bool  # altitudes are truncated to centimetres
     max_altitude_m: float
-    nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None: all may
+    nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None means all
     zero_is_default: dict[int, tuple[int, ...]]  # params where 0 is equivalent to NaN
-    accepts_bad_numbers: bool  # invalid numbers are accepted: only our own check rejects them
+    accepts_bad_numbers: bool  # accepts invalid numbers, so that only our own check rejects them
     zero_is_current_position: bool  # latitude = longitude = 0 is the vehicle's current position
     not_run: frozenset[int] = frozenset()  # accepted, but skipped in flight
     invalidates_mission: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
@@ -157,7 +157,7 @@ _PX4 = Rules(
         _AS_SENT,
     ),
     bare_frame=mavlink.MAV_FRAME_MISSION,
-    bare_xyz={},  # all are stored, in the only accepted frame
+    bare_xyz={},  # x, y and z are all stored, in the only accepted frame
     frames_read={0: 5, 3: 6},
     whole_cm=False,
     max_altitude_m=float("inf"),
@@ -186,7 +186,7 @@ _RULES = {
 
 SAME_AS = {80: 201}  # NAV_ROI is DO_SET_ROI's older name, with the same params
 
-# The remedy for commands that a stack rejects but for which it has an alternative.
+# The alternative that a stack has for a command that it rejects.
 INSTEAD: dict[tuple[str, int], str] = {
     ("px4", 18): "use NAV_LOITER_TIME, or NAV_LOITER_UNLIM at the end",
     ("px4", 82): "use NAV_WAYPOINT",

@@ -1,4 +1,4 @@
-"""The differences of PX4 and ArduPilot, as data (observed on PX4 1.17 and ArduPilot 4.6.2)."""
+"""Lists the differences between PX4 1.17 and ArduPilot 4.6.2, as observed on both."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from autopilot_bridge.stacks.modes import ARDUCOPTER, ARDUPLANE, PX4, Modes
 
 
 class Place(NamedTuple):
-    """The position in a COMMAND_INT: x and y in 1e-7 degrees."""
+    """The position in a COMMAND_INT, with x and y in 1e-7 degrees."""
 
     frame: int
     x: int
@@ -19,7 +19,7 @@ class Place(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A command and its first parameters; with a position it is sent as COMMAND_INT."""
+    """A command and its first parameters, sent as a COMMAND_INT if it has a position."""
 
     command: int
     params: tuple[float, ...] = ()
@@ -39,7 +39,7 @@ ARM = Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
 class Stack:
     """One autopilot on one kind of vehicle: its modes, limits and procedures, as data.
 
-    ``stack_named`` returns one; comments describe the fields.
+    ``stack_named`` returns a stack. Comments describe the fields.
     """
 
     name: str
@@ -50,25 +50,26 @@ class Stack:
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission unchanged
     mission_files: bool  # transfers whole missions by MAVFTP
-    keeps_target: bool  # after an upload it flies to its old target until the index is set
+    keeps_target: bool  # after an upload it flies to its old target until an item is set
     items_ahead: int  # number of items that may be sent before they are requested
     rerequest_us: int  # an unanswered request for an item is repeated after this delay
-    # ACK OPERATION_CANCELLED after this time without messages; 0: it aborts without a message.
+    # It sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. With 0 it
+    # aborts without a message.
     cancels_after_us: int
     max_items: int
     mission_mode: int
     hold_mode: int
     rtl_mode: int
-    start: tuple[Step, ...]  # from disarmed on the ground to flying the mission
+    start: tuple[Step, ...]  # steps from disarmed on the ground to the mission
     modes: Modes
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return the name of a mode number, or the number itself if unknown."""
+        """Return the name of a mode number, or the number itself if it has no name."""
         names = (name for name, number in self.modes if number == custom_mode)
         return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """Return the number of a mode. Raises BridgeError, which lists the modes."""
+        """Return the number of a mode. Raises a BridgeError that lists the modes if none fits."""
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
@@ -134,10 +135,10 @@ STACKS = (
         mav_type=mavlink.MAV_TYPE_QUADROTOR,
         max_items=650,
         mission_mode=3,
-        hold_mode=17,  # BRAKE: LOITER sinks without a pilot
+        hold_mode=17,  # BRAKE, because LOITER sinks without a pilot
         rtl_mode=6,
         start=(
-            # ArduCopter does not arm in AUTO: GUIDED first.
+            # ArduCopter does not arm in AUTO, so it changes to GUIDED first.
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)),
             ARM,
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),
@@ -149,7 +150,7 @@ STACKS = (
 
 
 def stack_named(name: str, vehicle: str) -> Stack:
-    """Return the stack of an autopilot and a kind of vehicle.
+    """Return the stack for an autopilot and a kind of vehicle.
 
     Args:
         name: ``px4`` or ``ardupilot``.

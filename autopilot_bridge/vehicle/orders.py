@@ -277,7 +277,7 @@ AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # for commands that ne
 
 
 class OrderContext(NamedTuple):
-    """The vehicle's state that determines the steps of an order."""
+    """The part of the vehicle's state that determines the steps of an order."""
 
     stack: Stack
     armed: bool = False

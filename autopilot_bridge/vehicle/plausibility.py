@@ -194,7 +194,7 @@ class Reach:
     """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """Create it for the maximum horizontal and vertical speed; None switches the check off."""
+        """Create the check for a maximum horizontal and vertical speed; None: no check."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
         self._anchor: Position | None = None  # an older position, so that errors do not accumulate

@@ -26,7 +26,7 @@ class RemoteBinding:
     """The remote of one vehicle; its owner removes new alarms from ``alarms`` and reports them."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
-        """Create it; ``called`` is the remote to which the link connects, "" if it listens."""
+        """Create the binding; ``called`` is the remote to which the link connects, or ""."""
         self.remote: str | None = None  # None: not bound yet
         self.alarms: list[SourceAlarm] = []
         self._timeout_us = timeout_us

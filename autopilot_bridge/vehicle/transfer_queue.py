@@ -1,4 +1,4 @@
-"""Queues transfers, and leads the active transfer through its phases to its result.
+"""Queues transfers, and takes the active transfer through its phases to its result.
 
 ``transfer_states.py`` contains the phases of a transfer and their allowed order.
 
