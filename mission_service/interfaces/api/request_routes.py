@@ -1,4 +1,4 @@
-"""Routes of all requests that the service converts to events, generated from their table."""
+"""Generates the routes of all requests that make events, from the table of requests."""
 
 from collections.abc import Awaitable, Callable
 
@@ -14,7 +14,7 @@ from mission_service.interfaces.api.openapi import V1, body, route, struct
 from mission_service.requests import Request, name_of, summary_of
 from mission_service.runtime.request_handler import CHANGES_AREA
 
-ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
+ALL = "all"  # in place of a vehicle's name, if the request can be sent to all vehicles
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
