@@ -15,7 +15,7 @@ Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
 WIDER = 1.3  # multiple of the radius within which terrain counts, because circles are flown wider
-CLIMBS_FIRST_M = 100.0  # climb above all terrain on the leg to the circle, before this leg
+CLIMBS_FIRST_M = 100.0  # height above the leg's terrain to which a vehicle climbs before the leg
 CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain counts
 
 

@@ -59,7 +59,7 @@ class Channel:
     access: BrokerAccess = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """Return the topic of a vehicle's messages of a kind; ``+`` matches all of either."""
+        """Return the topic for a vehicle's messages of one kind; ``+`` stands for all of them."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
