@@ -330,7 +330,7 @@ class Replay(Request, frozen=True):
     seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Raise RequestError: only replays accept this request, and handle it without an event."""
+        """Raise RequestError; only replays accept this request, and they make no event of it."""
         raise RequestError("replay: this run is not a replay")
 
 

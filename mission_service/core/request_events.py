@@ -52,11 +52,10 @@ class RequestScope:
     """The requests that a run accepts, and the names that they may contain.
 
     Attributes:
-        stations: The stations from which requests are accepted; empty: any.
-        items: The items of the GO list; None: any.
-        on_map: Returns whether a latitude and longitude, in degrees, is on the landscape.
-        vehicles: The names of the vehicles; None: any.
-        accepted: The names of the requests.
+        stations: The stations from which requests are accepted; empty: any. items: The items of the
+        GO list; None: any. on_map: Returns whether a place (latitude, longitude, in degrees) is on
+        the landscape. vehicles: The names of the vehicles; None: any. accepted: The names of the
+        requests.
     """
 
     stations: Collection[str] = ()

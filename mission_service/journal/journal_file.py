@@ -7,8 +7,8 @@ detected. The checksum of the header covers only the header.
 
 An event is written before it is handled. Each line that is written can be read back. It is decoded
 before it is written, and refused if the result differs (msgspec writes NaN as null) or a value
-exceeds the limits of its type. A journal and its states are readable by their user only; a symbolic
-link in their place is refused.
+exceeds the limits of its type. Only their user can read a journal and its states. A symbolic link
+in their place is refused.
 """
 
 import contextlib
@@ -142,7 +142,7 @@ class Journal:
             self._file = -1
 
     def begin_segment(self) -> Path:
-        """Rename this file as a closed segment, begin the next file, and return the closed one.
+        """Rename this file to a closed segment, begin the next file, and return the closed file.
 
         After an OSError the journal is unchanged. The caller has to sync both names to the disk.
         """

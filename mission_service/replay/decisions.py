@@ -37,7 +37,7 @@ Timed = tuple[int, DirectionDecision]  # at_us, decision
 
 @dataclass(frozen=True)
 class Decisions:
-    """The replayed and recorded decisions; ``difference`` only for the journal's own rule."""
+    """The replayed and recorded decisions. With another rule ``difference`` is None."""
 
     rule: str
     journal_rule: str

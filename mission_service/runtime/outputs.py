@@ -96,7 +96,7 @@ def write_drops(path: Path, record: RunStatistics) -> None:
 
 
 def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
-    """Return GeoJSON with tracks as LineStrings, and reversals and drops as Points."""
+    """Return tracks as GeoJSON LineStrings, and reversals and drops as Points (lon, lat)."""
     features: list[dict[str, Any]] = []
     for name, vehicle in record.vehicles.items():
         if len(vehicle.track) > 1:

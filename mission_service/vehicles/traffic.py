@@ -216,7 +216,7 @@ class TrafficManager:
 
 
 def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
-    """Return the positions of two vehicles, if the other is airborne by a recent position."""
+    """Return two vehicles' positions; None unless a recent one shows the other in the air."""
     fix, other_fix = own.availability.fix, other.availability.fix
     if fix is None or other_fix is None or not other.availability.airborne:
         return None

@@ -42,7 +42,7 @@ LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
 class Flight(NamedTuple):
     """Logs that are analysed together; ``names`` contains the given name of each log's vehicle.
 
-    Only the part from ``from_s`` to ``to_s`` after the beginning of the logs is used.
+    Only the part between ``from_s`` and ``to_s``, in seconds since the logs begin, is used.
     """
 
     logs: tuple[Log, ...]

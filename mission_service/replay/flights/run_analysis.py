@@ -52,7 +52,7 @@ class VehicleAnalysis:
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
     terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
-    directions: list[tuple[int, bool]] = field(default_factory=list)  # from a time on: clockwise
+    directions: list[tuple[int, bool]] = field(default_factory=list)  # (time, is clockwise)
     turned_back: list[TurnedBack] = field(default_factory=list)
     decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
     differs: list[Span] = field(default_factory=list)
@@ -149,7 +149,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return reversals by time; one in a mission includes any in the track soon after it."""
+    """Return all reversals by time, without those in the track soon after one in a mission."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]

@@ -109,7 +109,7 @@ class Mission(NamedTuple):
 def mission_time(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Mission:
-    """Return the mission time of a flight's begin.
+    """Return the mission time at which a flight begins.
 
     It is ``at_s`` if given, else computed from UTC if log and scenario have it, else the time at
     which the scenario's vehicles take off. The times of journals are mission times. Raises
@@ -193,8 +193,9 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
-    Mission time 0 is the flight's begin. The required ignition, in a corner, and the deployment of
-    vehicles are set to a month after the flight, so that no fire burns and no planner decides.
+    Mission time 0 is the start of the flight. The required ignition, in a corner, and the
+    deployment of vehicles are set to a month after the flight, so that no fire burns and no planner
+    decides.
 
     Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
     """

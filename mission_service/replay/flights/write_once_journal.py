@@ -23,7 +23,7 @@ class WriteOnceJournal(Journal):
         self._farthest = self.rest
 
     def remove_last(self, before: Rest) -> None:
-        """Move the position back; remove the lines after it only if it was the journal's end."""
+        """Move the position back. Lines are removed only if it was the end of the journal."""
         if self.rest == self._farthest:
             super().remove_last(before)
             self._farthest = before
