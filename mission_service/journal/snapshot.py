@@ -255,7 +255,7 @@ def header_of(path: Path, shared: Known) -> Header:
 
 
 def read(path: Path, shared: Known) -> dict[str, Any]:
-    """Return the objects of a state. Raises StateError if it is damaged or belongs elsewhere."""
+    """Return a state's objects. Raises StateError if it is damaged or belongs to another run."""
     header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()
